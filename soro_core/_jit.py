@@ -1,0 +1,67 @@
+"""The one import of numba: fixed flags, and a cache that can never be stale.
+
+numba keys a cached kernel by its own file only; when a callee in another file changes, the old machine code would
+be used. So the cache folder is named by a hash of all kernel sources, and set before the first kernel is defined.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numba import config as numba_config
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def source_hash() -> str:
+    """Hash of every source file of the package that holds or feeds kernels, and of what compiles them."""
+    package = Path(__file__).resolve().parent
+    digest = hashlib.sha256()
+    digest.update(f"{numba.__version__} {np.__version__} {platform.python_version()}".encode())
+    for path in sorted(package.rglob("*.py")):
+        text = path.read_bytes()
+        if b"soro_core._jit" in text or path.name == "_jit.py":
+            digest.update(path.relative_to(package).as_posix().encode())
+            digest.update(text)
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    """Return a writable folder for compiled kernels: the user's cache, else one below the temp folder."""
+    name = f"kernels-{source_hash()}"
+    user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    # getuid: two users of one machine must not meet in the same temp folder.
+    for root in (Path(user) / "soro", Path(tempfile.gettempdir()) / f"soro-{os.getuid()}"):
+        folder = root / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+        except OSError:
+            continue
+    return Path(tempfile.mkdtemp(prefix="soro-"))
+
+
+numba_config.CACHE_DIR = str(_cache_folder())
+
+# No fast-math: it deletes isnan and reorders sums. error_model="numpy": a division by zero gives inf, which the
+# checks at the end of a step catch. nogil: the other threads of a node run on.
+_FLAGS = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True}
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function that Python calls. With NUMBA_DISABLE_JIT=1 the plain function stays."""
+    return cast(Function, numba.njit(**_FLAGS)(function))
+
+
+def inner(function: Function) -> Function:
+    """Compile a function that only other kernels call: without its entry from Python, which takes longer than it."""
+    return cast(Function, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_FLAGS)(function))

@@ -1,0 +1,124 @@
+"""Writing a bag from a thread of its own: compression and disk never hold up who receives messages."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+
+from soro_core.bag.topics import Topic
+from soro_core.bag.writer import BagWriter
+from soro_core.errors import BagError, SoroError
+
+# How long messages gather before the thread takes them: few thread switches, little to lose in a crash.
+_GATHER_S = 0.05
+
+
+class BackgroundWriter:
+    """Takes messages without waiting, and writes them in the order taken.
+
+    Parameters
+    ----------
+    writer : BagWriter
+        The open bag; nobody else may use it until `close`.
+    flush_s : float
+        Time after which what was written is handed to the operating system.
+    buffer_bytes : int
+        Messages are dropped, and counted, while more than this waits for the disk.
+
+    Attributes
+    ----------
+    dropped : int
+        Messages that did not reach the bag.
+    failure : BagError or None
+        Why nothing is written any more.
+    """
+
+    def __init__(self, writer: BagWriter, flush_s: float = 1.0, buffer_bytes: int = 1 << 28) -> None:
+        self._writer = writer
+        self._buffer_bytes = buffer_bytes
+        self._flush_rounds = max(1, round(flush_s / _GATHER_S))
+        self._waiting: deque[Topic | tuple[str, bytes, int]] = deque()
+        self._stop = threading.Event()
+        self._taken_bytes = self._done_bytes = 0
+        self.dropped = 0
+        self.failure: SoroError | None = None
+        self._thread = threading.Thread(target=self._run, name="bag writer", daemon=True)
+        self._thread.start()
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes taken but not yet written."""
+        return self._taken_bytes - self._done_bytes
+
+    @property
+    def message_count(self) -> int:
+        """Messages written."""
+        return self._writer.message_count
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of messages written, before compression."""
+        return self._writer.byte_count
+
+    def add_topic(self, topic: Topic) -> None:
+        """Register a topic before its first message."""
+        self._waiting.append(topic)
+
+    def write(self, topic: str, data: bytes, log_time_ns: int) -> None:
+        """Take one message; dropped if the disk is too slow or has failed."""
+        if (
+            self._stop.is_set()
+            or self.failure is not None
+            or self.waiting_bytes + len(data) > self._buffer_bytes
+        ):
+            self.dropped += 1
+            return
+        self._taken_bytes += len(data)
+        self._waiting.append((topic, data, log_time_ns))
+
+    def close(self) -> None:
+        """Write what waits and close the bag; may be called again.
+
+        Raises
+        ------
+        BagError
+            If something could not be written, now or before.
+        """
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        try:
+            self._writer.close()
+        except SoroError as error:
+            self.failure = self.failure or error
+        if self.failure is not None:
+            raise self.failure
+
+    def _run(self) -> None:
+        rounds = 0
+        stopping = False
+        while not stopping:
+            # One more round after the stop: what was taken before it is written.
+            stopping = self._stop.wait(_GATHER_S)
+            try:
+                self._drain()
+                rounds += 1
+                if rounds % self._flush_rounds == 0:
+                    self._writer.flush()
+            except Exception as error:  # the thread must not die silently
+                self.failure = (
+                    error if isinstance(error, SoroError) else BagError(f"{self._writer.folder}: {error!r}")
+                )
+                self.dropped += sum(1 for item in self._waiting if not isinstance(item, Topic))
+                self._waiting.clear()
+                return
+
+    def _drain(self) -> None:
+        while self._waiting:
+            item = self._waiting[0]
+            if isinstance(item, Topic):
+                self._writer.add_topic(item)
+            else:
+                self._writer.write(*item)
+                self._done_bytes += len(item[1])
+            self._waiting.popleft()

@@ -1,0 +1,254 @@
+"""Reading bags: raw CDR in log-time order, from our recordings and from anybody's rosbag2 MCAP files."""
+
+from __future__ import annotations
+
+import heapq
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+
+from soro_core.bag import metadata as bag_metadata
+from soro_core.bag.metadata import Metadata
+from soro_core.bag.part import Part
+from soro_core.bag.records import Channel
+from soro_core.bag.summary import open_part
+from soro_core.bag.topics import Topic, qos_from
+from soro_core.errors import BagError
+
+_ENDINGS = (".mcap", ".mcap.zstd")
+
+
+@dataclass(frozen=True, slots=True)
+class BagMessage:
+    """One recorded message: the bytes as they came over the wire, and their times in nanoseconds."""
+
+    topic: str
+    type: str
+    data: bytes
+    log_time_ns: int
+    publish_time_ns: int
+    sequence: int
+
+
+class BagReader:
+    """An open bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag's folder (with or without metadata.yaml, in one file or several) or a single MCAP file.
+    index : bool
+        Trust the index of the files where it is whole; False walks through all records.
+
+    Attributes
+    ----------
+    topics : tuple of Topic
+        Sorted by name.
+    counts : tuple of int
+        Number of messages of each of `topics`.
+    problems : tuple of str
+        What is missing or damaged, in whole sentences; empty for a sound bag.
+    start_ns, end_ns : int
+        Log times of the first and the last message, 0 without messages.
+    message_count : int
+    parts : tuple of Part
+        The files in order.
+    metadata : Metadata or None
+        Contents of metadata.yaml, if there is one.
+
+    Raises
+    ------
+    BagError
+        In one line: no such file, not a bag, a storage that is not MCAP, a part that is missing.
+    """
+
+    def __init__(self, path: str | Path, index: bool = True) -> None:
+        self.path = Path(path)
+        problems: list[str] = []
+        self.metadata = _load_metadata(self.path, problems)
+        files = part_files(self.path, self.metadata)
+        parts: list[Part] = []
+        try:
+            for file in files:
+                parts.append(open_part(file, index))
+            self.parts = tuple(parts)
+            self._topics = [
+                {channel.id: _topic(part, channel, self.metadata) for channel in part.channels.values()}
+                for part in parts
+            ]
+        except BaseException:
+            for part in parts:
+                part.close()
+            raise
+        self.topics, self.counts = self._merge_topics()
+        self.message_count = sum(self.counts)
+        spans = [span for part in parts if (span := part.span_ns()) is not None]
+        self.start_ns = min((start for start, _ in spans), default=0)
+        self.end_ns = max((end for _, end in spans), default=0)
+        for part in parts:
+            problems.extend(part.problems)
+        if self.metadata is not None and self.metadata.message_count != self.message_count:
+            claimed = self.metadata.message_count
+            problems.append(f"metadata.yaml: says {claimed} messages; there are {self.message_count}")
+        self.problems = tuple(problems)
+
+    def __enter__(self) -> BagReader:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files; may be called again."""
+        for part in self.parts:
+            part.close()
+
+    def topic(self, name: str) -> Topic:
+        """Return the topic of a name; BagError if there is none."""
+        for topic in self.topics:
+            if topic.name == name:
+                return topic
+        known = ", ".join(topic.name for topic in self.topics) or "none"
+        raise BagError(f"{self.path}: no topic {name!r}; there are {known}")
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[BagMessage]:
+        """Yield messages in the order of their log times; equal times in the order of writing.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Names of the topics wanted, all by default.
+        start_ns, end_ns : int, optional
+            Log times between which messages are wanted, both included.
+
+        Raises
+        ------
+        BagError
+            When a damaged chunk is reached.
+        """
+        low = self.start_ns if start_ns is None else start_ns
+        high = self.end_ns if end_ns is None else end_ns
+        waiting = [
+            (block.start_ns, number, block.offset)
+            for number, part in enumerate(self.parts)
+            for block in part.blocks
+            if block.end_ns >= low and block.start_ns <= high
+        ]
+        waiting.sort(reverse=True)
+        blocks = {
+            (number, block.offset): block for number, part in enumerate(self.parts) for block in part.blocks
+        }
+        ready: list[tuple[int, int, int, int, BagMessage]] = []
+        while waiting or ready:
+            # Every block that may hold an earlier message has to be open before one is handed out.
+            while waiting and (not ready or waiting[-1][0] <= ready[0][0]):
+                _, number, offset = waiting.pop()
+                table = self._topics[number]
+                for place, raw in enumerate(self.parts[number].messages(blocks[number, offset])):
+                    topic = table[raw.channel_id]
+                    if low <= raw.log_time_ns <= high and (topics is None or topic.name in topics):
+                        times = raw.log_time_ns, raw.publish_time_ns
+                        message = BagMessage(topic.name, topic.type, raw.data, *times, raw.sequence)
+                        heapq.heappush(ready, (raw.log_time_ns, number, offset, place, message))
+            if ready:
+                yield heapq.heappop(ready)[-1]
+
+    def _merge_topics(self) -> tuple[tuple[Topic, ...], tuple[int, ...]]:
+        """Topics of all parts, those of the same name and type as one."""
+        merged: dict[tuple[str, str], tuple[Topic, int]] = {}
+        for part, table in zip(self.parts, self._topics, strict=True):
+            for channel_id, topic in table.items():
+                key = topic.name, topic.type
+                known, count = merged.get(key, (topic, 0))
+                qos = known.qos + tuple(item for item in topic.qos if item not in known.qos)
+                merged[key] = replace(known, qos=qos), count + part.counts.get(channel_id, 0)
+        ordered = [merged[key] for key in sorted(merged)]
+        return tuple(topic for topic, _ in ordered), tuple(count for _, count in ordered)
+
+
+def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
+    """Return the MCAP files of a bag in their order.
+
+    Raises
+    ------
+    BagError
+        If there is none, or one that metadata.yaml names is missing.
+    """
+    if not path.exists():
+        raise BagError(f"{path}: no such file or folder")
+    if not path.is_dir():
+        if path.suffix == ".db3":
+            raise BagError(f"{path}: storage sqlite3; allowed: mcap ('ros2 bag convert' changes it)")
+        return [path]
+    if metadata is not None:
+        if metadata.storage != "mcap":
+            raise BagError(
+                f"{path}: storage {metadata.storage}; allowed: mcap ('ros2 bag convert' changes it)"
+            )
+        if metadata.compression_mode == "message":
+            raise BagError(f"{path}: compression of single messages; allowed: chunks or files")
+        # Old recorders put the bag's folder in front of the name.
+        files = [path / Path(part.path).name for part in metadata.files]
+        for file in files:
+            if not file.is_file():
+                raise BagError(f"{file}: no such file, but metadata.yaml names it")
+        if files:
+            return files
+    found = [file for file in path.iterdir() if file.name.endswith(_ENDINGS) and file.is_file()]
+    if not found:
+        other = "storage sqlite3; allowed: mcap" if list(path.glob("*.db3")) else "no .mcap file in it"
+        raise BagError(f"{path}: not a bag: {other}")
+    return sorted(found, key=_natural)
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    """Sort key under which bag_10 follows bag_9."""
+    pieces = re.split(r"(\d+)", file.name)
+    return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in pieces]
+
+
+def _load_metadata(path: Path, problems: list[str]) -> Metadata | None:
+    """Read metadata.yaml; None with a problem noted where it is damaged (the files hold the same)."""
+    file = path / "metadata.yaml"
+    if not path.is_dir():
+        return None
+    if not file.is_file():
+        problems.append("metadata.yaml is missing")
+        return None
+    try:
+        return bag_metadata.parse(file.read_text(encoding="utf-8"), str(file))
+    except (OSError, UnicodeDecodeError) as error:
+        problems.append(f"metadata.yaml cannot be read: {error}")
+    except BagError as error:
+        problems.append(f"{error}; it was not used")
+    return None
+
+
+def _topic(part: Part, channel: Channel, metadata: Metadata | None) -> Topic:
+    schema = part.schemas.get(channel.schema_id)
+    type_name = schema.name if schema else ""
+    known = next(
+        (topic for topic, _ in metadata.topics if topic.name == channel.topic) if metadata else iter(()), None
+    )
+    try:
+        qos = qos_from(channel.metadata.get("offered_qos_profiles"))
+    except BagError:
+        qos = ()
+    return Topic(
+        name=channel.topic,
+        type=type_name,
+        definition=schema.data.decode("utf-8", "replace") if schema else "",
+        definition_encoding=schema.encoding if schema else "",
+        type_hash=channel.metadata.get("topic_type_hash") or (known.type_hash if known else ""),
+        qos=qos or (known.qos if known else ()),
+        serialization_format=channel.message_encoding,
+    )

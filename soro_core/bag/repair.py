@@ -1,0 +1,161 @@
+"""Completing an unfinished or damaged bag: what is readable gets an index and metadata.yaml again."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from soro_core.bag import metadata as bag_metadata
+from soro_core.bag.mcap_file import Compression, McapFile
+from soro_core.bag.metadata import FilePart, Metadata
+from soro_core.bag.part import Part
+from soro_core.bag.reader import BagReader, part_files
+from soro_core.bag.summary import open_part
+from soro_core.errors import BagError
+
+
+@dataclass(frozen=True, slots=True)
+class PartRepair:
+    """What was done to one file: its messages now, what had been wrong, where the damaged original is."""
+
+    path: Path
+    message_count: int
+    rewritten: bool
+    problems: tuple[str, ...]
+    original: Path | None
+
+
+def repair(path: str | Path) -> tuple[PartRepair, ...]:
+    """Rewrite the unfinished or damaged files of a bag, and its metadata.yaml.
+
+    Every message that can be read is kept, with its bytes, times and place in the order. A file that had
+    damage beyond a missing index is kept beside the new one as ``NAME.damaged``. A sound file stays as it
+    is. A single MCAP file is repaired by itself, without metadata.yaml.
+
+    Parameters
+    ----------
+    path : str or Path
+        A bag's folder or a single MCAP file.
+
+    Raises
+    ------
+    BagError
+        If it is no bag, or nothing of it can be read, or the disk refuses.
+    """
+    bag = Path(path)
+    before = _old_metadata(bag)
+    done = tuple(_repair_part(file) for file in _files(bag, before))
+    if bag.is_dir():
+        bag_metadata.save(_new_metadata(bag, before), bag)
+    return done
+
+
+def _old_metadata(bag: Path) -> Metadata | None:
+    try:
+        return bag_metadata.parse((bag / "metadata.yaml").read_text(encoding="utf-8"), str(bag))
+    except (OSError, UnicodeDecodeError, BagError):
+        return None
+
+
+def _files(bag: Path, before: Metadata | None) -> list[Path]:
+    files = part_files(bag, before)
+    for file in files:
+        if file.suffix == ".zstd":
+            raise BagError(f"{file}: compressed as a whole; unpack it first ('zstd -d')")
+    return files
+
+
+def _repair_part(path: Path) -> PartRepair:
+    part = open_part(path)
+    try:
+        if part.indexed and not part.problems and _sound(part):
+            return PartRepair(path, part.message_count, False, (), None)
+    finally:
+        part.close()
+    part = open_part(path, index=False)
+    draft = path.with_name(path.name + ".repair")
+    try:
+        _rewrite(part, draft)
+        # Nothing is thrown away: bytes that were left out stay with the original.
+        original = _free_name(path) if part.lossy else None
+        if original is not None:
+            os.replace(path, original)
+        os.replace(draft, path)
+    except OSError as error:
+        raise BagError(f"{path}: cannot be rewritten: {error.strerror}") from None
+    finally:
+        part.close()
+        draft.unlink(missing_ok=True)
+    return PartRepair(path, part.message_count, True, tuple(part.problems), original)
+
+
+def _free_name(path: Path) -> Path:
+    for number in itertools.count(1):
+        name = path.with_name(f"{path.name}.damaged{number if number > 1 else ''}")
+        if not name.exists():
+            return name
+    raise AssertionError
+
+
+def _sound(part: Part) -> bool:
+    """Whether every chunk can be read and holds as many messages as the index says."""
+    try:
+        return sum(1 for block in part.blocks for _ in part.messages(block)) == part.message_count
+    except BagError:
+        return False
+
+
+def _rewrite(part: Part, draft: Path) -> None:
+    """Write the messages of a part into a new file, in the order of the old one."""
+    compression = cast(Compression, {"": "none"}.get(part.compression, part.compression))
+    with draft.open("wb") as stream:
+        file = McapFile(stream, compression, profile=part.profile)
+        for name, values in part.metadata:
+            file.add_metadata(name, values)
+        channels = {channel_id: file.copy_channel(part, channel_id) for channel_id in part.channels}
+        for block in part.blocks:
+            for raw in part.messages(block):
+                file.write(
+                    channels[raw.channel_id], raw.data, raw.log_time_ns, raw.publish_time_ns, raw.sequence
+                )
+        for item in part.attachments:
+            file.add_attachment(item)
+        file.flush()
+        file.finish()
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _recorded_metadata(bag: Path) -> Metadata | None:
+    """Metadata that the recorder left inside the file: what to know of the run when metadata.yaml is lost."""
+    part = open_part(part_files(bag, None)[0], index=False)
+    part.close()
+    for name, values in reversed(part.metadata):
+        if name == "rosbag2" and "serialized_metadata" in values:
+            try:
+                return bag_metadata.parse_record(values["serialized_metadata"], str(part.path))
+            except BagError:
+                continue
+    return None
+
+
+def _new_metadata(bag: Path, before: Metadata | None) -> Metadata:
+    before = before or _recorded_metadata(bag)
+    with BagReader(bag) as reader:
+        files = []
+        for part in reader.parts:
+            span = part.span_ns()
+            start, duration = (None, 0) if span is None else (span[0], span[1] - span[0])
+            files.append(FilePart(part.path.name, start, duration, part.message_count))
+        return Metadata(
+            topics=tuple(zip(reader.topics, reader.counts, strict=True)),
+            files=tuple(files),
+            start_ns=reader.start_ns if reader.message_count else None,
+            duration_ns=reader.end_ns - reader.start_ns,
+            message_count=reader.message_count,
+            ros_distro=before.ros_distro if before else "",
+            custom_data=before.custom_data if before else {},
+        )

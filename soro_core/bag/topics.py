@@ -1,0 +1,174 @@
+"""What a bag knows about a topic: name, type, definition and the quality of service of its publishers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from soro_core.errors import BagError
+
+# Largest signed 64-bit number of nanoseconds: rmw's infinite duration.
+INFINITE_NS = 2**63 - 1
+
+# Values of the rmw enumerations, by which bags up to metadata version 8 name the policies.
+_POLICIES: dict[str, tuple[str, ...]] = {
+    "history": ("system_default", "keep_last", "keep_all", "unknown"),
+    "reliability": ("system_default", "reliable", "best_effort", "unknown", "best_available"),
+    "durability": ("system_default", "transient_local", "volatile", "unknown", "best_available"),
+    "liveliness": (
+        "system_default",
+        "automatic",
+        "manual_by_node",
+        "manual_by_topic",
+        "unknown",
+        "best_available",
+    ),
+}
+# What middlewares of before 2021 wrote for an infinite duration.
+_OLD_INFINITE = ((0x7FFFFFFF, 0xFFFFFFFF), (0x7FFFFFFF, 0x7FFFFFFF))
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A duration as rmw holds it. Kept as recorded: readers compare the two places where it stands."""
+
+    sec: int = INFINITE_NS // 10**9
+    nsec: int = INFINITE_NS % 10**9
+
+    @classmethod
+    def of(cls, nanoseconds: int) -> Span:
+        """Return the duration of a number of nanoseconds."""
+        return cls(*divmod(nanoseconds, 10**9))
+
+    @property
+    def nanoseconds(self) -> int:
+        """Nanoseconds, INFINITE_NS at most and for every old way to write infinity."""
+        if (self.sec, self.nsec) in _OLD_INFINITE:
+            return INFINITE_NS
+        return min(self.sec * 10**9 + self.nsec, INFINITE_NS)
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """Quality of service that one publisher offered; policy names as rmw spells them."""
+
+    history: str = "keep_last"
+    depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    deadline: Span = Span()
+    lifespan: Span = Span()
+    liveliness: str = "automatic"
+    liveliness_lease: Span = Span()
+    avoid_ros_namespace_conventions: bool = False
+
+    def as_map(self) -> dict[str, Any]:
+        """Return the mapping that metadata version 9 holds."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": _map(self.deadline),
+            "lifespan": _map(self.lifespan),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": _map(self.liveliness_lease),
+            "avoid_ros_namespace_conventions": self.avoid_ros_namespace_conventions,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a bag.
+
+    Parameters
+    ----------
+    name, type : str
+        ``/arm/state`` and ``sensor_msgs/msg/JointState``.
+    definition : str
+        Full text of the message definition with all that it refers to, as rosbag2 concatenates it.
+    definition_encoding : str
+        ``ros2msg``, ``ros2idl`` or empty when there is no definition.
+    type_hash : str
+        ``RIHS01_...`` or empty when unknown.
+    qos : tuple of Qos
+        One profile a publisher.
+    serialization_format : str
+        ``cdr`` for everything that ROS 2 records by itself.
+    """
+
+    name: str
+    type: str
+    definition: str = ""
+    definition_encoding: str = "ros2msg"
+    type_hash: str = ""
+    qos: tuple[Qos, ...] = ()
+    serialization_format: str = "cdr"
+
+
+def load_yaml(text: str) -> Any:
+    """Parse YAML with libyaml where PyYAML was built with it (ten times faster)."""
+    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
+def qos_to_yaml(profiles: Sequence[Qos]) -> str:
+    """Return the YAML text of the channel metadata key ``offered_qos_profiles``."""
+    text: str = yaml.safe_dump([qos.as_map() for qos in profiles], sort_keys=False)
+    return text.strip()
+
+
+def qos_from(value: object) -> tuple[Qos, ...]:
+    """Read profiles of any metadata version: YAML text or a list, policies by number or by name.
+
+    Raises
+    ------
+    BagError
+        If the value is no list of profiles.
+    """
+    if isinstance(value, str):
+        try:
+            value = load_yaml(value)
+        except yaml.YAMLError:
+            raise BagError("offered_qos_profiles: no valid YAML") from None
+    if value is None or value == "":
+        return ()
+    if not isinstance(value, list) or not all(isinstance(item, Mapping) for item in value):
+        raise BagError(f"offered_qos_profiles: got {value!r:.60}; allowed: a list of profiles")
+    return tuple(_profile(item) for item in value)
+
+
+def _profile(item: Mapping[str, Any]) -> Qos:
+    try:
+        return Qos(
+            history=_policy("history", item),
+            depth=int(item.get("depth", 0)),
+            reliability=_policy("reliability", item),
+            durability=_policy("durability", item),
+            deadline=_span(item.get("deadline")),
+            lifespan=_span(item.get("lifespan")),
+            liveliness=_policy("liveliness", item),
+            liveliness_lease=_span(item.get("liveliness_lease_duration")),
+            avoid_ros_namespace_conventions=bool(item.get("avoid_ros_namespace_conventions", False)),
+        )
+    except (TypeError, ValueError, KeyError, AttributeError) as error:
+        raise BagError(f"offered_qos_profiles: {error} in {dict(item)!r:.80}") from None
+
+
+def _policy(name: str, item: Mapping[str, Any]) -> str:
+    value = item.get(name, "unknown")
+    names = _POLICIES[name]
+    if isinstance(value, int):
+        return names[value] if 0 <= value < len(names) else "unknown"
+    text = str(value).lower()
+    return text if text in names else "unknown"
+
+
+def _map(span: Span) -> dict[str, int]:
+    return {"sec": span.sec, "nsec": span.nsec}
+
+
+def _span(value: Mapping[str, int] | None) -> Span:
+    return Span() if value is None else Span(int(value["sec"]), int(value["nsec"]))

@@ -1,0 +1,205 @@
+"""Writing bags in rosbag2's MCAP layout: raw CDR in, a folder with NAME_0.mcap and metadata.yaml out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from soro_core.bag.mcap_file import CHUNK_BYTES, Compression, McapFile
+from soro_core.bag.metadata import FilePart, Metadata, dump_record, save
+from soro_core.bag.topics import Topic
+from soro_core.errors import BagError
+
+
+class BagWriter:
+    """A bag being written.
+
+    What was flushed survives the death of the process: the file is then readable (`BagReader`) and can be
+    completed (`repair`). Not for several threads at once.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder of the new bag; its last part names the files.
+    compression : {"zstd", "lz4", "none"}
+        Of the chunks.
+    chunk_bytes : int
+        Uncompressed size at which a chunk is written.
+    ros_distro : str
+        Noted in the metadata.
+    custom_data : dict of str to str, optional
+        Noted in the metadata: scene, seed, whatever belongs to the run.
+
+    Raises
+    ------
+    BagError
+        If the folder exists already or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        compression: Compression = "zstd",
+        chunk_bytes: int = CHUNK_BYTES,
+        ros_distro: str = "jazzy",
+        custom_data: dict[str, str] | None = None,
+    ) -> None:
+        self.folder = Path(folder)
+        name = self.folder.name or "bag"
+        self._file_name = f"{name}_0.mcap"
+        self._ros_distro, self._custom = ros_distro, dict(custom_data or {})
+        self._topics: dict[str, tuple[Topic, int]] = {}
+        self._counts: dict[str, int] = {}
+        self._start_ns: int | None = None
+        self._end_ns = 0
+        self.byte_count = 0
+        self.closed = False
+        try:
+            self.folder.mkdir(parents=True)
+            self._stream = (self.folder / self._file_name).open("xb")
+        except FileExistsError:
+            raise BagError(f"{self.folder}: exists already; a bag is never overwritten") from None
+        except OSError as error:
+            raise BagError(f"{self.folder}: cannot be written: {error.strerror}") from None
+        self._file = McapFile(self._stream, compression, chunk_bytes)
+        self._guard("begin", self._begin)
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+        return sum(self._counts.values())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written so far, by topic."""
+        return dict(self._counts)
+
+    def add_topic(self, topic: Topic) -> None:
+        """Register a topic before its first message.
+
+        Raises
+        ------
+        BagError
+            If a topic of that name is there already.
+        """
+        self._check_open()
+        if topic.name in self._topics:
+            raise BagError(f"{self.folder}: topic {topic.name} is there already")
+        self._topics[topic.name] = topic, self._file.add_topic(topic)
+        self._counts[topic.name] = 0
+
+    def write(
+        self,
+        topic: str,
+        data: bytes,
+        log_time_ns: int,
+        publish_time_ns: int | None = None,
+        sequence: int | None = None,
+    ) -> None:
+        """Append one message.
+
+        Parameters
+        ----------
+        topic : str
+            Name of a topic that was added.
+        data : bytes
+            The serialised message: CDR with its four bytes of encapsulation in front.
+        log_time_ns : int
+            When it was received, in nanoseconds; bags are replayed in this order.
+        publish_time_ns : int, optional
+            When it was sent; the log time by default.
+        sequence : int, optional
+            Its number; counted by topic by default.
+
+        Raises
+        ------
+        BagError
+            If the topic is unknown, a time is negative or the disk refuses.
+        """
+        self._check_open()
+        try:
+            channel = self._topics[topic][1]
+        except KeyError:
+            raise BagError(f"{self.folder}: topic {topic!r} was not added") from None
+        published = log_time_ns if publish_time_ns is None else publish_time_ns
+        if not (0 <= log_time_ns < 2**63 and 0 <= published < 2**64):
+            raise BagError(f"{self.folder}: {topic}: got time {log_time_ns} ns; allowed: 0 to 2^63 - 1")
+        number = self._counts[topic] + 1 if sequence is None else sequence % 2**32
+        self._guard("write", lambda: self._file.write(channel, data, log_time_ns, published, number))
+        self._counts[topic] += 1
+        self.byte_count += len(data)
+        self._start_ns = log_time_ns if self._start_ns is None else min(self._start_ns, log_time_ns)
+        self._end_ns = max(self._end_ns, log_time_ns)
+
+    def flush(self) -> None:
+        """End the chunk and hand everything to the operating system; how often bounds what a crash costs."""
+        self._check_open()
+        self._guard("write", self._file.flush)
+
+    def close(self) -> None:
+        """Write index and metadata.yaml and close the file; may be called again.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses; what was written before stays readable.
+        """
+        if self.closed:
+            return
+        self.closed = True
+        try:
+            self._guard("end", self._end)
+        finally:
+            try:
+                self._stream.close()
+            except OSError as error:
+                raise BagError(f"{self.folder}: cannot be closed: {error.strerror}") from None
+        save(self.metadata(), self.folder)
+
+    def metadata(self) -> Metadata:
+        """Return what metadata.yaml says of the messages written so far."""
+        duration = 0 if self._start_ns is None else self._end_ns - self._start_ns
+        file = FilePart(self._file_name, self._start_ns, duration, self.message_count)
+        return Metadata(
+            topics=tuple((topic, self._counts[name]) for name, (topic, _) in sorted(self._topics.items())),
+            files=(file,),
+            start_ns=self._start_ns,
+            duration_ns=duration,
+            message_count=self.message_count,
+            ros_distro=self._ros_distro,
+            custom_data=self._custom,
+        )
+
+    def _begin(self) -> None:
+        self._add_metadata()
+        self._file.flush()
+
+    def _end(self) -> None:
+        self._file.flush()
+        self._add_metadata()
+        self._file.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+
+    def _add_metadata(self) -> None:
+        self._file.add_metadata("rosbag2", {"serialized_metadata": dump_record(self.metadata())})
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise BagError(f"{self.folder}: the bag is closed")
+
+    def _guard(self, action: str, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except OSError as error:
+            raise BagError(f"{self.folder}: cannot {action}: {error.strerror}") from None

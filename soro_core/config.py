@@ -1,0 +1,158 @@
+"""Strict YAML: a file becomes a frozen, checked object, or one line says what is wrong with it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from soro_core.errors import ConfigError
+
+
+class Strict(BaseModel):
+    """Base of every configuration object: frozen, no unknown keys, no NaN, no silent conversions."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+# A YAML list for a frozen tuple; the elements stay strict.
+Floats = Annotated[tuple[float, ...], Field(strict=False)]
+Strings = Annotated[tuple[str, ...], Field(strict=False)]
+
+Model = TypeVar("Model", bound=Strict)
+
+
+def load(path: str | Path, model: type[Model]) -> Model:
+    """Read a YAML file into `model`.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, is no YAML mapping, repeats a key, or holds a value that is not allowed.
+    """
+    return parse(read_yaml(path), model, where=str(path))
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """Read a YAML file that must be a mapping without repeated keys."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(str(path), "", "no such file", "an existing YAML file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(str(path), "", str(error), "a readable UTF-8 file") from None
+    try:
+        data = yaml.load(text, Loader=_StrictLoader)
+    except yaml.YAMLError as error:
+        raise ConfigError(str(path), "", " ".join(str(error).split()), "valid YAML") from None
+    if not isinstance(data, dict):
+        raise ConfigError(str(path), "", data, "a mapping of keys to values")
+    return data
+
+
+def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
+    """Check a mapping against `model`; `where` is named in the error."""
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        raise _first(error, model, where) from None
+
+
+def find_config(name: str | Path, kind: str) -> Path:
+    """Resolve a name (``tue_three_bellow``) or a path to a file in ``config/<kind>/``.
+
+    Parameters
+    ----------
+    name : str or Path
+        A path that exists, or the name of a shipped file without its ending.
+    kind : str
+        robots, platforms, scenes or controllers.
+    """
+    path = Path(name)
+    if path.suffix:
+        return path
+    folder = config_folder() / kind
+    shipped = folder / f"{path.name}.yaml"
+    if shipped.is_file():
+        return shipped
+    known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml"))) or "none"
+    raise ConfigError(
+        str(name), "", f"no {kind} file of that name", f"a path ending in .yaml, or one of {known}"
+    )
+
+
+def config_folder() -> Path:
+    """Folder of the shipped configuration: beside the package in a checkout, else in share/soro_ros."""
+    beside = Path(__file__).resolve().parent.parent
+    for root in (beside, Path(sys.prefix) / "share" / "soro_ros", *_shares_above(beside)):
+        if (root / "config" / "robots").is_dir():
+            return root / "config"
+    raise ConfigError(
+        "config", "", "no shipped configuration found", "an installation with share/soro_ros/config"
+    )
+
+
+def _shares_above(folder: Path) -> list[Path]:
+    return [parent / "share" / "soro_ros" for parent in folder.parents]
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """SafeLoader that refuses a repeated key."""
+
+
+def _mapping(loader: _StrictLoader, node: yaml.MappingNode) -> dict[Any, Any]:
+    loader.flatten_mapping(node)
+    result: dict[Any, Any] = {}
+    for key_node, value_node in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if key in result:
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key {key!r} stands twice", key_node.start_mark
+            )
+        result[key] = loader.construct_object(value_node, deep=True)
+    return result
+
+
+_StrictLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+# YAML 1.1 reads 1e-3 (no dot) as a string; numbers of YAML 1.2 are what people write.
+_StrictLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def _first(error: ValidationError, model: type[BaseModel], where: str) -> ConfigError:
+    details = error.errors()[0]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in details["loc"]).lstrip(".")
+    if details["type"] == "extra_forbidden":
+        known = ", ".join(_keys_at(model, details["loc"][:-1])) or "no such key"
+        return ConfigError(where, key, "an unknown key", known)
+    if details["type"] == "missing":
+        return ConfigError(where, key, "nothing", "a value; this key is required")
+    allowed = details["msg"].removeprefix("Value error, ")
+    return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:])
+
+
+def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
+    """Names of the fields of the (nested) model at a location."""
+    current: Any = model
+    for part in location:
+        if isinstance(part, int):
+            continue
+        field = getattr(current, "model_fields", {}).get(part)
+        current = _nested_model(field.annotation) if field is not None else current
+    return list(getattr(current, "model_fields", {}))
+
+
+def _nested_model(annotation: Any) -> Any:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        found = _nested_model(argument)
+        if found is not None:
+            return found
+    return None

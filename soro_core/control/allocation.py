@@ -1,0 +1,134 @@
+"""Pressures for a wished generalised force: bounded, weighted least squares.
+
+minimise |W (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum                      (theory.md section 6)
+
+Solved by a primal active-set method in scaled pressures. Every iterate is within the bounds, so the answer is
+admissible even where the iterations run out; the problem is strictly convex, so they end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """Answer of `allocate`.
+
+    Attributes
+    ----------
+    pressure_pa : ndarray (n_u,)
+        Within the bounds, always finite.
+    force : ndarray (n_q,)
+        H p, the part of the wish that the pressures can make.
+    saturated : ndarray of bool (n_u,)
+        Chambers at one of their bounds.
+    iterations : int
+        Of the active-set method.
+    ok : bool
+        False where the input was not finite (the start is returned) or the iterations ran out.
+    """
+
+    pressure_pa: Array
+    force: Array
+    saturated: NDArray[np.bool_]
+    iterations: int
+    ok: bool
+
+
+def allocate(
+    actuation: Array,
+    force: Array,
+    minimum_pa: Array,
+    maximum_pa: Array,
+    weight: Array,
+    regularisation: float,
+    preferred_pa: Array,
+    start_pa: Array,
+) -> Allocation:
+    """Find the pressures that make `force` best.
+
+    Parameters
+    ----------
+    actuation : ndarray (n_q, n_u)
+        H, generalised force per Pa.
+    force : ndarray (n_q,)
+        Wished generalised force, in the units of each coordinate.
+    minimum_pa, maximum_pa : ndarray (n_u,)
+        Bounds, finite, minimum < maximum.
+    weight : ndarray (n_q,)
+        Multiplies each row; `balanced_weight` makes newtons and newton metres comparable.
+    regularisation : float
+        rho, > 0, relative to the mean square of the weighted columns; decides between equal answers.
+    preferred_pa : ndarray (n_u,)
+        p_0.
+    start_pa : ndarray (n_u,)
+        Where the search begins (the last answer), and the answer for input that is not finite.
+    """
+    n = minimum_pa.shape[0]
+    span = maximum_pa - minimum_pa
+    start = np.where(np.isfinite(start_pa), start_pa, minimum_pa)
+    x = np.minimum(np.maximum((start - minimum_pa) / span, 0.0), 1.0)
+    A = (weight[:, None] * actuation) * span
+    b = weight * (force - actuation @ minimum_pa)
+    square = A.T @ A
+    rho = regularisation * max(float(np.trace(square)) / n, 1e-300)
+    hessian = square + rho * np.eye(n)
+    linear = A.T @ b + rho * (preferred_pa - minimum_pa) / span
+    if np.all(np.isfinite(hessian)) and np.all(np.isfinite(linear)):
+        x, iterations, ok = _active_set(hessian, linear, x)
+    else:
+        iterations, ok = 0, False
+    # minimum + span * 1 may round to just above the maximum.
+    pressure = np.minimum(np.maximum(minimum_pa + span * x, minimum_pa), maximum_pa)
+    made = actuation @ pressure
+    saturated = (x <= _TOLERANCE) | (x >= 1.0 - _TOLERANCE)
+    return Allocation(pressure, np.where(np.isfinite(made), made, 0.0), saturated, iterations, ok)
+
+
+def balanced_weight(actuation: Array) -> Array:
+    """Return weights that express every generalised force as a pressure: one over the row's length."""
+    length = np.sqrt(np.sum(actuation * actuation, axis=1))
+    # A coordinate that no chamber moves has no say.
+    return np.where(length > 1e-300, 1.0 / np.maximum(length, 1e-300), 0.0)
+
+
+def _active_set(hessian: Array, linear: Array, x: Array) -> tuple[Array, int, bool]:
+    """Minimise x'Gx/2 - c'x over [0, 1]^n from a feasible x (G positive definite)."""
+    n = x.shape[0]
+    free = (x > 0.0) & (x < 1.0)
+    scale = float(np.max(np.abs(hessian)))
+    for iteration in range(1, 10 * n + 10):
+        if free.any():
+            index = np.flatnonzero(free)
+            gradient = hessian[index] @ x - linear[index]
+            step = np.linalg.solve(hessian[np.ix_(index, index)], -gradient)
+            room = np.where(step > 0.0, 1.0 - x[index], -x[index])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                ratio = np.where(step != 0.0, room / step, np.inf)
+            blocking = int(np.argmin(ratio))
+            if ratio[blocking] < 1.0:
+                x[index] += max(float(ratio[blocking]), 0.0) * step
+                np.clip(x, 0.0, 1.0, out=x)
+                at = index[blocking]
+                x[at] = 1.0 if step[blocking] > 0.0 else 0.0
+                free[at] = False
+                continue
+            x[index] += step
+            np.clip(x, 0.0, 1.0, out=x)
+        # Multipliers of the bounds: positive where moving inwards would lower the cost.
+        slope = hessian @ x - linear
+        gain = np.where(free, 0.0, np.where(x <= 0.0, -slope, slope))
+        worst = int(np.argmax(gain))
+        if gain[worst] <= _TOLERANCE * scale:
+            return x, iteration, True
+        free[worst] = True
+    return x, iteration, False

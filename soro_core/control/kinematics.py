@@ -1,0 +1,137 @@
+"""From what is wanted of the arm to its coordinates: inverse kinematics, and elongation that pressures can hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from soro_core.control.allocation import allocate, balanced_weight
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InverseSolution:
+    """Coordinates found for a tip pose, and how far the tip remains from it."""
+
+    q: Array
+    position_error_m: float
+    rotation_error_rad: float
+    iterations: int
+
+
+def inverse_kinematics(
+    arm: SoftArm,
+    position: Array,
+    orientation: Array | None,
+    start: Array,
+    limit: Array,
+    rotation_weight_m: float = 0.0,
+    iterations: int = 100,
+) -> InverseSolution:
+    """Find coordinates that bring the tip to a pose: damped least squares on bounded q (Levenberg-Marquardt).
+
+    Parameters
+    ----------
+    position : ndarray (3,)
+        Of the tip, in the world frame [m].
+    orientation : ndarray (4,) or None
+        (x, y, z, w); counts only with a `rotation_weight_m` above 0.
+    start : ndarray (n_q,)
+        Where the search begins.
+    limit : ndarray (n_q,)
+        Largest absolute value of each coordinate, > 0.
+    rotation_weight_m : float
+        Metres that one radian is worth.
+    """
+    length = float(sum(link.length for link in arm.robot.links))
+    target = None if orientation is None or rotation_weight_m <= 0.0 else Rotation.from_quat(orientation)
+
+    def residual(q: Array) -> tuple[Array, Array]:
+        pose, jacobian = arm.pose(q, length), arm.jacobian(q, length)
+        rotation = pose[:3, :3]
+        rows = [np.asarray(position - pose[:3, 3])]
+        slopes = [rotation @ jacobian[3:]]
+        if target is not None:
+            # Near the solution log(R' R_target) changes by minus the body rotation; far off it is a descent.
+            turn = (Rotation.from_matrix(rotation).inv() * target).as_rotvec()
+            rows.append(rotation_weight_m * turn)
+            slopes.append(rotation_weight_m * jacobian[:3])
+        return np.concatenate(rows), np.vstack(slopes) * limit
+
+    x = np.clip(start / limit, -1.0, 1.0)
+    error, slope = residual(x * limit)
+    damping, used = 1e-3, 0
+    for used in range(1, iterations + 1):  # noqa: B007
+        square = slope.T @ slope
+        scale = max(float(np.trace(square)) / x.size, 1e-300)
+        step = np.linalg.solve(square + damping * scale * np.eye(x.size), slope.T @ error)
+        tried = np.clip(x + step, -1.0, 1.0)
+        new_error, new_slope = residual(tried * limit)
+        if float(new_error @ new_error) < float(error @ error):
+            moved = float(np.max(np.abs(tried - x)))
+            x, error, slope, damping = tried, new_error, new_slope, max(0.2 * damping, 1e-12)
+            if moved < 1e-12:
+                break
+        else:
+            damping *= 5.0
+            if damping > 1e9:
+                break
+    q = x * limit
+    pose = arm.pose(q, length)
+    turn_error = 0.0
+    if orientation is not None:
+        turn_error = float(
+            np.linalg.norm(
+                (Rotation.from_matrix(pose[:3, :3]).inv() * Rotation.from_quat(orientation)).as_rotvec()
+            )
+        )
+    return InverseSolution(q, float(np.linalg.norm(position - pose[:3, 3])), turn_error, used)
+
+
+def mean_static_pressure(arm: SoftArm, q: Array, minimum_pa: Array, maximum_pa: Array) -> float:
+    """Return the mean of the pressures [Pa] that hold the arm at rest in `q`, bounds ignored."""
+    load = arm.gravity_force(q) + arm.elastic_force(q)
+    actuation = arm.actuation_matrix(q)
+    weight = balanced_weight(actuation)
+    wide = 1e3 * (maximum_pa - minimum_pa)
+    middle = 0.5 * (minimum_pa + maximum_pa)
+    found = allocate(actuation, load, middle - wide, middle + wide, weight, 1e-12, middle, middle)
+    return float(np.mean(found.pressure_pa))
+
+
+def elongation_for_pressure(
+    arm: SoftArm, bent: Array, stretch: Array, mean_pa: float, minimum_pa: Array, maximum_pa: Array
+) -> float:
+    """Choose the elongation at which holding the bent arm takes a mean pressure of `mean_pa`.
+
+    Parameters
+    ----------
+    bent : ndarray (n_q,)
+        Coordinates with the curvature of the reference.
+    stretch : ndarray (n_q,)
+        1 on the coordinates that are elongations, 0 elsewhere.
+
+    Returns
+    -------
+    float
+        Elongation within [-0.3, 0.6]; the nearer end where no elongation in it takes this pressure.
+    """
+    low, high = -0.3, 0.6
+
+    def excess(elongation: float) -> float:
+        return mean_static_pressure(arm, bent + elongation * stretch, minimum_pa, maximum_pa) - mean_pa
+
+    if excess(low) >= 0.0:
+        return low
+    if excess(high) <= 0.0:
+        return high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
+    return 0.5 * (low + high)

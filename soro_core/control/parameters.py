@@ -1,0 +1,174 @@
+"""The parameters that are adapted: where they stand in the model, their bounds, and their regressor.
+
+Everything is linear in them [C22, 3.1]. Only the adapted subset gets a column; the rest of the model is used as
+the robot file gives it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.control.config import Adaptation
+from soro_core.control.projection import Pair, Polytope
+from soro_core.errors import ConfigError
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+_ELASTIC = ("a1", "a2", "a4", "a5")
+_STRETCH = ("elongation", "shear_x", "shear_y")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One adapted parameter: its group (as configured) and the column of that group's regressor."""
+
+    name: str
+    group: str
+    index: int
+    nominal: float
+
+
+class ParameterSet:
+    """Adapted parameters of one robot; immutable.
+
+    Attributes
+    ----------
+    names : tuple of str
+        For example link0/a4, tip_mass, link0/chamber1/gain, link0/bending_x/damping.
+    nominal : ndarray (m,)
+        Values of the robot file.
+    polytope : Polytope
+        Bounds, pairs and gains.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter does not exist on this robot, or the robot's value is not admissible.
+    """
+
+    def __init__(self, arm: SoftArm, config: Adaptation, where: str = "controller") -> None:
+        self.arm = arm
+        columns: list[Column] = []
+        lower: list[float] = []
+        upper: list[float] = []
+        gain: list[float] = []
+        for group, g, low, high in zip(
+            config.parameters, config.gain, config.lower, config.upper, strict=True
+        ):
+            found = _columns(arm, group, where)
+            columns += found
+            lower += [low] * len(found)
+            upper += [high] * len(found)
+            gain += [g] * len(found)
+        self.columns = tuple(columns)
+        self.names = tuple(column.name for column in columns)
+        self.nominal = np.array([column.nominal for column in columns])
+        self.polytope = Polytope(
+            np.array(lower), np.array(upper), np.array(gain), _pairs(arm, self.columns, config)
+        )
+        for i, column in enumerate(columns):
+            if not lower[i] <= column.nominal <= upper[i]:
+                allowed = f"bounds that hold the robot's value, {column.nominal:g}"
+                raise ConfigError(where, f"adaptation.{column.group}", (lower[i], upper[i]), allowed)
+        if not self.polytope.contains(self.nominal):
+            raise ConfigError(
+                where, "adaptation", "a margin that the robot's own values violate", "a smaller margin"
+            )
+        self._groups = {
+            group: (
+                np.array([i for i, c in enumerate(columns) if c.group == group]),
+                np.array([c.index for c in columns if c.group == group]),
+            )
+            for group in config.parameters
+        }
+        self._has_elastic = any(group in _ELASTIC for group in config.parameters)
+        self._masses = np.array([arm.robot.tip_mass, *(link.mass for link in arm.robot.links)])
+
+    @property
+    def size(self) -> int:
+        """Number of adapted parameters."""
+        return len(self.columns)
+
+    def model_force(self, q: Array, qd: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Return M a + C v + G + f_e + R v with the robot's own values (n_q,), and the regressor (n_q, m).
+
+        The columns of chamber gains are zero here: they multiply the pressures, see `gain_regressor`.
+        """
+        mass = self.arm.mass_regressor(q, qd, v, a)
+        force = mass @ self._masses + self.arm.elastic_force(q) + self.arm.damping_force(q, v)
+        regressor = np.zeros((self.arm.n_q, self.size))
+        elastic = self.arm.elastic_regressor(q) if self._has_elastic else np.zeros((self.arm.n_q, 0))
+        for group, (at, index) in self._groups.items():
+            if group in _ELASTIC:
+                regressor[:, at] = elastic[:, index]
+            elif group in ("tip_mass", "link_mass"):
+                regressor[:, at] = mass[:, index]
+            elif group.startswith("damping"):
+                regressor[index, at] = v[index]
+        return force, regressor
+
+    def gains(self, estimate: Array) -> Array:
+        """Return the factor of each chamber (n_u,), 1 where it is not adapted."""
+        factor = np.ones(self.arm.n_u)
+        if "chamber_gain" in self._groups:
+            at, index = self._groups["chamber_gain"]
+            factor[index] = estimate[at]
+        return factor
+
+    def gain_regressor(self, actuation: Array, pressure_pa: Array) -> Array:
+        """Return the columns (n_q, m) by which errors of the chamber gains enter: -H_j p_j, else zero."""
+        regressor = np.zeros((self.arm.n_q, self.size))
+        if "chamber_gain" in self._groups:
+            at, index = self._groups["chamber_gain"]
+            regressor[:, at] = -actuation[:, index] * pressure_pa[index]
+        return regressor
+
+
+def _columns(arm: SoftArm, group: str, where: str) -> list[Column]:
+    robot = arm.robot
+    if group in _ELASTIC:
+        place = _ELASTIC.index(group)
+        found = []
+        for i, link in enumerate(robot.links):
+            if link.k_e is None or link.k_b is None:
+                raise ConfigError(
+                    where, "adaptation.parameters", group, "links with k_e and k_b, not a material"
+                )
+            value = (*link.k_e[:2], *link.k_b[:2])[place]
+            found.append(Column(f"link{i}/{group}", group, 4 * i + place, float(value)))
+        return found
+    if group == "tip_mass":
+        return [Column("tip_mass", group, 0, float(robot.tip_mass))]
+    if group == "link_mass":
+        return [Column(f"link{i}/mass", group, 1 + i, float(link.mass)) for i, link in enumerate(robot.links)]
+    if group == "chamber_gain":
+        return [Column(f"{name}/gain", group, j, 1.0) for j, name in enumerate(robot.chamber_names)]
+    stretch = group == "damping_stretch"
+    zero = np.zeros(arm.n_q)
+    return [
+        Column(f"{name}/damping", group, i, float(arm.damping_force(zero, np.eye(arm.n_q)[i])[i]))
+        for i, name in enumerate(robot.coordinate_names)
+        if (name.split("/")[1] in _STRETCH) == stretch
+    ]
+
+
+def _pairs(arm: SoftArm, columns: tuple[Column, ...], config: Adaptation) -> tuple[Pair, ...]:
+    """Keep k(0) = a1 - a2 and a4 - a5 positive where one of them is adapted."""
+    at = {column.name: i for i, column in enumerate(columns)}
+    pairs = []
+    for i, link in enumerate(arm.robot.links):
+        if link.k_e is None or link.k_b is None:
+            continue
+        for high, low, values, margin in (
+            ("a1", "a2", link.k_e, config.margin_stretch_n_m),
+            ("a4", "a5", link.k_b, config.margin_bend_n_m_rad),
+        ):
+            h, j = at.get(f"link{i}/{high}", -1), at.get(f"link{i}/{low}", -1)
+            if h >= 0 or j >= 0:
+                pairs.append(Pair(h, j, margin, float(values[0]), float(values[1])))
+    return tuple(pairs)

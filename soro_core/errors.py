@@ -1,0 +1,45 @@
+"""Every error that soro raises on purpose: one line that says what, where, and what is allowed."""
+
+from __future__ import annotations
+
+
+class SoroError(Exception):
+    """Base of all errors that a user can cause or mend."""
+
+
+class ConfigError(SoroError):
+    """A value in a file or a parameter is not allowed.
+
+    Parameters
+    ----------
+    where : str
+        File (or dictionary, or node) in which the value stands.
+    key : str
+        Dotted path of the key, empty for the whole file.
+    got : object
+        What was found.
+    allowed : str
+        What is allowed there.
+    """
+
+    def __init__(self, where: str, key: str, got: object, allowed: str) -> None:
+        self.where, self.key, self.got, self.allowed = where, key, got, allowed
+        at = f"{where}: {key}" if key else where
+        super().__init__(f"{at}: got {_short(got)}; allowed: {allowed}")
+
+
+class ModelError(SoroError):
+    """A model was asked for something that it has no value for (a strain of -1, a wrong shape)."""
+
+
+class HardwareError(SoroError):
+    """A device, a bus or an adapter did not do what its protocol says."""
+
+
+class BagError(SoroError):
+    """A recording cannot be read or written."""
+
+
+def _short(value: object, limit: int = 80) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= limit else text[: limit - 3] + "..."

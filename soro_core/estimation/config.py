@@ -1,0 +1,107 @@
+"""Parameters of the estimator."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from soro_core.config import Strict
+
+
+class PoseNoise(Strict):
+    """What a pose sample is worth."""
+
+    position_std_m: float = Field(4e-4, gt=0, le=1, description="sensor noise of each coordinate")
+    orientation_std_rad: float = Field(6e-3, gt=0, le=3, description="sensor noise of each rotation")
+    position_model_std_m: float = Field(
+        1e-4, ge=0, le=1, description="error of the arm's kinematics in position, beyond the sensor's"
+    )
+    orientation_model_std_rad: float = Field(
+        0.06,
+        ge=0,
+        le=3,
+        description="error of the arm's kinematics in orientation; a load bends a link unevenly, and a link of "
+        "constant curvature can then match the position of the tip or its orientation, not both",
+    )
+    max_age_s: float = Field(0.08, gt=0, le=2, description="older samples are stale")
+
+
+class ImuNoise(Strict):
+    """What an IMU sample is worth."""
+
+    rate_std_rad_s: float = Field(0.02, gt=0, le=10, description="noise of the angular velocity")
+    orientation_std_rad: float = Field(
+        0.02, gt=0, le=3, description="noise of the orientation, where it has one"
+    )
+    orientation_model_std_rad: float = Field(0.06, ge=0, le=3, description="error of the arm's kinematics")
+    acceleration_std_m_s2: float = Field(
+        1.5, gt=0, le=100, description="noise of the direction of gravity, the motion of the arm included"
+    )
+    use_gravity: bool = Field(True, description="use the acceleration as the direction of gravity")
+    gravity_tolerance_m_s2: float = Field(
+        2.0, gt=0, le=100, description="accelerations whose length is farther from gravity are not used"
+    )
+    max_age_s: float = Field(0.08, gt=0, le=2, description="older samples are stale")
+
+
+class ProcessNoise(Strict):
+    """How far the model may be off; stretch: elongation and shears, curvature: bending and torsion."""
+
+    stretch_acceleration: float = Field(
+        2.0, ge=0, le=1e6, description="spectral density of the acceleration's error, strain/s^2/sqrt(Hz)"
+    )
+    curvature_acceleration_per_m: float = Field(
+        60.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
+    )
+    stretch_disturbance: float = Field(
+        30.0, ge=0, le=1e6, description="drift of the disturbance, as an acceleration: strain/s^2 per sqrt(s)"
+    )
+    curvature_disturbance_per_m: float = Field(
+        1500.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2) per sqrt(s)"
+    )
+    disturbance_time_s: float = Field(
+        20.0, gt=0, le=1e4, description="time in which a disturbance that nothing observes is forgotten"
+    )
+
+
+class InitialNoise(Strict):
+    """How well the state is known at the start and after re-acquisition."""
+
+    stretch_std: float = Field(0.1, gt=0, le=10, description="elongation and shears, strain")
+    curvature_std_per_m: float = Field(8.0, gt=0, le=1e3, description="curvatures")
+    stretch_rate_std_per_s: float = Field(1.0, gt=0, le=1e4, description="rate of elongation and shears")
+    curvature_rate_std_per_m_s: float = Field(80.0, gt=0, le=1e5, description="rate of curvatures")
+
+
+class EstimatorConfig(Strict):
+    """Parameters of the extended Kalman filter; the defaults are tuned for the three-bellow robot."""
+
+    disturbance: bool = Field(
+        True, description="estimate a slowly varying generalised force beside q and qd (unknown payload)"
+    )
+    process: ProcessNoise = Field(ProcessNoise(), description="process noise")
+    initial: InitialNoise = Field(InitialNoise(), description="initial uncertainty")
+    pose: PoseNoise = Field(PoseNoise(), description="pose samples")
+    imu: ImuNoise = Field(ImuNoise(), description="IMU samples")
+    integrator: str = Field("trapezoidal", description="time stepper of the prediction")
+    gate_probability: float = Field(
+        0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"
+    )
+    reacquire_after: int = Field(
+        15,
+        ge=1,
+        le=10000,
+        description="consecutive outliers of one sensor after which the state is re-acquired",
+    )
+    history_s: float = Field(
+        0.15, gt=0, le=5, description="how far the filter can roll back for a late sample"
+    )
+    future_s: float = Field(
+        0.05, ge=0, le=1, description="samples stamped this far ahead wait; farther ones are refused"
+    )
+    lost_after_s: float = Field(
+        0.25, gt=0, le=60, description="time without a good sample after which the status is not ok"
+    )
+    max_step_s: float = Field(0.01, gt=0, le=0.1, description="longest step of the prediction")
+    max_gap_s: float = Field(0.5, gt=0, le=10, description="longer gaps between two steps restart the filter")
+    stretch_limit: float = Field(0.8, gt=0, lt=1, description="largest elongation or shear that is believed")
+    bend_limit_rad: float = Field(6.0, gt=0, le=30, description="largest bending or torsion of a link")

@@ -1,0 +1,275 @@
+"""The estimator: a Kalman filter with a short memory, so that a late sample is used at the time it was taken.
+
+The state keeps one segment a step (pressures, linearisation, the belief at its start, the samples fused in it).
+A sample stamped in the past is put into its segment; the filter rolls back to the start of that segment and
+replays what follows, with the linearisations that it has: those change in second order only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from soro_core.estimation.config import EstimatorConfig
+from soro_core.estimation.filter import Belief, Filter
+from soro_core.estimation.measurement import innovation
+from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
+from soro_core.model import SoftArm
+from soro_core.robot import Robot
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One step of the past, [start_s, end_s]."""
+
+    start_s: float
+    end_s: float
+    pressure_pa: Array
+    system: Array
+    belief: Belief
+    samples: tuple[Sample, ...] = ()
+
+
+@dataclass(frozen=True)
+class EstimatorState:
+    """Everything that the estimator remembers."""
+
+    t_s: float
+    belief: Belief
+    pressure_pa: Array
+    history: tuple[Segment, ...] = ()
+    waiting: tuple[Sample, ...] = ()
+    stamps: Mapping[str, float] = field(default_factory=dict)
+    refused: Mapping[str, int] = field(default_factory=dict)
+    last_s: float = -math.inf
+    counts: Counts = Counts()
+
+
+class Estimator:
+    """Extended Kalman filter on (q, qd) from chamber pressures, tip poses and IMUs.
+
+    Parameters
+    ----------
+    robot : Robot
+        The model that predicts.
+    config : EstimatorConfig
+        Noise, gates and limits.
+    dt : float
+        Nominal step [s]; the size of the memory follows from it.
+    """
+
+    def __init__(self, robot: Robot, config: EstimatorConfig | None = None, dt: float = 0.005) -> None:
+        self.config = config if config is not None else EstimatorConfig()
+        self.arm = SoftArm(robot)
+        self.filter = Filter(self.arm, self.config)
+        self.length = float(sum(link.length for link in robot.links))
+        self._kept = max(1, math.ceil(self.config.history_s / dt))
+        self._gates = {m: float(chi2.ppf(self.config.gate_probability, m)) for m in (3, 6, 9)}
+
+    def initial_state(
+        self, t_s: float = 0.0, q: Array | None = None, pressure_pa: Array | None = None
+    ) -> EstimatorState:
+        """Return the state before the first step: straight (or at `q`), vented (or at `pressure_pa`)."""
+        pressure = np.zeros(self.arm.n_u) if pressure_pa is None else np.array(pressure_pa, dtype=np.float64)
+        return EstimatorState(t_s=t_s, belief=self.filter.start(q), pressure_pa=pressure)
+
+    def step(
+        self,
+        state: EstimatorState,
+        chamber_pressure_pa: Array,
+        poses: Sequence[PoseSample],
+        imus: Sequence[ImuSample],
+        dt: float,
+    ) -> tuple[EstimatorState, Estimate]:
+        """Advance to ``state.t_s + dt``, where `chamber_pressure_pa` was measured, and fuse what has come.
+
+        Parameters
+        ----------
+        chamber_pressure_pa : ndarray (n_u,)
+            Measured gauge pressures [Pa] at the new time; between two readings their mean acts.
+        poses, imus : sequence of PoseSample, ImuSample
+            Samples that arrived since the last step, in any order, stamped when they were taken.
+        dt : float
+            Time since the last step [s].
+
+        Notes
+        -----
+        Nothing is raised for bad input: it is refused and counted, and the status says so.
+        """
+        if not (math.isfinite(dt) and dt > 0.0):
+            counts = replace(state.counts, failed=state.counts.failed + 1)
+            state = replace(state, counts=counts)
+            return state, self._estimate(state, f"time step of {dt} s refused")
+        state = (
+            self._restarted(state, dt)
+            if dt > self.config.max_gap_s
+            else self._extended(state, dt, chamber_pressure_pa)
+        )
+        state = self._fuse(state, [*state.waiting, *poses, *imus])
+        return state, self._estimate(state)
+
+    def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
+        measured = np.asarray(pressure_pa, dtype=np.float64)
+        if measured.shape != (self.arm.n_u,):
+            return state.pressure_pa, replace(state.counts, pressures=state.counts.pressures + 1)
+        good = np.isfinite(measured)
+        if good.all():
+            return measured.copy(), state.counts
+        counts = replace(state.counts, pressures=state.counts.pressures + 1)
+        return np.where(good, measured, state.pressure_pa), counts
+
+    def _extended(self, state: EstimatorState, dt: float, pressure_pa: Array) -> EstimatorState:
+        """Append the new step to the history; its prediction follows in `_fuse`."""
+        measured, counts = self._pressure(state, pressure_pa)
+        mean = 0.5 * (state.pressure_pa + measured)
+        parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
+        system = self.filter.linearise(state.belief, mean)
+        edges = [state.t_s + dt * i / parts for i in range(parts + 1)]
+        added = [Segment(edges[i], edges[i + 1], mean, system, state.belief) for i in range(parts)]
+        return replace(
+            state,
+            t_s=state.t_s + dt,
+            pressure_pa=measured,
+            history=(*state.history, *added)[-self._kept :],
+            counts=counts,
+        )
+
+    def _restarted(self, state: EstimatorState, dt: float) -> EstimatorState:
+        counts = replace(state.counts, restarted=state.counts.restarted + 1)
+        return replace(
+            state, t_s=state.t_s + dt, belief=self.filter.widen(state.belief), history=(), counts=counts
+        )
+
+    def _fuse(self, state: EstimatorState, offered: list[Sample]) -> EstimatorState:
+        state, fresh, waiting = self._admit(state, offered)
+        history = list(state.history)
+        if not history:
+            return replace(state, waiting=waiting)
+        new: dict[int, list[Sample]] = {}
+        for sample in fresh:
+            index = next(
+                (i for i, part in enumerate(history) if sample.stamp_s <= part.end_s), len(history) - 1
+            )
+            new.setdefault(index, []).append(sample)
+        belief, counts, refused = state.belief, state.counts, dict(state.refused)
+        last = state.last_s
+        first = min([*new, len(history) - 1])
+        # The newest parts have no belief of their own yet: the replay gives it to them.
+        while first > 0 and history[first].belief is history[first - 1].belief:
+            first -= 1
+        belief = history[first].belief
+        for i in range(first, len(history)):
+            part = replace(history[i], belief=belief)
+            arrivals = new.get(i, [])
+            kept, t = [], part.start_s
+            for sample in sorted([*part.samples, *arrivals], key=lambda one: one.stamp_s):
+                belief, counts = self._predicted(belief, part, sample.stamp_s - t, counts)
+                t = max(t, sample.stamp_s)
+                gated = any(sample is one for one in arrivals)
+                belief, counts, accepted = self._updated(belief, sample, refused, gated, counts)
+                if accepted:
+                    kept.append(sample)
+                    last = max(last, sample.stamp_s)
+            belief, counts = self._predicted(belief, part, part.end_s - t, counts)
+            history[i] = replace(part, samples=tuple(kept))
+        if not belief.finite():
+            counts = replace(counts, restarted=counts.restarted + 1)
+            belief, history = self.filter.start(), []
+        return replace(
+            state,
+            belief=belief,
+            history=tuple(history),
+            waiting=waiting,
+            refused=refused,
+            last_s=last,
+            counts=counts,
+        )
+
+    def _admit(
+        self, state: EstimatorState, offered: list[Sample]
+    ) -> tuple[EstimatorState, list[Sample], tuple[Sample, ...]]:
+        """Sort samples by their stamps: fresh ones, ones that must wait, and ones that are refused."""
+        counts, stamps = state.counts, dict(state.stamps)
+        fresh: list[Sample] = []
+        waiting: list[Sample] = []
+        start = state.history[0].start_s if state.history else state.t_s
+        for sample in sorted(
+            offered, key=lambda one: one.stamp_s if math.isfinite(one.stamp_s) else -math.inf
+        ):
+            noise = self.config.pose if isinstance(sample, PoseSample) else self.config.imu
+            oldest = max(state.t_s - noise.max_age_s, start)
+            if not sample.finite() or not -1e-9 <= sample.s <= self.length + 1e-6:
+                counts = replace(counts, invalid=counts.invalid + 1)
+            elif sample.stamp_s > state.t_s + self.config.future_s:
+                counts = replace(counts, early=counts.early + 1)
+            elif sample.stamp_s > state.t_s:
+                waiting.append(sample)
+            elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(sample.sensor, -math.inf):
+                counts = replace(counts, stale=counts.stale + 1)
+            else:
+                stamps[sample.sensor] = sample.stamp_s
+                fresh.append(sample)
+        return replace(state, counts=counts, stamps=stamps), fresh, tuple(waiting[-16:])
+
+    def _predicted(self, belief: Belief, part: Segment, dt: float, counts: Counts) -> tuple[Belief, Counts]:
+        moved, ok = self.filter.predict(belief, part.pressure_pa, part.system, dt)
+        if not (ok and moved.finite()):
+            counts = replace(counts, failed=counts.failed + 1)
+        return (moved, counts) if moved.finite() else (self.filter.widen(belief), counts)
+
+    def _updated(
+        self, belief: Belief, sample: Sample, refused: dict[str, int], gated: bool, counts: Counts
+    ) -> tuple[Belief, Counts, bool]:
+        """Fuse one sample; `gated` for one that is seen for the first time (a replay does not judge again)."""
+        seen = innovation(self.arm, self.config, sample, belief.q, belief.qd)
+        if seen is None:
+            return belief, counts, False
+        name = sample.sensor
+        if gated and self.filter.distance(belief, seen) > self._gates[seen.residual.shape[0]]:
+            refused[name] = refused.get(name, 0) + 1
+            if refused[name] < self.config.reacquire_after:
+                return belief, replace(counts, outliers=counts.outliers + 1), False
+            # This sensor has disagreed for so long that the state is the likelier to be wrong.
+            belief = self.filter.widen(belief)
+            counts = replace(counts, reacquired=counts.reacquired + 1)
+        updated = self.filter.update(belief, lambda q, qd: innovation(self.arm, self.config, sample, q, qd))
+        if updated is None:
+            return belief, replace(counts, failed=counts.failed + 1), False
+        if gated:
+            refused[name] = 0
+            counts = replace(counts, accepted=counts.accepted + 1)
+        return updated, counts, True
+
+    def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
+        belief, n = state.belief, self.arm.n_q
+        pose, jacobian = self.arm.pose(belief.q, self.length), self.arm.jacobian(belief.q, self.length)
+        rotation = pose[:3, :3]
+        world = np.vstack([rotation @ jacobian[3:], rotation @ jacobian[:3]])
+        noise = self.config.pose
+        model = np.repeat([noise.position_model_std_m**2, noise.orientation_model_std_rad**2], 3)
+        tip = world @ belief.covariance[:n, :n] @ world.T + np.diag(model)
+        age = state.t_s - state.last_s
+        if not trouble and age > self.config.lost_after_s:
+            trouble = (
+                f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
+            )
+        return Estimate(
+            t_s=state.t_s,
+            q=belief.q,
+            qd=belief.qd,
+            covariance=belief.covariance[: 2 * n, : 2 * n],
+            tip_pose=pose,
+            tip_covariance=0.5 * (tip + tip.T),
+            force=np.asarray(self.arm.actuation_matrix(belief.q) @ state.pressure_pa),
+            disturbance=belief.disturbance if self.filter.n_d else np.zeros(n),
+            status=EstimatorStatus(not trouble, trouble, state.counts, age),
+        )

@@ -1,0 +1,196 @@
+"""Extended Kalman filter on (q, qd, disturbance): prediction with the arm's model, update with a sample.
+
+The disturbance is an acceleration per coordinate that the model does not explain (a payload, a wrong stiffness);
+it drifts as a first-order Gauss-Markov process, so that it stays bounded where nothing observes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.estimation.config import EstimatorConfig
+from soro_core.estimation.measurement import Innovation
+from soro_core.integrate import State, make_stepper
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Gauss-Newton passes of one update: the measurement is nearly linear over the uncertainty of a running filter,
+# and far from it only at the start and after a re-acquisition.
+_PASSES = 6
+_CONVERGED = 1e-3
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Mean and covariance of (q, qd, disturbance), and the internal states of the arm that go with the mean."""
+
+    q: Array
+    qd: Array
+    disturbance: Array
+    internal: Array
+    covariance: Array
+
+    @property
+    def mean(self) -> Array:
+        """(q, qd, disturbance) in one vector."""
+        return np.concatenate([self.q, self.qd, self.disturbance])
+
+    def finite(self) -> bool:
+        """Whether every number is one."""
+        return bool(np.all(np.isfinite(self.mean)) and np.all(np.isfinite(self.covariance)))
+
+
+class Filter:
+    """The filter's pure functions for one arm; nothing in it changes after construction."""
+
+    def __init__(self, arm: SoftArm, config: EstimatorConfig) -> None:
+        self.arm, self.config = arm, config
+        self.n = arm.n_q
+        self.n_d = arm.n_q if config.disturbance else 0
+        self.stepper = make_stepper(config.integrator, arm)
+        kinds = [name.split("/")[1] for name in arm.robot.coordinate_names]
+        stretch = np.array([kind in ("elongation", "shear_x", "shear_y") for kind in kinds])
+        lengths = np.array([arm.robot.links[_link(name)].length for name in arm.robot.coordinate_names])
+        noise, start = config.process, config.initial
+        self.limit = np.where(stretch, config.stretch_limit, config.bend_limit_rad / lengths)
+        acceleration = np.where(stretch, noise.stretch_acceleration, noise.curvature_acceleration_per_m)
+        drift = np.where(stretch, noise.stretch_disturbance, noise.curvature_disturbance_per_m)
+        self.process = np.concatenate([np.zeros(self.n), acceleration**2, drift[: self.n_d] ** 2])
+        self.initial = np.concatenate(
+            [
+                np.where(stretch, start.stretch_std, start.curvature_std_per_m) ** 2,
+                np.where(stretch, start.stretch_rate_std_per_s, start.curvature_rate_std_per_m_s) ** 2,
+                # Stationary variance of the drift: what is known of it before anything was measured.
+                drift[: self.n_d] ** 2 * min(noise.disturbance_time_s, 1.0) / 2.0,
+            ]
+        )
+        self._increment = np.where(stretch, 1e-6, 1e-6 / lengths)
+
+    def start(self, q: Array | None = None) -> Belief:
+        """Return the belief before anything was measured."""
+        return Belief(
+            q=np.zeros(self.n) if q is None else np.array(q, dtype=np.float64),
+            qd=np.zeros(self.n),
+            disturbance=np.zeros(self.n_d),
+            internal=np.zeros(self.arm.n_internal),
+            covariance=np.diag(self.initial),
+        )
+
+    def widen(self, belief: Belief) -> Belief:
+        """Forget what is known, keep the mean: the next sample decides."""
+        return replace(
+            belief, qd=np.zeros(self.n), disturbance=np.zeros(self.n_d), covariance=np.diag(self.initial)
+        )
+
+    def linearise(self, belief: Belief, pressure_pa: Array) -> Array:
+        """Return the system matrix of the linearised dynamics by forward differences, (m, m)."""
+        n, arm = self.n, self.arm
+        q, qd, internal = belief.q, belief.qd, belief.internal
+        here = arm.forward_dynamics(q, qd, pressure_pa, internal=internal)
+        size = 2 * n + self.n_d
+        system = np.zeros((size, size))
+        system[:n, n : 2 * n] = np.eye(n)
+        for i in range(n):
+            h = self._increment[i]
+            moved = q.copy()
+            moved[i] += h
+            system[n : 2 * n, i] = (
+                arm.forward_dynamics(moved, qd, pressure_pa, internal=internal) - here
+            ) / h
+            moved = qd.copy()
+            moved[i] += h
+            system[n : 2 * n, n + i] = (
+                arm.forward_dynamics(q, moved, pressure_pa, internal=internal) - here
+            ) / h
+        if self.n_d:
+            system[n : 2 * n, 2 * n :] = np.eye(n)
+            system[2 * n :, 2 * n :] = -np.eye(n) / self.config.process.disturbance_time_s
+        return system
+
+    def predict(self, belief: Belief, pressure_pa: Array, system: Array, dt: float) -> tuple[Belief, bool]:
+        """Advance by `dt` with the pressures held; False where the stepper failed and the mean was held.
+
+        The disturbance acts as half a kick before and half a kick after the step (Strang splitting): second
+        order, and the equilibrium under a constant disturbance is exact.
+        """
+        if dt <= 0.0:
+            return belief, True
+        n = self.n
+        push = np.zeros(n)
+        if self.n_d:
+            push = 0.5 * dt * belief.disturbance
+        state, status = self.stepper.step(State(belief.q, belief.qd + push, belief.internal), pressure_pa, dt)
+        ok = bool(status.ok)
+        q, qd, internal = (
+            (state.q, state.qd + push, state.internal) if ok else (belief.q, 0.0 * belief.qd, belief.internal)
+        )
+        # The Cayley form is the trapezoidal rule's own transition: bounded for modes faster than the step.
+        whole, middle = _cayley(system, dt), _cayley(system, 0.5 * dt)
+        # Simpson's rule over the step for the white noise that enters along it.
+        noise = (middle * self.process) @ middle.T * (4.0 * dt / 6.0)
+        noise += (whole * self.process) @ whole.T * (dt / 6.0) + np.diag(self.process * (dt / 6.0))
+        spread = whole @ belief.covariance @ whole.T + noise
+        if not ok:
+            spread = spread + np.diag(self.initial) * dt
+        disturbance = belief.disturbance
+        if self.n_d:
+            disturbance = disturbance * np.exp(-dt / self.config.process.disturbance_time_s)
+        q = np.clip(q, -self.limit, self.limit)
+        return Belief(q, qd, disturbance, internal, 0.5 * (spread + spread.T)), ok
+
+    def distance(self, belief: Belief, innovation: Innovation) -> float:
+        """Return the normalised innovation squared: chi-square distributed for a good sample."""
+        H = innovation.jacobian
+        P = belief.covariance[: 2 * self.n, : 2 * self.n]
+        S = H @ P @ H.T + np.diag(innovation.variance)
+        return float(innovation.residual @ np.linalg.solve(S, innovation.residual))
+
+    def update(self, belief: Belief, measure: Callable[[Array, Array], Innovation | None]) -> Belief | None:
+        """Fuse one sample (iterated update, Joseph form); None where that gives no finite result."""
+        n, size = self.n, belief.covariance.shape[0]
+        prior, mean = belief.mean, belief.mean
+        scale = np.sqrt(np.maximum(np.diag(belief.covariance), 1e-300))
+        gain = jacobian = np.zeros((0, 0))
+        variance = np.zeros(0)
+        for _ in range(_PASSES):
+            innovation = measure(mean[:n], mean[n : 2 * n])
+            if innovation is None:
+                return belief
+            jacobian = np.hstack(
+                [innovation.jacobian, np.zeros((innovation.residual.shape[0], size - 2 * n))]
+            )
+            variance = innovation.variance
+            crossed = belief.covariance @ jacobian.T
+            try:
+                gain = np.linalg.solve(jacobian @ crossed + np.diag(variance), crossed.T).T
+            except np.linalg.LinAlgError:
+                return None
+            step = prior + gain @ (innovation.residual + jacobian @ (mean - prior)) - mean
+            if not np.all(np.isfinite(step)):
+                return None
+            mean = mean + step
+            mean[:n] = np.clip(mean[:n], -self.limit, self.limit)
+            if float(np.max(np.abs(step) / scale)) < _CONVERGED:
+                break
+        rest = np.eye(size) - gain @ jacobian
+        covariance = rest @ belief.covariance @ rest.T + (gain * variance) @ gain.T
+        updated = Belief(
+            mean[:n], mean[n : 2 * n], mean[2 * n :], belief.internal, 0.5 * (covariance + covariance.T)
+        )
+        return updated if updated.finite() else None
+
+
+def _cayley(system: Array, dt: float) -> Array:
+    half = 0.5 * dt * system
+    one = np.eye(system.shape[0])
+    return np.asarray(np.linalg.solve(one - half, one + half))
+
+
+def _link(coordinate: str) -> int:
+    return int(coordinate.split("/")[0].removeprefix("link"))

@@ -1,0 +1,98 @@
+"""Measurement models: what a sample should have read, and how that changes with the state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.estimation.config import EstimatorConfig
+from soro_core.estimation.rotation import left_jacobian_inverse, matrix_from_quaternion, rotation_log, skew
+from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """Residual of one sample, linear in the state around the point given.
+
+    Attributes
+    ----------
+    residual : ndarray (m,)
+        Measured minus predicted; rotations as the logarithm of R_predicted' R_measured.
+    jacobian : ndarray (m, 2 n_q)
+        Derivative of the prediction by (q, qd).
+    variance : ndarray (m,)
+        Noise of the sample and of the kinematics, independent.
+    """
+
+    residual: Array
+    jacobian: Array
+    variance: Array
+
+
+def innovation(
+    arm: SoftArm, config: EstimatorConfig, sample: Sample, q: Array, qd: Array
+) -> Innovation | None:
+    """Compare a sample with the state; None where the sample says nothing (an IMU that is shaken)."""
+    s = min(max(sample.s, 0.0), _length(arm))
+    pose, jacobian = arm.pose(q, s), arm.jacobian(q, s)
+    if isinstance(sample, PoseSample):
+        return _pose(config, sample, pose, jacobian)
+    return _imu(config, sample, pose, jacobian, qd, np.asarray(arm.robot.gravity, dtype=np.float64))
+
+
+def _length(arm: SoftArm) -> float:
+    return float(sum(link.length for link in arm.robot.links))
+
+
+def _pose(config: EstimatorConfig, sample: PoseSample, pose: Array, jacobian: Array) -> Innovation:
+    rotation, n = pose[:3, :3], jacobian.shape[1]
+    angle = rotation_log(rotation.T @ matrix_from_quaternion(sample.quaternion))
+    rows = np.zeros((6, 2 * n))
+    rows[:3, :n] = rotation @ jacobian[3:]
+    rows[3:, :n] = _log_jacobian(angle, jacobian)
+    noise = config.pose
+    variance = np.repeat(
+        [
+            noise.position_std_m**2 + noise.position_model_std_m**2,
+            noise.orientation_std_rad**2 + noise.orientation_model_std_rad**2,
+        ],
+        3,
+    )
+    return Innovation(np.concatenate([sample.position - pose[:3, 3], angle]), rows, variance)
+
+
+def _imu(
+    config: EstimatorConfig, sample: ImuSample, pose: Array, jacobian: Array, qd: Array, gravity: Array
+) -> Innovation | None:
+    rotation, n, noise = pose[:3, :3], jacobian.shape[1], config.imu
+    # d(omega)/dq = dJ/dq qd is left out: second order at the speeds of an arm, and it vanishes at rest.
+    residuals, rows, variances = (
+        [sample.angular_velocity - jacobian[:3] @ qd],
+        [np.hstack([np.zeros((3, n)), jacobian[:3]])],
+        [np.full(3, noise.rate_std_rad_s**2)],
+    )
+    if sample.orientation is not None:
+        angle = rotation_log(rotation.T @ matrix_from_quaternion(sample.orientation))
+        residuals.append(angle)
+        rows.append(np.hstack([_log_jacobian(angle, jacobian), np.zeros((3, n))]))
+        variances.append(np.full(3, noise.orientation_std_rad**2 + noise.orientation_model_std_rad**2))
+    up = -rotation.T @ gravity
+    length = float(np.linalg.norm(gravity))
+    shaken = abs(float(np.linalg.norm(sample.linear_acceleration)) - length) > noise.gravity_tolerance_m_s2
+    if noise.use_gravity and length > 0.0 and not shaken:
+        # (R exp([w]x))' v = R' v + [R' v]x w to first order.
+        residuals.append(sample.linear_acceleration - up)
+        rows.append(np.hstack([skew(up) @ jacobian[:3], np.zeros((3, n))]))
+        variances.append(np.full(3, noise.acceleration_std_m_s2**2))
+    return Innovation(np.concatenate(residuals), np.vstack(rows), np.concatenate(variances))
+
+
+def _log_jacobian(angle: Array, jacobian: Array) -> Array:
+    """Derivative of the predicted rotation in the coordinates of log(R_predicted' R_measured)."""
+    return np.asarray(left_jacobian_inverse(angle) @ jacobian[:3])

@@ -1,0 +1,91 @@
+"""Rotations as matrices, vectors and quaternions, with series where the angle is small."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Below this angle [rad] the closed forms lose digits; their series are exact to round-off there.
+_SMALL = 1e-4
+
+
+def skew(v: Array) -> Array:
+    """Return the (3, 3) matrix [v]x with [v]x w = v x w."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def rotation_exp(v: Array) -> Array:
+    """Return the rotation matrix (3, 3) of the rotation vector `v` [rad]."""
+    angle = math.sqrt(float(v @ v))
+    k = skew(v)
+    if angle < _SMALL:
+        return np.asarray(np.eye(3) + k + 0.5 * k @ k)
+    return np.asarray(
+        np.eye(3) + math.sin(angle) / angle * k + (1.0 - math.cos(angle)) / (angle * angle) * (k @ k)
+    )
+
+
+def rotation_log(rotation: Array) -> Array:
+    """Return the rotation vector [rad] (3,) of a rotation matrix, its length at most pi."""
+    return quaternion_log(quaternion_from_matrix(rotation))
+
+
+def quaternion_log(quaternion: Array) -> Array:
+    """Return the rotation vector [rad] (3,) of a unit quaternion (x, y, z, w), its length at most pi."""
+    x, y, z, w = (float(c) for c in quaternion)
+    if w < 0.0:  # q and -q are one rotation; this is the short way round
+        x, y, z, w = -x, -y, -z, -w
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-12 else 2.0
+    return scale * np.array([x, y, z])
+
+
+def left_jacobian_inverse(v: Array) -> Array:
+    """Return J_l(v)^-1 (3, 3): log(exp(d) exp(v)) = v + J_l(v)^-1 d to first order in d."""
+    angle = math.sqrt(float(v @ v))
+    k = skew(v)
+    if angle < _SMALL:
+        return np.asarray(np.eye(3) - 0.5 * k + k @ k / 12.0)
+    half = 0.5 * angle
+    # 1/a^2 - cot(a/2)/(2a): finite at pi, where the cotangent is 0.
+    factor = (1.0 - half * math.cos(half) / math.sin(half)) / (angle * angle)
+    return np.asarray(np.eye(3) - 0.5 * k + factor * (k @ k))
+
+
+def matrix_from_quaternion(quaternion: Array) -> Array:
+    """Return the rotation matrix (3, 3) of a quaternion (x, y, z, w) of any length above 0."""
+    x, y, z, w = quaternion / math.sqrt(float(quaternion @ quaternion))
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_matrix(rotation: Array) -> Array:
+    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (Shepperd's method)."""
+    trace = float(rotation[0, 0] + rotation[1, 1] + rotation[2, 2])
+    # The largest of the four squared components is at least 1/4: dividing by it is safe at every angle.
+    squares = np.array([*(1.0 + 2.0 * np.diag(rotation) - trace), 1.0 + trace])
+    i = int(np.argmax(squares))
+    q = np.empty(4)
+    if i == 3:
+        q[3] = squares[3]
+        for a in range(3):
+            b, c = (a + 1) % 3, (a + 2) % 3
+            q[a] = rotation[c, b] - rotation[b, c]
+    else:
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q[i] = squares[i]
+        q[j] = rotation[j, i] + rotation[i, j]
+        q[k] = rotation[k, i] + rotation[i, k]
+        q[3] = rotation[k, j] - rotation[j, k]
+    q /= math.sqrt(float(q @ q))
+    return -q if q[3] < 0.0 else q

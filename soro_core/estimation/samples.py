@@ -1,0 +1,99 @@
+"""What sensors deliver, and what the filter keeps of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoseSample:
+    """Pose of the backbone at `s` in the world frame.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time of the measurement (not of its arrival) [s].
+    position : ndarray (3,)
+        Position [m].
+    quaternion : ndarray (4,)
+        Orientation (x, y, z, w).
+    s : float
+        Place along the whole arm [m].
+    """
+
+    stamp_s: float
+    position: Array
+    quaternion: Array
+    s: float
+
+    @property
+    def sensor(self) -> str:
+        """Name under which stamps and outliers are counted."""
+        return f"pose@{self.s:.9g}"
+
+    def finite(self) -> bool:
+        """Whether every number is one, and the quaternion a rotation."""
+        return (
+            np.isfinite(self.stamp_s)
+            and np.isfinite(self.s)
+            and _finite(self.position, 3)
+            and _is_rotation(self.quaternion)
+        )
+
+
+@dataclass(frozen=True)
+class ImuSample:
+    """Readings of an IMU on the backbone at `s`, its axes those of the local frame.
+
+    Attributes
+    ----------
+    stamp_s : float
+        Time of the measurement [s].
+    angular_velocity : ndarray (3,)
+        [rad/s].
+    linear_acceleration : ndarray (3,)
+        Specific force [m/s^2]; at rest it points up with the length of gravity.
+    orientation : ndarray (4,) or None
+        Orientation in the world frame (x, y, z, w), None where the IMU has none.
+    s : float
+        Place along the whole arm [m].
+    """
+
+    stamp_s: float
+    angular_velocity: Array
+    linear_acceleration: Array
+    orientation: Array | None
+    s: float
+
+    @property
+    def sensor(self) -> str:
+        """Name under which stamps and outliers are counted."""
+        return f"imu@{self.s:.9g}"
+
+    def finite(self) -> bool:
+        """Whether every number is one, and the orientation, if any, a rotation."""
+        return (
+            np.isfinite(self.stamp_s)
+            and np.isfinite(self.s)
+            and _finite(self.angular_velocity, 3)
+            and _finite(self.linear_acceleration, 3)
+            and (self.orientation is None or _is_rotation(self.orientation))
+        )
+
+
+Sample: TypeAlias = PoseSample | ImuSample
+
+
+def _finite(value: Array, n: int) -> bool:
+    return np.shape(value) == (n,) and bool(np.all(np.isfinite(value)))
+
+
+def _is_rotation(quaternion: Array) -> bool:
+    # Wide enough for quaternions of four decimals, narrow enough to refuse the zeros of a driver without a fix.
+    return _finite(quaternion, 4) and abs(float(quaternion @ quaternion) - 1.0) < 0.02

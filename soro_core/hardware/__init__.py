@@ -1,0 +1,14 @@
+"""Pressure regulators behind one port: drivers, transports and emulated devices."""
+
+from soro_core.hardware.platform import Platform, load_platform, open_regulator
+from soro_core.hardware.port import BusStatistics, Exchange, Fault, Regulator
+
+__all__ = [
+    "BusStatistics",
+    "Exchange",
+    "Fault",
+    "Platform",
+    "Regulator",
+    "load_platform",
+    "open_regulator",
+]

@@ -1,0 +1,136 @@
+"""CiA 408 (fluid power) as a pressure valve uses it: objects, state machine, scaling of pressures.
+
+State machine after the profile's figure: the control word asks for a state by three bits (D, H, M), the
+status word answers with the same three and R (ready). R = 0 outside NOT_READY is a fault, left by an edge of
+the reset bit only; so ACTIVE may be believed only when R is set.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum, IntEnum
+
+# Objects of the communication profile
+DEVICE_TYPE, ERROR_REGISTER, CYCLE_PERIOD, IDENTITY = 0x1000, 0x1001, 0x1006, 0x1018
+CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x1029
+RPDO_COMMUNICATION, RPDO_MAPPING, TPDO_COMMUNICATION, TPDO_MAPPING = 0x1400, 0x1600, 0x1800, 0x1A00
+# Objects of the valve
+CONTROL_WORD, STATUS_WORD, DEVICE_MODE, CONTROL_MODE = 0x6040, 0x6041, 0x6042, 0x6043
+SETPOINT, ACTUAL, HOLD_SETPOINT, UPPER_LIMIT, LOWER_LIMIT = 0x6380, 0x6381, 0x6394, 0x63A0, 0x63A1
+
+PROFILE = 408
+SETPOINT_VIA_BUS = 1
+PRESSURE_CLOSED_LOOP = 4
+UNIT_NORMALISED, UNIT_PA, UNIT_BAR = 0x00, 0x22, 0x4E
+FULL_SCALE_COUNTS = 16384  # 100 % where the unit is 0
+_PA_PER_UNIT = {UNIT_PA: 1.0, UNIT_BAR: 1e5}
+
+
+class Control(IntEnum):
+    """Control words that lead up to ACTIVE, and the reset bit."""
+
+    INIT = 0b000
+    DISABLED = 0b001
+    HOLD = 0b011
+    ACTIVE = 0b111
+    RESET = 0b1000
+
+
+class State(Enum):
+    """States of the valve; the value is the low nibble of the status word (RMHD)."""
+
+    NOT_READY = ("not ready", 0b0000)
+    INIT = ("init", 0b1000)
+    DISABLED = ("disabled", 0b1001)
+    HOLD = ("hold", 0b1011)
+    ACTIVE = ("active", 0b1111)
+    FAULT_REACTION = ("fault reaction", 0b0111)
+    FAULT_HOLD = ("fault hold", 0b0011)
+    FAULT_DISABLED = ("fault disabled", 0b0001)
+    FAULT_INIT = ("fault init", 0b0000)
+
+    @property
+    def bits(self) -> int:
+        """R, M, H and D of the status word."""
+        return self.value[1]
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether only a reset edge leads out of it."""
+        return self in _AFTER_RESET or self is State.FAULT_REACTION
+
+
+STATUS_CONTROL_EFFECTIVE, STATUS_LIMIT = 1 << 8, 1 << 10
+
+_ORDER = (State.INIT, State.DISABLED, State.HOLD, State.ACTIVE)
+_AFTER_RESET = {
+    State.FAULT_HOLD: State.HOLD,
+    State.FAULT_DISABLED: State.DISABLED,
+    State.FAULT_INIT: State.INIT,
+}
+
+
+def next_state(state: State, control: int, previous_control: int) -> State:
+    """State after one control word: at most one step up, any number down.
+
+    Parameters
+    ----------
+    state : State
+        Present state.
+    control, previous_control : int
+        This control word and the one before it; a rise of the reset bit between them resets a fault.
+    """
+    if state in _AFTER_RESET:
+        reset = control & Control.RESET and not previous_control & Control.RESET
+        return _AFTER_RESET[state] if reset else state
+    if state not in _ORDER:
+        return state
+    wanted = 0
+    while wanted < 3 and control >> wanted & 1:
+        wanted += 1
+    return _ORDER[min(_ORDER.index(state) + 1, wanted)]
+
+
+def state_of(status: int) -> State:
+    """State that a status word shows; 0000 is read as FAULT_INIT, which a booted device means by it."""
+    return _BY_BITS.get(status & 0xF, State.NOT_READY)
+
+
+_BY_BITS = {state.bits: state for state in State}
+
+
+def pascal_per_count(unit: int, prefix: int, full_scale_pa: float | None) -> float:
+    """Pressure of one count of a device's pressure objects [Pa].
+
+    Parameters
+    ----------
+    unit, prefix : int
+        Sub-objects 2 and 3: SI unit code and power of ten.
+    full_scale_pa : float or None
+        Pressure of 16384 counts, for devices whose values are normalised (unit 0).
+
+    Raises
+    ------
+    ValueError
+        For an unknown unit, or a normalised one without full scale.
+    """
+    if unit == UNIT_NORMALISED:
+        if full_scale_pa is None:
+            raise ValueError(
+                "the device's pressures are normalised: set canopen.full_scale_pa in the platform"
+            )
+        return full_scale_pa / FULL_SCALE_COUNTS
+    if unit not in _PA_PER_UNIT:
+        raise ValueError(
+            f"unit 0x{unit:02X} of the device's pressures is unknown (known: 0x22 Pa, 0x4E bar, 0)"
+        )
+    # Positive powers of ten are exact; dividing by them brings 0.1 and the like as close as can be.
+    return _PA_PER_UNIT[unit] * 10.0**prefix if prefix >= 0 else _PA_PER_UNIT[unit] / 10.0**-prefix
+
+
+def counts_within(minimum_pa: float, maximum_pa: float, scale: float) -> tuple[int, int]:
+    """Smallest and largest 16-bit count inside a range; rounding never leads out of it."""
+    tolerance = 1e-9
+    low = max(math.ceil(minimum_pa / scale - tolerance), -32768)
+    high = min(math.floor(maximum_pa / scale + tolerance), 32767)
+    return low, high

@@ -1,0 +1,60 @@
+"""Orderly shutdown: ramp to 0, wait for the pressure to go, control words 3, 1, 0, NMT stop."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soro_core.hardware.canopen import frames
+from soro_core.hardware.canopen.cia408 import CONSUMER_HEARTBEAT, Control
+from soro_core.hardware.canopen.frames import NmtCommand
+from soro_core.hardware.canopen.sdo_client import SdoError
+from soro_core.hardware.port import Array
+
+if TYPE_CHECKING:
+    from soro_core.hardware.canopen.driver import CanopenRegulator
+
+EMPTY_PA = 2e3
+LONGEST_WAIT_S = 1.0
+
+
+def bring_down(driver: CanopenRegulator) -> None:
+    """Run the sequence; a fault or a reading that never comes only makes it shorter, never endless.
+
+    Raises
+    ------
+    HardwareError
+        If the bus is gone.
+    """
+    platform = driver.platform
+    period_s = 1.0 / platform.cycle_hz
+    next_s = driver.clock()
+    control = Control.HOLD if driver.latched or not driver.sent_pa.any() else Control.ACTIVE
+
+    def cycle(setpoint: Array, word: Control) -> Array:
+        nonlocal next_s
+        driver.now_ns += round(period_s * 1e9)
+        pressure = driver.command(setpoint, word)
+        if not driver.lockstep:
+            next_s = max(next_s + period_s, driver.clock())
+            driver.wait(next_s)
+        return pressure
+
+    setpoint = np.zeros_like(driver.sent_pa) if driver.latched else driver.sent_pa.copy()
+    fall = platform.shutdown_ramp_pa_s * period_s
+    while setpoint.any():
+        setpoint -= np.clip(setpoint, -fall, fall)
+        cycle(setpoint, control)
+    for _ in range(round(LONGEST_WAIT_S / period_s)):
+        if np.all(np.abs(cycle(setpoint, control)) < EMPTY_PA):  # false while a reading is missing (NaN)
+            break
+    for word in (Control.HOLD, Control.DISABLED, Control.INIT):
+        cycle(setpoint, word)
+    for number, valve in enumerate(platform.valves):
+        # The host's heartbeat ends here on purpose: without this every valve would report its loss.
+        client = driver.client(number)
+        with contextlib.suppress(SdoError):
+            client.write(CONSUMER_HEARTBEAT, 1, 0, 4)
+        driver.send([frames.nmt(NmtCommand.STOP, valve.node)])

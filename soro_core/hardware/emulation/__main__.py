@@ -1,0 +1,46 @@
+"""`python -m soro_core.hardware.emulation PLATFORM`: the emulator without the command line tool."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from soro_core.errors import ConfigError, SoroError
+from soro_core.hardware.emulation.process import serve
+from soro_core.hardware.platform import load_platform
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse the command line and serve; 0 after a signal, 2 for wrong use, 1 for anything else that fails."""
+    parser = argparse.ArgumentParser(prog="python -m soro_core.hardware.emulation", description=__doc__)
+    parser.add_argument("platform", help="name of a shipped platform, or path of a platform file")
+    parser.add_argument("--lockstep", action="store_true", help="advance by SYNC, not by the clock")
+    parser.add_argument("--device-link", type=Path, help="symbolic link to make to the pseudo-terminal")
+    parser.add_argument("--plant-link", type=Path, help="Unix socket on which true pressures are published")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the sensor noise")
+    given = parser.parse_args(arguments)
+
+    def announce(path: str) -> None:
+        sys.stdout.write(f"ready: {path}\n")
+        sys.stdout.flush()
+
+    try:
+        serve(
+            load_platform(given.platform),
+            clock=time.monotonic_ns,
+            announce=announce,
+            lockstep=given.lockstep,
+            device_link=given.device_link,
+            plant_link=given.plant_link,
+            seed=given.seed,
+        )
+    except SoroError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2 if isinstance(error, ConfigError) else 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""Object dictionary of an emulated node, built from an EDS file, with the checks that an SDO server makes."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+from canopen.objectdictionary import ODVariable
+from canopen.objectdictionary.eds import import_eds
+
+from soro_core.hardware.canopen.frames import SdoAbort
+
+Key: TypeAlias = tuple[int, int]
+
+# CiA 306 data types: bits and sign
+_TYPES = {2: (8, True), 3: (16, True), 4: (32, True), 5: (8, False), 6: (16, False), 7: (32, False)}
+
+VALVE_EDS = Path(__file__).resolve().parent.parent / "canopen" / "valve408.eds"
+
+
+class Refused(Exception):  # noqa: N818 - it is an answer of the protocol, not an error of the program
+    """An access is refused with an SDO abort code."""
+
+    def __init__(self, code: SdoAbort) -> None:
+        self.code = code
+        super().__init__(code.name)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What the EDS says of one sub-object."""
+
+    bits: int
+    is_signed: bool
+    readable: bool
+    writable: bool
+    mappable: bool
+    low: int | None
+    high: int | None
+    default: int
+
+
+class ObjectDictionary:
+    """Values of one node.
+
+    `on_read` gives values that are measured when they are read; `on_write` checks and acts on a value before
+    it is stored, and may raise `Refused`.
+    """
+
+    def __init__(self, entries: dict[Key, Entry]) -> None:
+        self.entries = entries
+        self.values = {key: entry.default for key, entry in entries.items()}
+        self.overrides: dict[Key, int] = {}
+        self.on_read: dict[Key, Callable[[], int]] = {}
+        self.on_write: dict[Key, Callable[[int], None]] = {}
+        self._indices = {index for index, _ in entries}
+
+    def reset(self, communication_only: bool) -> None:
+        """Return to the power-on values: all, or those of the communication profile (1000 to 1FFF)."""
+        for key, entry in self.entries.items():
+            if not communication_only or key[0] < 0x2000:
+                self.values[key] = self.overrides.get(key, entry.default)
+
+    def override(self, index: int, sub: int, value: int) -> None:
+        """Give this device another power-on value than the EDS."""
+        self.overrides[index, sub] = self.values[index, sub] = value
+
+    def find(self, index: int, sub: int) -> Entry:
+        """Entry of a sub-object; `Refused` if there is none."""
+        entry = self.entries.get((index, sub))
+        if entry is None:
+            raise Refused(SdoAbort.NO_SUBINDEX if index in self._indices else SdoAbort.NO_OBJECT)
+        return entry
+
+    def get(self, index: int, sub: int) -> int:
+        """Value, measured where it is measured."""
+        read = self.on_read.get((index, sub))
+        return self.values[index, sub] if read is None else read()
+
+    def read(self, index: int, sub: int) -> bytes:
+        """Answer a read from the bus."""
+        entry = self.find(index, sub)
+        if not entry.readable:
+            raise Refused(SdoAbort.WRITE_ONLY)
+        return self.get(index, sub).to_bytes(entry.bits // 8, "little", signed=entry.is_signed)
+
+    def write(self, index: int, sub: int, data: bytes) -> None:
+        """Answer a write from the bus."""
+        entry = self.find(index, sub)
+        if not entry.writable:
+            raise Refused(SdoAbort.READ_ONLY)
+        if len(data) != entry.bits // 8:
+            raise Refused(SdoAbort.LENGTH)
+        self.put(index, sub, int.from_bytes(data, "little", signed=entry.is_signed))
+
+    def put(self, index: int, sub: int, value: int) -> None:
+        """Store a value after the checks of range and of the device."""
+        entry = self.entries[index, sub]
+        if entry.high is not None and value > entry.high:
+            raise Refused(SdoAbort.TOO_HIGH)
+        if entry.low is not None and value < entry.low:
+            raise Refused(SdoAbort.TOO_LOW)
+        check = self.on_write.get((index, sub))
+        if check is not None:
+            check(value)
+        self.values[index, sub] = value
+
+
+def load_dictionary(node: int, eds: Path = VALVE_EDS) -> ObjectDictionary:
+    """Object dictionary of one node from an EDS file."""
+    return ObjectDictionary(dict(_entries(node, eds)))
+
+
+@functools.cache
+def _entries(node: int, eds: Path) -> dict[Key, Entry]:
+    found: dict[Key, Entry] = {}
+    for item in import_eds(str(eds), node).values():
+        for variable in [item] if isinstance(item, ODVariable) else item.values():
+            bits, is_signed = _TYPES[variable.data_type]
+            access = variable.access_type
+            found[variable.index, variable.subindex] = Entry(
+                bits=bits,
+                is_signed=is_signed,
+                readable=access != "wo",
+                writable=access in ("rw", "rww", "rwr", "wo"),
+                mappable=variable.pdo_mappable,
+                low=variable.min,
+                high=variable.max,
+                default=variable.default or 0,
+            )
+    return found

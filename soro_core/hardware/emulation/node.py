@@ -1,0 +1,165 @@
+"""An emulated CANopen node: network management, boot-up, heartbeats both ways, emergencies, and its valve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from soro_core.hardware.canopen import frames
+from soro_core.hardware.canopen.cia408 import (
+    CONSUMER_HEARTBEAT,
+    ERROR_BEHAVIOUR,
+    ERROR_REGISTER,
+    PRODUCER_HEARTBEAT,
+    State,
+)
+from soro_core.hardware.canopen.frames import EmcyCode, NmtCommand, NmtState
+from soro_core.hardware.emulation.dictionary import load_dictionary
+from soro_core.hardware.emulation.pdo_server import MS, Pdos
+from soro_core.hardware.emulation.sdo_server import serve
+from soro_core.hardware.emulation.valve import EmulatedValve
+from soro_core.hardware.platform import Emulation
+from soro_core.hardware.transport.frame import Frame
+
+_GENERIC, _COMMUNICATION = 1 << 0, 1 << 4  # bits of the error register
+
+
+class EmulatedNode:
+    """One node with one valve.
+
+    Parameters
+    ----------
+    node : int
+        Node id.
+    emulation : Emulation
+        Behaviour of the device.
+    send : callable
+        Takes the frames that the node sends.
+    """
+
+    def __init__(
+        self, node: int, emulation: Emulation, send: Callable[[Frame], None], boot_delay_ns: int
+    ) -> None:
+        self.node = node
+        self.dictionary = load_dictionary(node)
+        self.valve = EmulatedValve(self.dictionary, emulation)
+        self.state = NmtState.BOOT_UP
+        self._send = send
+        self._pdos = Pdos(self.dictionary, send)
+        self._boot_delay_ns, self._boot_ns = boot_delay_ns, boot_delay_ns
+        self._heartbeat_sent_ns = 0
+        self._consumer_ns: int | None = (
+            None  # time of the last heartbeat of the master; None before the first
+        )
+        self.dictionary.on_write[CONSUMER_HEARTBEAT, 1] = self._restart_consumer
+
+    def receive(self, frame: Frame, now_ns: int) -> None:
+        """Take a frame from the bus."""
+        if frame.extended or frame.remote or self.state is NmtState.BOOT_UP:
+            return
+        self.valve.now_ns = now_ns
+        can_id, data = frame.can_id, frame.data
+        if can_id == frames.NMT_ID:
+            self._on_nmt(data, now_ns)
+        elif can_id == frames.SYNC_ID:
+            if self.state is NmtState.OPERATIONAL:
+                self.valve.advance(now_ns)
+                fault = self.valve.state.is_fault
+                self._pdos.sync(now_ns)
+                self._report_reset(fault)
+        elif can_id == frames.SDO_REQUEST + self.node:
+            if self.state is not NmtState.STOPPED:
+                fault = self.valve.state.is_fault
+                reply = serve(self.node, self.dictionary, data)
+                if reply is not None:
+                    self._send(reply)
+                self._report_reset(fault)
+        elif can_id >= frames.HEARTBEAT_BASE:
+            if can_id - frames.HEARTBEAT_BASE == self._consumed()[0] and len(data) == 1:
+                self._consumer_ns = now_ns
+        elif self.state is NmtState.OPERATIONAL and not self._pdos.receive(frame, now_ns):
+            self._emergency(EmcyCode.PDO_TOO_SHORT, _GENERIC | _COMMUNICATION)
+
+    def poll(self, now_ns: int) -> None:
+        """Do what is due by time: boot, send heartbeats and event-driven PDOs, notice silence."""
+        self.valve.poll(now_ns)
+        if self.state is NmtState.BOOT_UP:
+            if now_ns >= self._boot_ns:
+                self._boot_up(now_ns)
+            return
+        period_ns = self.dictionary.values[PRODUCER_HEARTBEAT, 0] * MS
+        if 0 < period_ns <= now_ns - self._heartbeat_sent_ns:
+            # On the grid of the period, not of the polls; from now where the grid is left behind.
+            self._heartbeat_sent_ns = max(self._heartbeat_sent_ns + period_ns, now_ns - period_ns)
+            self._send(frames.heartbeat(self.node, self.state))
+        _, limit_ns = self._consumed()
+        if self._consumer_ns is not None and now_ns - self._consumer_ns >= limit_ns > 0:
+            self._consumer_ns = None
+            self.fault(EmcyCode.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION, State.FAULT_DISABLED)
+            self._communication_error()
+        if self.state is NmtState.OPERATIONAL and self._pdos.poll(now_ns):
+            self.fault(EmcyCode.RPDO_TIMEOUT, _GENERIC | _COMMUNICATION, State.FAULT_DISABLED)
+
+    def fault(self, code: int, register: int, end: State) -> None:
+        """Report an emergency and let the valve react, ending in one of the fault states."""
+        if self.valve.fault(end):
+            self._emergency(code, register)
+
+    def reset(self, now_ns: int, communication_only: bool = False) -> None:
+        """Start anew, as by power or by command: values not stored are lost, the valve vents."""
+        self.valve.now_ns = now_ns
+        self.valve.power_off()
+        self.state, self._boot_ns = (
+            NmtState.BOOT_UP,
+            now_ns + (0 if communication_only else self._boot_delay_ns),
+        )
+        self.dictionary.reset(communication_only)
+        self._pdos.reset()
+        self._consumer_ns = None
+        if self._boot_ns <= now_ns:
+            self._boot_up(now_ns)
+
+    def _boot_up(self, now_ns: int) -> None:
+        self._send(frames.heartbeat(self.node, NmtState.BOOT_UP))
+        self._heartbeat_sent_ns = now_ns
+        self.state = NmtState.PRE_OPERATIONAL
+        self.valve.power_on()
+
+    def _on_nmt(self, data: bytes, now_ns: int) -> None:
+        parsed = frames.parse_nmt(data)
+        if parsed is None or parsed[1] not in (0, self.node):
+            return
+        if parsed[0] == NmtCommand.START:
+            self.state = NmtState.OPERATIONAL
+        elif parsed[0] == NmtCommand.STOP:
+            self._leave(NmtState.STOPPED)
+        elif parsed[0] == NmtCommand.PRE_OPERATIONAL:
+            self._leave(NmtState.PRE_OPERATIONAL)
+        elif parsed[0] in (NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION):
+            self.reset(now_ns, communication_only=parsed[0] == NmtCommand.RESET_COMMUNICATION)
+
+    def _leave(self, state: NmtState) -> None:
+        self.state = state
+        self._pdos.reset()
+        self.valve.leave_operational()
+
+    def _communication_error(self) -> None:
+        behaviour = self.dictionary.values[ERROR_BEHAVIOUR, 1]
+        if self.state is NmtState.OPERATIONAL and behaviour != 1:  # 1: no change of state
+            self._leave(NmtState.STOPPED if behaviour == 2 else NmtState.PRE_OPERATIONAL)
+
+    def _consumed(self) -> tuple[int, int]:
+        """Node whose heartbeat is consumed, and the longest silence [ns]."""
+        value = self.dictionary.values[CONSUMER_HEARTBEAT, 1]
+        return value >> 16 & 0x7F, (value & 0xFFFF) * MS
+
+    def _restart_consumer(self, _: int) -> None:
+        self._consumer_ns = None
+
+    def _emergency(self, code: int, register: int) -> None:
+        self.dictionary.values[ERROR_REGISTER, 0] = register
+        if self.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL):
+            self._send(frames.emergency(self.node, code, register))
+
+    def _report_reset(self, was_fault: bool) -> None:
+        if was_fault and not self.valve.state.is_fault:
+            self._emergency(EmcyCode.NO_ERROR, 0)

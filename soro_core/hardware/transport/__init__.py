@@ -1,0 +1,1 @@
+"""Ways to a bus: CAN frames over serial lines and pseudo-terminals."""

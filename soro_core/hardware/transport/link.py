@@ -1,0 +1,120 @@
+"""What the drivers need of a CAN bus, on top of any python-can bus."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import can
+
+from soro_core.errors import HardwareError
+from soro_core.hardware.transport.frame import Frame
+
+
+class CanLink:
+    """Frames in and out of a python-can bus, counted over reopenings, with every failure as `HardwareError`.
+
+    A bus that has `send_frames` and `recv_frame` (SlcanBus) is used through them: one write a cycle.
+
+    Parameters
+    ----------
+    open_bus : callable
+        Opens the bus.
+    """
+
+    def __init__(self, open_bus: Callable[[], can.BusABC]) -> None:
+        self._open_bus = open_bus
+        self._bus: can.BusABC | None = None
+        self._send_frames: Callable[[Sequence[Frame]], None] | None = None
+        self._recv_frame: Callable[[float], Frame | None] | None = None
+        self._closed_counts: Counter[str] = Counter()
+        self.sent = 0
+        self.received = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a bus; it may have failed since."""
+        return self._bus is not None
+
+    @property
+    def is_bus_off(self) -> bool:
+        """Whether the controller has taken itself off the bus."""
+        return self._bus is not None and bool(self._bus.state == can.BusState.ERROR)
+
+    @property
+    def counts(self) -> Counter[str]:
+        """What the adapter counts: garbled (malformed lines), refused (frames), errors (on the wire)."""
+        return self._closed_counts + self._bus_counts()
+
+    def open(self) -> None:
+        """Open the bus anew: an adapter that was pulled or went off the bus needs it, and none is harmed."""
+        self.close()
+        self._bus = self._open_bus()
+        self._send_frames = getattr(self._bus, "send_frames", None)
+        self._recv_frame = getattr(self._bus, "recv_frame", None)
+
+    def close(self) -> None:
+        """Close the bus; never raises."""
+        self._closed_counts = self.counts
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            with contextlib.suppress(Exception):
+                bus.shutdown()
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Send frames in order."""
+        bus = self._require()
+        try:
+            if self._send_frames is not None:
+                self._send_frames(frames)
+            else:
+                for frame in frames:
+                    bus.send(to_message(frame))
+        except (can.CanError, OSError) as error:
+            raise HardwareError(f"{bus.channel_info}: sending failed ({error})") from None
+        self.sent += len(frames)
+
+    def receive(self, timeout_s: float) -> Frame | None:
+        """Next frame, waiting at most `timeout_s`; None if there is none."""
+        bus = self._require()
+        try:
+            if self._recv_frame is not None:
+                frame = self._recv_frame(timeout_s)
+            else:
+                message = bus.recv(timeout_s)
+                frame = None if message is None else from_message(message)
+        except (can.CanError, OSError) as error:
+            raise HardwareError(f"{bus.channel_info}: receiving failed ({error})") from None
+        self.received += frame is not None
+        return frame
+
+    def _require(self) -> can.BusABC:
+        if self._bus is None:
+            raise HardwareError("the bus is not open")
+        return self._bus
+
+    def _bus_counts(self) -> Counter[str]:
+        return Counter(
+            garbled=getattr(self._bus, "frames_garbled", 0),
+            refused=getattr(self._bus, "frames_refused", 0),
+            errors=sum(getattr(self._bus, "bus_errors", {}).values()),
+        )
+
+
+def to_message(frame: Frame) -> can.Message:
+    """Frame as python-can has it."""
+    return can.Message(
+        arbitration_id=frame.can_id,
+        is_extended_id=frame.extended,
+        is_remote_frame=frame.remote,
+        dlc=frame.dlc,
+        data=None if frame.remote else frame.data,
+    )
+
+
+def from_message(message: can.Message) -> Frame:
+    """The reverse of `to_message`."""
+    remote = message.is_remote_frame
+    data = b"" if remote else bytes(message.data)
+    return Frame(message.arbitration_id, data, message.is_extended_id, remote, message.dlc if remote else -1)

@@ -1,0 +1,112 @@
+"""Recorded runs of one segment, as CSV: forced motion (pressures, curvatures) and release (bending angle)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import ConfigError
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ForcedRun:
+    """Measured chamber pressures and the curvatures that came of them.
+
+    Attributes
+    ----------
+    t : array of shape (n_t,)
+        Time [s], rising.
+    pressure : array of shape (n_t, n_u)
+        Chamber pressures [Pa gauge].
+    curvature : array of shape (n_t, 2)
+        Curvatures kx, ky [1/m] in the frame of the measurement.
+    """
+
+    t: Array
+    pressure: Array
+    curvature: Array
+
+    def window(self, start_s: float, end_s: float) -> ForcedRun:
+        """Return the samples with start_s <= t < end_s; times stay as recorded."""
+        keep = (self.t >= start_s) & (self.t < end_s)
+        return ForcedRun(self.t[keep], self.pressure[keep], self.curvature[keep])
+
+    def pressure_at(self, t: float) -> Array:
+        """Pressures [Pa] at time t, linear between samples, held beyond the ends; shape (n_u,)."""
+        return np.array([np.interp(t, self.t, column) for column in self.pressure.T])
+
+    def curvature_at(self, t: Array) -> Array:
+        """Curvatures [1/m] at times t, linear between samples; shape (len(t), 2)."""
+        return np.column_stack([np.interp(t, self.t, column) for column in self.curvature.T])
+
+
+@dataclass(frozen=True)
+class ReleaseRun:
+    """Bending angle after the tip is let go.
+
+    Attributes
+    ----------
+    t : array of shape (n_t,)
+        Time [s], from 0.
+    bend : array of shape (n_t,)
+        Bending angle kappa L (1 + eps) [rad].
+    """
+
+    t: Array
+    bend: Array
+
+
+def read_forced(path: str | Path) -> ForcedRun:
+    """Read a forced run with the columns t [s], p1, p2, ... [Pa gauge], kx, ky [1/m].
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, lacks a column, holds a value that is no finite number, or time does not rise.
+    """
+    columns = _read(path, ("t", "p1", "kx", "ky"))
+    pressures = [columns[name] for name in columns if name[:1] == "p" and name[1:].isdigit()]
+    return ForcedRun(
+        columns["t"], np.column_stack(pressures), np.column_stack([columns["kx"], columns["ky"]])
+    )
+
+
+def read_release(path: str | Path) -> ReleaseRun:
+    """Read a release with the columns t [s] and bend_deg [degrees]; errors as `read_forced`."""
+    columns = _read(path, ("t", "bend_deg"))
+    return ReleaseRun(columns["t"] - columns["t"][0], np.radians(columns["bend_deg"]))
+
+
+def _read(path: str | Path, required: tuple[str, ...]) -> dict[str, Array]:
+    where = str(path)
+    try:
+        with open(path, encoding="utf-8") as file:
+            names = [name.strip() for name in file.readline().split(",")]
+            table = np.loadtxt(file, delimiter=",", ndmin=2)
+    except FileNotFoundError:
+        raise ConfigError(
+            where, "", "no such file", f"a CSV file with the columns {', '.join(required)}"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(where, "", str(error), "a CSV file of numbers under one line of names") from None
+    for name in required:
+        if name not in names:
+            raise ConfigError(where, name, f"columns {', '.join(names)}", "this column is required")
+    if table.shape[0] < 2 or table.shape[1] != len(names):
+        raise ConfigError(
+            where, "", f"a table of shape {table.shape}", f"two or more rows of {len(names)} numbers"
+        )
+    columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+    for name, column in columns.items():
+        if not np.isfinite(column).all():
+            row = int(np.flatnonzero(~np.isfinite(column))[0])
+            raise ConfigError(where, name, f"{column[row]} in data row {row + 1}", "finite numbers")
+    if not (np.diff(columns["t"]) > 0).all():
+        raise ConfigError(where, "t", "times that do not rise", "strictly rising times [s]")
+    return columns

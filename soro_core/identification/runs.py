@@ -1,0 +1,136 @@
+"""The recorded runs again, with a robot model in place of the robot."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import root
+
+from soro_core.errors import ModelError
+from soro_core.identification.records import ForcedRun
+from soro_core.integrate import simulate
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = None) -> Array:
+    """Coordinates at rest under constant pressures, creep and hysteresis relaxed.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    pressure : array_like of shape (n_u,)
+        [Pa gauge].
+    start : array_like of shape (n_q,), optional
+        Where the search starts; default straight.
+
+    Returns
+    -------
+    Array of shape (n_q,)
+
+    Raises
+    ------
+    ModelError
+        If no equilibrium is found from there.
+    """
+    p = np.asarray(pressure, float)
+    at_rest = np.zeros(arm.n_q)
+
+    def unbalanced(q: Array) -> Array:
+        return np.asarray(arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p)
+
+    # Forces on elongation and on curvature differ by orders of magnitude: weigh each by its stiffness.
+    step = 1e-6
+    stiffness = np.array(
+        [(unbalanced(at_rest + e) - unbalanced(at_rest - e)) / (2 * step) for e in step * np.eye(arm.n_q)]
+    )
+    scale = np.maximum(np.abs(np.diag(stiffness)), 1e-12)
+    begin = at_rest if start is None else np.asarray(start, float)
+    try:
+        found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
+    except ModelError as error:
+        raise ModelError(f"no equilibrium at pressures {p.tolist()} Pa: {error}") from None
+    if not np.isfinite(found.x).all() or not np.abs(found.fun).max() <= 1e-6:
+        reason = " ".join(str(found.message).split())
+        raise ModelError(f"no equilibrium at pressures {p.tolist()} Pa: {reason}")
+    return np.asarray(found.x, float)
+
+
+def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int = 0) -> tuple[Array, Array]:
+    """Let the measured pressures act on the chambers directly, from rest at the first of them.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        With bending_x and bending_y on `link`.
+    run : ForcedRun
+        Its first sample is the time at which the arm is at rest.
+    dt : float
+        Time step [s]; the recorded runs are slow against the arm, so 20 ms serve for fitting.
+    link : int
+        The link whose curvature is returned.
+
+    Returns
+    -------
+    t : array of shape (n,)
+        In the time of the run [s].
+    curvature : array of shape (n, 2)
+        kx, ky [1/m] of the model, in its own frame.
+
+    Raises
+    ------
+    ModelError
+        If the simulation fails.
+    """
+    begin = float(run.t[0])
+    q0 = equilibrium(arm, run.pressure[0])
+    steps = int((float(run.t[-1]) - begin) / dt + 1e-9)
+    result = simulate(
+        arm, q0, np.zeros(arm.n_q), t_end=steps * dt, dt=dt, pressure=lambda t: run.pressure_at(begin + t)
+    )
+    q = np.asarray(result.q, float)
+    if len(q) != steps + 1 or not np.isfinite(q).all():
+        raise ModelError(
+            f"the forced run failed after {len(q)} of {steps + 1} samples: {result.status.message}"
+        )
+    return begin + np.asarray(result.t, float), q[:, _bending(arm, link)]
+
+
+def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> tuple[Array, Array]:
+    """Let the arm go from a bending angle, at rest, relaxed and without pressure.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        One link; it is bent along its second curvature.
+    bend : float
+        Bending angle at the start [rad].
+    t_end, dt : float
+        [s].
+
+    Returns
+    -------
+    t, bend : arrays of shape (n,)
+        Time [s] and bending angle kappa L (1 + eps) [rad].
+
+    Raises
+    ------
+    ModelError
+        If the simulation fails.
+    """
+    length = arm.robot.links[0].length
+    q0 = equilibrium(arm, np.zeros(arm.n_u))
+    q0[2] += bend / (length * (1 + q0[0]))
+    result = simulate(arm, q0, np.zeros(arm.n_q), t_end=t_end, dt=dt, pressure=None)
+    q = np.asarray(result.q, float)
+    if not np.isfinite(q).all() or result.t[-1] < t_end - 1.5 * dt:
+        raise ModelError(f"the release failed at {result.t[-1]} s: {result.status.message}")
+    return np.asarray(result.t, float), q[:, 2] * length * (1 + q[:, 0])
+
+
+def _bending(arm: SoftArm, link: int) -> list[int]:
+    names = arm.robot.coordinate_names
+    return [names.index(f"link{link}/{strain}") for strain in ("bending_x", "bending_y")]

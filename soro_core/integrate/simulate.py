@@ -1,0 +1,139 @@
+"""A run of an arm over fixed steps, the whole loop compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soro_core.errors import ModelError
+from soro_core.integrate.state import Status
+from soro_core.integrate.stepper import RUNS, describe, make_stepper
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A simulated run; a failed one ends at its last good state.
+
+    Attributes
+    ----------
+    t : (n_t,)
+        Time [s], 0 included.
+    q, qd : (n_t, n_q)
+    internal : (n_t, n_internal)
+        States of creep and hysteresis.
+    status : Status
+        ``ok``, or what failed, when, and what to do.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+    internal: Array
+    status: Status
+
+
+def simulate(
+    arm: SoftArm,
+    q0: ArrayLike | None = None,
+    qd0: ArrayLike | None = None,
+    *,
+    t_end: float = 1.0,
+    dt: float = 2e-3,
+    integrator: str = "trapezoidal",
+    pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
+    wrench: ArrayLike | None = None,
+    internal0: ArrayLike | None = None,
+) -> Result:
+    """Simulate an arm with its creep and hysteresis.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    q0, qd0 : (n_q,), optional
+        Initial state; default straight and at rest.
+    t_end, dt : float
+        [s]; the last step is shorter where dt does not divide t_end.
+    integrator : str
+        One of `soro_core.integrate.STEPPERS`.
+    pressure : callable or (n_u,), optional
+        Gauge pressures [Pa], as a function of time or constant; default 0.
+    wrench : (6,), optional
+        Constant, at the tip in its body frame: torque [N m], force [N].
+    internal0 : (n_internal,), optional
+        Initial states of creep and hysteresis; default 0.
+
+    Returns
+    -------
+    Result
+        Ends early with a status when a step fails; holds no NaN.
+
+    Raises
+    ------
+    ModelError
+        If a shape, q0, qd0, t_end, dt or the integrator is not allowed.
+    """
+    make_stepper(integrator, arm)  # refuses an unknown name
+    if not (0.0 < dt < np.inf and 0.0 <= t_end < np.inf):
+        raise ModelError(f"dt = {dt!r} s, t_end = {t_end!r} s: allowed are dt above 0 and t_end of 0 or more")
+    times = _times(t_end, dt)
+    q = np.empty((len(times), arm.n_q))
+    v = np.empty_like(q)
+    z = np.empty((len(times), arm.n_internal))
+    q[0] = _initial(q0, arm.n_q, "q0")
+    v[0] = _initial(qd0, arm.n_q, "qd0")
+    z[0] = _initial(internal0, arm.n_internal, "internal0")
+    w = _initial(wrench, 6, "wrench")
+    arm.damping_force(q[0], v[0])  # refuses a collapsed start
+    table = _pressure_table(pressure, times, arm.n_u)
+    last, code = RUNS[integrator](arm.tables, times, table, w, q, v, z)
+    end = last + 1
+    status = describe(code, f" at t = {times[last]:.6g} s")
+    return Result(times[:end], q[:end], v[:end], z[:end], status)
+
+
+def _times(t_end: float, dt: float) -> Array:
+    n = int(np.ceil(t_end / dt - 1e-9))
+    times = np.arange(n + 1) * dt
+    times[-1] = t_end
+    return times
+
+
+def _pressure_table(
+    pressure: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n_u: int
+) -> Array:
+    """Pressures at the start, the middle and the end of every step, (n_t, 3, n_u)."""
+    table = np.zeros((len(times), 3, n_u))
+    if pressure is None:
+        return table
+    if not callable(pressure):
+        table[:] = _shaped(pressure, n_u, "pressure")
+        return table
+    for k, time in enumerate(times):
+        table[k, 0] = _shaped(pressure(float(time)), n_u, "pressure(t)")
+        if k + 1 < len(times):
+            table[k, 1] = _shaped(pressure(float(0.5 * (time + times[k + 1]))), n_u, "pressure(t)")
+    table[:-1, 2] = table[1:, 0]
+    return table
+
+
+def _initial(values: ArrayLike | None, n: int, name: str) -> Array:
+    if values is None:
+        return np.zeros(n)
+    array = _shaped(values, n, name)
+    if not np.isfinite(array).all():
+        raise ModelError(f"{name} is not finite: {array}")
+    return array
+
+
+def _shaped(values: ArrayLike, n: int, name: str) -> Array:
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (n,):
+        raise ModelError(f"{name} has shape {array.shape}, allowed is ({n},)")
+    return array

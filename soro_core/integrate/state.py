@@ -1,0 +1,42 @@
+"""State of an arm in time, and what a step says about itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class State:
+    """Coordinates q, velocities qd (n_q,), and internal states (n_internal,) of creep and hysteresis."""
+
+    q: Array
+    qd: Array
+    internal: Array = field(default_factory=lambda: np.zeros(0))
+
+
+class Status(str):
+    """What happened: the text ``ok``, or one line that says what failed, when, and what to do.
+
+    A string that knows whether it is good: ``status.ok``, ``status == "ok"``, ``print(status)``.
+    """
+
+    __slots__ = ()
+
+    @property
+    def ok(self) -> bool:
+        """True when nothing failed."""
+        return str(self) == "ok"
+
+    @property
+    def message(self) -> str:
+        """The text."""
+        return str(self)
+
+
+OK = Status("ok")

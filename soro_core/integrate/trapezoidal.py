@@ -1,0 +1,139 @@
+"""Implicit trapezoidal rule, Newton with the approximate Hessian of [C22, App. C].
+
+Unknown is the velocity at the end: q1 = q0 + h (v0 + v1) / 2, a1 = 2 (v1 - v0) / h - a0, and the residual is the
+equation of motion there. Its Jacobian keeps inertia, damping, stiffness and the internal states, and leaves out the
+derivatives of M, C and G, which a step small enough to be accurate keeps small. Internal states follow the same
+linear velocity exactly (`soro_core.model.internal`), however stiff.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._jit import inner, kernel
+from soro_core.model.chambers import add_pressure_stiffness
+from soro_core.model.dynamics import (
+    BAD_INPUT,
+    GOOD,
+    NOT_CONVERGED,
+    NOT_FINITE,
+    SINGULAR,
+    applied_force,
+    check,
+    finite,
+    forward_dynamics,
+    inertia_matrix,
+    inverse_dynamics,
+)
+from soro_core.model.elasticity import add_stiffness
+from soro_core.model.internal import advance_internal
+from soro_core.model.linear import lu_factor, lu_solve
+from soro_core.model.tables import Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+MAX_ITERATIONS = 30
+# Largest error left in q, of its scale (1 for strains, 1 / L for curvatures).
+TOLERANCE = 1e-11
+# A contraction slower than this is worth a new Jacobian.
+SLOW = 0.2
+
+
+@inner
+def jacobian(t: Tables, q: Array, pressure: Array, h: float, tangent: Array, A: Array) -> None:
+    """A <- 2/h M + R + h/2 d2U_e/dq2 + tangent of the internal states: derivative of the residual by v1."""
+    inertia_matrix(t, t.mass, t.tip_mass, q, A)
+    for b in range(q.shape[0]):
+        for d in range(q.shape[0]):
+            A[b, d] *= 2.0 / h
+        A[b, b] += t.damping[b]
+    add_stiffness(t, q, 0.5 * h, A)
+    add_pressure_stiffness(t, q, pressure, 0.5 * h, A)
+    for j in range(tangent.shape[0]):
+        A[t.internal_coordinate[j], t.internal_coordinate[j]] += tangent[j]
+
+
+@inner
+def trapezoidal_step(
+    t: Tables,
+    q0: Array,
+    v0: Array,
+    z0: Array,
+    pressure: Array,
+    wrench: Array,
+    h: float,
+    q1: Array,
+    v1: Array,
+    z1: Array,
+) -> int:
+    """One step; `pressure` (3, n_u) at its start, middle (not used) and end. Writes the new state, says how it went."""
+    n_q = q0.shape[0]
+    a0, a1, r, f = np.empty(n_q), np.empty(n_q), np.empty(n_q), np.empty(n_q)
+    A, pivots = np.empty((n_q, n_q)), np.empty(n_q, dtype=np.int64)
+    tangent = np.empty(z0.shape[0])
+    if not (finite(pressure[0]) and finite(pressure[2]) and finite(wrench)):
+        return BAD_INPUT
+    code = forward_dynamics(t, q0, v0, z0, pressure[0], wrench, a0)
+    if code != GOOD:
+        return code
+    for b in range(n_q):
+        v1[b] = v0[b]
+    factored = False
+    before = math.inf
+    for _ in range(MAX_ITERATIONS):
+        for b in range(n_q):
+            q1[b] = q0[b] + 0.5 * h * (v0[b] + v1[b])
+            a1[b] = 2.0 / h * (v1[b] - v0[b]) - a0[b]
+        code = check(t, q1, v1)
+        if code != GOOD:
+            return code
+        advance_internal(t, z0, v0, v1, h, z1, tangent)
+        inverse_dynamics(t, t.mass, t.tip_mass, t.gravity, wrench, q1, v1, v1, a1, r)
+        applied_force(t, q1, v1, z1, pressure[2], f)
+        for b in range(n_q):
+            r[b] = f[b] - r[b]
+        if not factored:
+            jacobian(t, q1, pressure[2], h, tangent, A)
+            if not lu_factor(A, pivots):
+                return SINGULAR
+            factored = True
+        lu_solve(A, pivots, r)
+        if not finite(r):
+            return NOT_FINITE
+        change = 0.0
+        for i in range(t.length.shape[0]):
+            for b in range(t.offset[i], t.offset[i + 1]):
+                angular = t.basis[b, 0] != 0.0 or t.basis[b, 1] != 0.0 or t.basis[b, 2] != 0.0
+                change = max(change, abs(0.5 * h * r[b]) * (t.length[i] if angular else 1.0))
+        for b in range(n_q):
+            v1[b] += r[b]
+        rate = change / before
+        # Converging linearly, the error left is about change * rate / (1 - rate).
+        left = change * rate / (1.0 - rate) if 0.0 < rate < 1.0 else change
+        if left < TOLERANCE:
+            for b in range(n_q):
+                q1[b] = q0[b] + 0.5 * h * (v0[b] + v1[b])
+            advance_internal(t, z0, v0, v1, h, z1, tangent)
+            code = check(t, q1, v1)
+            return code if code != GOOD or finite(z1) else NOT_FINITE
+        if rate > SLOW and before < math.inf:
+            factored = False
+        before = change
+    return NOT_CONVERGED
+
+
+@kernel
+def trapezoidal_run(
+    t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
+) -> tuple[int, int]:
+    """Fill q, v, z (n_t, ...) from their first rows; `pressure` (n_t, 3, n_u). Returns (last good row, code)."""
+    for k in range(times.shape[0] - 1):
+        h = times[k + 1] - times[k]
+        code = trapezoidal_step(t, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])
+        if code != GOOD:
+            return k, code
+    return times.shape[0] - 1, GOOD

@@ -1,0 +1,154 @@
+"""Kernels that join the terms: the equation of motion by either method (theory.md section 3)."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._jit import inner, kernel
+from soro_core.model import exact, mde
+from soro_core.model.chambers import add_pressure_force
+from soro_core.model.elasticity import elastic_force
+from soro_core.model.internal import add_internal_force
+from soro_core.model.linear import cholesky_solve
+from soro_core.model.tables import EXACT, Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+# What a kernel says about a state.
+GOOD, NOT_FINITE, COLLAPSED, SINGULAR, NOT_CONVERGED, BAD_INPUT = 0, 1, 2, 3, 4, 5
+
+exact_inverse_dynamics = exact.inverse_dynamics
+exact_inertia = exact.inertia
+exact_kinematics = exact.kinematics
+exact_potential = exact.potential
+mde_inverse_dynamics = mde.inverse_dynamics
+mde_terms = mde.terms
+mde_kinematics = mde.kinematics
+mde_potential = mde.potential
+
+
+@kernel
+def check(t: Tables, q: Array, qd: Array) -> int:
+    """GOOD, NOT_FINITE, or COLLAPSED where a link is compressed to nothing (eps <= -1)."""
+    for c in range(q.shape[0]):
+        if not (math.isfinite(q[c]) and math.isfinite(qd[c])):
+            return NOT_FINITE
+    for i in range(t.length.shape[0]):
+        column = t.columns[i, 0]
+        if column >= 0 and q[column] <= -1.0:
+            return COLLAPSED
+    return GOOD
+
+
+@kernel
+def finite(x: Array) -> bool:
+    """True where all entries are numbers."""
+    for value in x:
+        if not math.isfinite(value):
+            return False
+    return True
+
+
+@kernel
+def inertia_matrix(t: Tables, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
+    """M <- inertia matrix (n_q, n_q)."""
+    if t.method == EXACT:
+        exact_inertia(t, mass, tip_mass, q, M)
+    else:
+        n_q = q.shape[0]
+        zero = np.zeros(n_q)
+        C, G, J = np.empty((n_q, n_q)), np.empty(n_q), np.empty((n_q, 6))
+        mde_terms(t, mass, tip_mass, t.gravity, q, zero, M, C, G, J)
+
+
+@inner
+def inverse_dynamics(
+    t: Tables,
+    mass: Array,
+    tip_mass: float,
+    gravity: Array,
+    wrench: Array,
+    q: Array,
+    qd: Array,
+    v: Array,
+    a: Array,
+    tau: Array,
+) -> None:
+    """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench."""
+    if t.method == EXACT:
+        exact_inverse_dynamics(t, mass, tip_mass, gravity, wrench, q, qd, v, a, tau)
+    else:
+        mde_inverse_dynamics(t, mass, tip_mass, gravity, wrench, q, qd, v, a, tau)
+
+
+@kernel
+def inertial_forces(
+    t: Tables,
+    masses: Array,
+    tip_masses: Array,
+    gravity: Array,
+    q: Array,
+    qd: Array,
+    v: Array,
+    a: Array,
+    forces: Array,
+) -> None:
+    """forces[k] <- M a[k] + C(q, qd) v[k] + G with the masses of row k; all of shape (n_k, ...).
+
+    One entry for everything linear: C by unit velocities without gravity, regressors by unit masses.
+    """
+    none = np.zeros(6)
+    for k in range(forces.shape[0]):
+        inverse_dynamics(t, masses[k], tip_masses[k], gravity, none, q, qd, v[k], a[k], forces[k])
+
+
+@kernel
+def kinematics(t: Tables, q: Array, place: float, R: Array, p: Array, J: Array) -> None:
+    """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6)."""
+    if t.method == EXACT:
+        exact_kinematics(t, q, place, R, p, J)
+    else:
+        mde_kinematics(t, q, place, R, p, J)
+
+
+@kernel
+def gravitational_energy(t: Tables, q: Array) -> float:
+    """U_g [J], zero at the world's origin."""
+    if t.method == EXACT:
+        return exact_potential(t, q)
+    return mde_potential(t, q)
+
+
+@inner
+def applied_force(t: Tables, q: Array, qd: Array, z: Array, pressure: Array, force: Array) -> None:
+    """force <- H(q) p - dU_e/dq - R qd - internal."""
+    elastic_force(t, q, force)
+    add_internal_force(t, z, force)
+    for b in range(q.shape[0]):
+        force[b] = -force[b] - t.damping[b] * qd[b]
+    add_pressure_force(t, q, pressure, force)
+
+
+@kernel
+def forward_dynamics(
+    t: Tables, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array
+) -> int:
+    """qdd <- M^-1 (H p + J_tip' wrench - C qd - G - dU_e/dq - R qd - internal); says GOOD or what is wrong."""
+    code = check(t, q, qd)
+    if code != GOOD:
+        return code
+    n_q = q.shape[0]
+    M, bias = np.empty((n_q, n_q)), np.empty(n_q)
+    zero = np.zeros(n_q)
+    inertia_matrix(t, t.mass, t.tip_mass, q, M)
+    inverse_dynamics(t, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, zero, bias)
+    applied_force(t, q, qd, z, pressure, qdd)
+    for b in range(n_q):
+        qdd[b] -= bias[b]
+    if not cholesky_solve(M, qdd):
+        return SINGULAR
+    return GOOD if finite(qdd) else NOT_FINITE

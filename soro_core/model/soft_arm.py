@@ -1,0 +1,274 @@
+"""The front of the model: shapes and finiteness are checked here, the numbers come from kernels."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soro_core.errors import ModelError
+from soro_core.model import chambers, dynamics, elasticity, internal
+from soro_core.model.tables import EXACT, MDE, build_tables
+from soro_core.robot import Robot
+
+Array: TypeAlias = NDArray[np.float64]
+
+DEFAULT_NODES = 8
+DEFAULT_STEPS = 20
+# Round-off of a caller who adds up lengths.
+END_TOLERANCE = 1e-9
+
+REASONS = {
+    dynamics.NOT_FINITE: "a coordinate or velocity is not finite",
+    dynamics.COLLAPSED: "an elongation is -1 or less: a link would be compressed to nothing",
+    dynamics.SINGULAR: "the inertia matrix is not positive definite at this state",
+    dynamics.NOT_CONVERGED: "Newton's iteration did not converge",
+    dynamics.BAD_INPUT: "a pressure or wrench is not finite",
+}
+
+
+class SoftArm:
+    """Dynamics of one robot: M qdd + C qd + G + dU_e/dq + R qd + internal = H p + J_tip' w   [C22, 3.19].
+
+    Parameters
+    ----------
+    robot : Robot
+    method : {"exact", "mde"}
+        Closed-form exponentials with Gauss-Legendre quadrature, or the matrix differential equation of the
+        literature with an explicit second-order Runge-Kutta rule (theory.md section 4).
+    nodes : int, optional
+        Quadrature nodes a link of `exact`; None chooses for the robot.
+    steps : int, optional
+        Steps a link of `mde`; default 20.
+
+    Raises
+    ------
+    ModelError
+        If method, nodes or steps are not allowed; and by the methods for a wrong shape, a value that is not
+        finite, or an elongation of -1 or less.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        method: Literal["exact", "mde"] = "exact",
+        nodes: int | None = None,
+        steps: int | None = None,
+    ) -> None:
+        if method not in ("exact", "mde"):
+            raise ModelError(f"method {method!r}: allowed are exact, mde")
+        for name, value in (("nodes", nodes), ("steps", steps)):
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
+                raise ModelError(f"{name} {value!r}: allowed is a whole number of 1 or more")
+        self.robot = robot
+        self.method = method
+        self.nodes = nodes if nodes is not None else DEFAULT_NODES
+        self.steps = steps if steps is not None else DEFAULT_STEPS
+        self.tables = build_tables(robot, EXACT if method == "exact" else MDE, self.nodes, self.steps)
+        self.n_q = robot.n_q
+        self.n_u = robot.n_u
+        self.n_internal = len(self.tables.internal_kind)
+        self.length = float(self.tables.length.sum())
+        self._no_wrench = np.zeros(6)
+        self._no_velocity = np.zeros(self.n_q)
+
+    def inertia_matrix(self, q: ArrayLike) -> Array:
+        """Inertia matrix M (n_q, n_q), symmetric positive definite [C22, 3.16]."""
+        q, _ = self._state(q)
+        M = np.empty((self.n_q, self.n_q))
+        dynamics.inertia_matrix(self.tables, self.tables.mass, self.tables.tip_mass, q, M)
+        return M
+
+    def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """Coriolis matrix C (n_q, n_q) such that Mdot - 2C is skew-symmetric [C22, 3.16, corrected]."""
+        q, qd = self._state(q, qd)
+        unit = np.eye(self.n_q)
+        return np.ascontiguousarray(self._inertial(q, qd, unit, np.zeros_like(unit), np.zeros(3)).T)
+
+    def coriolis_force(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """C qd (n_q,)."""
+        q, qd = self._state(q, qd)
+        return self._inverse(q, qd, qd, self._no_velocity, np.zeros(3))
+
+    def gravity_force(self, q: ArrayLike) -> Array:
+        """dU_g/dq (n_q,), on the left-hand side (theory.md section 3)."""
+        q, rest = self._state(q)
+        return self._inverse(q, rest, rest, rest, self.tables.gravity)
+
+    def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """M(q) a + C(q, qd) v + G(q), (n_q,): the inertial part of a passivity-based law."""
+        q, qd = self._state(q, qd)
+        return self._inverse(
+            q, qd, self._vector(v, self.n_q, "v"), self._vector(a, self.n_q, "a"), self.tables.gravity
+        )
+
+    def elastic_force(self, q: ArrayLike) -> Array:
+        """dU_e/dq (n_q,)."""
+        q, _ = self._state(q)
+        force = np.empty(self.n_q)
+        elasticity.elastic_force(self.tables, q, force)
+        return force
+
+    def stiffness_matrix(self, q: ArrayLike) -> Array:
+        """d2U_e/dq2 (n_q, n_q)."""
+        q, _ = self._state(q)
+        K = np.zeros((self.n_q, self.n_q))
+        elasticity.add_stiffness(self.tables, q, 1.0, K)
+        return K
+
+    def damping_force(self, q: ArrayLike, qd: ArrayLike) -> Array:
+        """R qd (n_q,); creep and hysteresis are in `internal_force`."""
+        q, qd = self._state(q, qd)
+        return self.tables.damping * qd
+
+    def damping_matrix(self) -> Array:
+        """R (n_q, n_q)."""
+        return np.diag(self.tables.damping)
+
+    def actuation_matrix(self, q: ArrayLike | None = None) -> Array:
+        """H (n_q, n_u), generalised force per Pa, default at q = 0; constant for chambers of constant area."""
+        if q is None:
+            return self.tables.actuation.copy()
+        q, _ = self._state(q)
+        H = np.empty((self.n_q, self.n_u))
+        chambers.actuation(self.tables, q, H)
+        return H
+
+    pressure_matrix = actuation_matrix
+
+    def internal_force(self, q: ArrayLike, internal_state: ArrayLike) -> Array:
+        """Force of creep and hysteresis on the left-hand side (n_q,), from the internal states (n_internal,)."""
+        self._state(q)
+        force = np.zeros(self.n_q)
+        z = self._vector(internal_state, self.n_internal, "internal")
+        internal.add_internal_force(self.tables, z, force)
+        return force
+
+    def internal_rate(self, q: ArrayLike, qd: ArrayLike, internal_state: ArrayLike) -> Array:
+        """Rate of the internal states (n_internal,)."""
+        _, qd = self._state(q, qd)
+        rate = np.empty(self.n_internal)
+        z = self._vector(internal_state, self.n_internal, "internal")
+        internal.internal_rate(self.tables, qd, z, rate)
+        return rate
+
+    def pose(self, q: ArrayLike, s: float) -> Array:
+        """Pose (4, 4) in the world at `s` metres of undeformed length from the base."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3], _ = self._kinematics(q, s)
+        return T
+
+    def jacobian(self, q: ArrayLike, s: float) -> Array:
+        """Body Jacobian (6, n_q) at `s`, rows (angular, linear)."""
+        return np.ascontiguousarray(self._kinematics(q, s)[2].T)
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        p: ArrayLike,
+        wrench: ArrayLike | None = None,
+        internal: ArrayLike | None = None,
+    ) -> Array:
+        """Acceleration (n_q,).
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+        p : (n_u,)
+            Gauge pressures [Pa].
+        wrench : (6,), optional
+            At the tip, in its body frame: torque [N m], force [N].
+        internal : (n_internal,), optional
+            States of creep and hysteresis, default 0.
+        """
+        # The kernel checks the values of q and qd: here only the shapes.
+        q = self._shaped(q, self.n_q, "q")
+        qd = self._shaped(qd, self.n_q, "qd")
+        p = self._vector(p, self.n_u, "p")
+        w = self._no_wrench if wrench is None else self._vector(wrench, 6, "wrench")
+        z = (
+            np.zeros(self.n_internal)
+            if internal is None
+            else self._vector(internal, self.n_internal, "internal")
+        )
+        qdd = np.empty(self.n_q)
+        code = dynamics.forward_dynamics(self.tables, q, qd, z, p, w, qdd)
+        if code != dynamics.GOOD:
+            raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
+        return qdd
+
+    def energy(self, q: ArrayLike, qd: ArrayLike) -> tuple[float, float, float]:
+        """Kinetic, gravitational (zero at the world's origin) and elastic energy [J]."""
+        q, qd = self._state(q, qd)
+        kinetic = 0.5 * float(qd @ self.inertia_matrix(q) @ qd)
+        potential = dynamics.gravitational_energy(self.tables, q)
+        return kinetic, potential, elasticity.elastic_energy(self.tables, q)
+
+    def mass_regressor(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
+        """M a + C(q, qd) v + G per kg of the tip mass and of each link, (n_q, 1 + n_links) (theory.md section 6)."""
+        q, qd = self._state(q, qd)
+        n = len(self.robot.links)
+        masses, tip_masses = np.zeros((1 + n, n)), np.zeros(1 + n)
+        masses[1:] = np.eye(n)
+        tip_masses[0] = 1.0
+        v, a = self._vector(v, self.n_q, "v"), self._vector(a, self.n_q, "a")
+        rows = np.empty((1 + n, self.n_q))
+        velocities, accelerations = np.tile(v, (1 + n, 1)), np.tile(a, (1 + n, 1))
+        dynamics.inertial_forces(
+            self.tables, masses, tip_masses, self.tables.gravity, q, qd, velocities, accelerations, rows
+        )
+        return np.ascontiguousarray(rows.T)
+
+    def elastic_regressor(self, q: ArrayLike) -> Array:
+        """dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links); zero columns where a material holds."""
+        q, _ = self._state(q)
+        Y = np.empty((self.n_q, 4 * len(self.robot.links)))
+        elasticity.elastic_regressor(self.tables, q, Y)
+        return Y
+
+    def _kinematics(self, q: ArrayLike, s: float) -> tuple[Array, Array, Array]:
+        q, _ = self._state(q)
+        place = float(s)
+        if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
+            raise ModelError(f"s = {s!r} m: allowed is 0 to {self.length!r} m")
+        R, p, J = np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
+        dynamics.kinematics(self.tables, q, min(max(place, 0.0), self.length), R, p, J)
+        return R, p, J
+
+    def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
+        row: Array = self._inertial(q, qd, v.reshape(1, -1), a.reshape(1, -1), gravity)[0]
+        return row
+
+    def _inertial(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
+        t = self.tables
+        masses = np.empty((len(v), len(t.mass)))
+        masses[:] = t.mass
+        forces = np.empty_like(v)
+        dynamics.inertial_forces(t, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
+        return forces
+
+    def _state(self, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[Array, Array]:
+        q = self._shaped(q, self.n_q, "q")
+        qd = self._no_velocity if qd is None else self._shaped(qd, self.n_q, "qd")
+        code = dynamics.check(self.tables, q, qd)
+        if code != dynamics.GOOD:
+            raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
+        return q, qd
+
+    def _vector(self, values: ArrayLike, n: int, name: str) -> Array:
+        array = self._shaped(values, n, name)
+        if not dynamics.finite(array):
+            raise ModelError(f"{name} is not finite: {array}")
+        return array
+
+    def _shaped(self, values: ArrayLike, n: int, name: str) -> Array:
+        # A copy, so that kernels never see a read-only or strided array (each would be compiled for anew).
+        try:
+            array = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ModelError(f"{name}: got {values!r}, allowed are {n} numbers") from None
+        if array.shape != (n,):
+            raise ModelError(f"{name} has shape {array.shape}, allowed is ({n},) for {self.robot.name}")
+        return array

@@ -1,0 +1,165 @@
+"""Stiffness and damping of a link from its material and its solid round section (theory.md section 3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+from soro_core.robot.description import Link, Robot
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def link_stiffness(link: Link, factor: float = 1.0) -> Array:
+    """Stiffness of each coordinate, integrated over the undeformed length; zeros where k_e and k_b hold.
+
+    Parameters
+    ----------
+    factor : float
+        Shear correction on EI.
+
+    Returns
+    -------
+    Array of shape (n,)
+    """
+    if link.material is None:
+        return np.zeros(len(link.strains))
+    m, area, inertia = link.material, *_section(link)
+    per_length = {
+        "torsion": m.shear_modulus * 2 * inertia,
+        "bending_x": m.youngs_modulus * inertia * factor,
+        "bending_y": m.youngs_modulus * inertia * factor,
+        "elongation": m.youngs_modulus * area,
+        "shear_x": m.shear_factor * m.shear_modulus * area,
+        "shear_y": m.shear_factor * m.shear_modulus * area,
+    }
+    return np.array([per_length[name] for name in link.strains]) * link.length
+
+
+def link_damping(link: Link) -> Array:
+    """Viscous damping of each coordinate: that of the material plus that given, shape (n,)."""
+    given = np.array(link.damping if link.damping is not None else [0.0] * len(link.strains))
+    if link.material is None:
+        return given
+    eta, area, inertia = link.material.viscosity, *_section(link)
+    per_length = {
+        "torsion": eta * 2 * inertia,
+        "bending_x": 3 * eta * inertia,
+        "bending_y": 3 * eta * inertia,
+        "elongation": 3 * eta * area,
+        "shear_x": eta * area,
+        "shear_y": eta * area,
+    }
+    return given + np.array([per_length[name] for name in link.strains]) * link.length
+
+
+def shear_factors(robot: Robot) -> Array:
+    """Shear correction on EI of each link, shape (n_links,).
+
+    One factor for all links that leave shear out: with it, the first frequency of the chain as a cantilever without
+    shear (rotary inertia kept, tip mass left out) is that of the Timoshenko beam.
+    """
+    corrected = np.array([_is_corrected(link) for link in robot.links])
+    factors = np.ones(len(robot.links))
+    if not corrected.any():
+        return factors
+    bending = np.array([_bending_stiffness(link) for link in robot.links])
+    shear = np.array([_shear_compliance(link) for link in robot.links])
+    rigid = np.where(corrected, 0.0, shear)
+
+    def determinant(omega: float, factor: float, compliance: Array) -> float:
+        return _clamped_free(robot, omega, np.where(corrected, factor, 1.0) * bending, compliance)
+
+    slowest = _lower_bound(robot, bending, shear)
+    target = slowest + _first_root(lambda more: determinant(slowest + more, 1.0, shear), 0.05 * slowest)
+    # Softening the bare chain lowers its first frequency until it meets the target.
+    softening = _first_root(lambda more: determinant(target, 1.0 / (1.0 + more), rigid), 0.02)
+    factors[corrected] = 1.0 / (1.0 + softening)
+    return factors
+
+
+def _is_corrected(link: Link) -> bool:
+    if link.material is None or not any(name.startswith("bending") for name in link.strains):
+        return False
+    left_out = not any(name.startswith("shear") for name in link.strains)
+    wanted = link.material.shear_correction
+    return left_out if wanted is None else wanted
+
+
+def _section(link: Link) -> tuple[float, float]:
+    return math.pi * link.radius**2, math.pi * link.radius**4 / 4
+
+
+def _bending_stiffness(link: Link) -> float:
+    """EI of the section; of a law k_b at rest, per length: U = k_b beta^2 / 2 = (k_b L) kappa^2 L / 2."""
+    if link.material is not None:
+        return link.material.youngs_modulus * _section(link)[1]
+    assert link.k_b is not None
+    return (link.k_b[0] - link.k_b[1]) * link.length
+
+
+def _shear_compliance(link: Link) -> float:
+    if link.material is None:
+        return 0.0
+    return 1.0 / (link.material.shear_factor * link.material.shear_modulus * _section(link)[0])
+
+
+def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array) -> float:
+    """Determinant whose roots are the frequencies [rad/s] of the stepped Timoshenko beam, clamped at its base.
+
+    State (deflection, rotation, moment, shear force), made dimensionless with the first link so that the
+    determinant is well scaled.
+    """
+    length, stiffness = robot.length, bending[0]
+    transfer = np.eye(4)
+    known: dict[tuple[float, ...], Array] = {}  # the parts of a refined robot are alike
+    for link, ei, soft in zip(robot.links, bending, compliance, strict=True):
+        rho = link.mass / link.length
+        section = (rho, link.radius, link.length, ei, soft)
+        if section not in known:
+            a = np.zeros((4, 4))
+            a[0, 1] = 1.0
+            a[0, 3] = soft * stiffness / length**2
+            a[1, 2] = stiffness / ei
+            a[2, 1] = -rho * link.radius**2 / 4 * omega**2 * length**2 / stiffness
+            a[2, 3] = -1.0
+            a[3, 0] = -rho * omega**2 * length**4 / stiffness
+            known[section] = expm(a * link.length / length)
+        transfer = known[section] @ transfer
+    return float(np.linalg.det(transfer[2:, 2:]))
+
+
+def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
+    """Dunkerley's bound [rad/s], a few per cent below the first frequency: 1 / omega^2 < int flexibility dm.
+
+    The flexibility at x is the deflection there under a unit force there; of rotary inertia, the rotation under a
+    unit moment. They grow along the arm by link (deflection, rotation and coupling of its base).
+    """
+    total = 0.0
+    deflection = coupling = rotation = 0.0  # of the tip of the links so far: w/F, w/M = phi/F, phi/M
+    for link, ei, soft in zip(robot.links, bending, compliance, strict=True):
+        length, rho = link.length, link.mass / link.length
+        for x, weight in ((0.5 - 0.5 / math.sqrt(3), 0.5), (0.5 + 0.5 / math.sqrt(3), 0.5)):
+            at = x * length
+            w = deflection + 2 * at * coupling + at**2 * rotation + at**3 / (3 * ei) + at * soft
+            total += weight * length * rho * (w + link.radius**2 / 4 * (rotation + at / ei))
+        deflection += 2 * length * coupling + length**2 * rotation + length**3 / (3 * ei) + length * soft
+        coupling += length * rotation + length**2 / (2 * ei)
+        rotation += length / ei
+    return 0.95 / math.sqrt(total)
+
+
+def _first_root(function: Callable[[float], float], step: float) -> float:
+    """First root above 0 of a function that is positive at 0, searched in steps."""
+    low = 0.0
+    if function(low) <= 0.0:
+        return low
+    while function(low + step) > 0.0:
+        low += step
+    return float(brentq(function, low, low + step, xtol=1e-13 * (low + step), rtol=1e-13))

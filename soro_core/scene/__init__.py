@@ -1,0 +1,6 @@
+"""A scene says what exists and what runs: robot, platform, twin, estimator, controller, recorder."""
+
+from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
+from soro_core.scene.scene import Scene, load_scene
+
+__all__ = ["ControllerNodeConfig", "EstimatorNodeConfig", "RegulatorNodeConfig", "Scene", "load_scene"]

@@ -1,0 +1,143 @@
+"""The scene file: strict, and stated once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict, find_config, parse, read_yaml
+from soro_core.control.config import ControllerConfig
+from soro_core.errors import ConfigError
+from soro_core.estimation.config import EstimatorConfig
+from soro_core.safety import Limits
+from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
+from soro_core.twin.config import TwinConfig
+
+
+class RecorderSection(Strict):
+    """What is recorded."""
+
+    enabled: bool = Field(True, description="record a bag")
+    exclude: tuple[str, ...] = Field((), strict=False, description="topics that are not recorded")
+
+
+class Scene(Strict):
+    """A run: which robot, on which platform, with which parts, for how long."""
+
+    name: str = Field("", pattern=r"^[a-z0-9_]*$", description="name of the run; the file's name if empty")
+    robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
+    platform: str = Field(
+        "", description="platform file or name; empty: the twin takes the place of the regulator node"
+    )
+    mode: Mode = Field("real_time", description="real_time, or lockstep: deterministic, as fast as possible")
+    rate_hz: float = Field(200.0, ge=10, le=1000, description="rate of the control loop")
+    duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
+    seed: int = Field(1, ge=0, le=2**31, description="seed of all noise")
+    limits: Limits = Field(Limits(), description="limits of commands and readings")
+    twin: TwinConfig = Field(TwinConfig(), description="the simulated arm and its sensors")
+    estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
+    controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
+    recorder: RecorderSection = Field(RecorderSection(), description="the recorder")
+
+    @model_validator(mode="after")
+    def _stated_once(self) -> Scene:
+        shared = {"robot", "mode", "rate_hz", "seed", "limits", "pressures", "plant_link", "autostart"}
+        shared |= {"duration_s", "paused", "priority"}
+        twice = sorted(shared & self.twin.model_fields_set)
+        if twice:
+            raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
+        for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
+            ticks = self.rate_hz / sensor.rate_hz
+            if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
+                raise ValueError(
+                    f"a {name} rate that divides rate_hz, not {sensor.rate_hz:g} of {self.rate_hz:g}"
+                )
+        return self
+
+    def _priority(self, wanted: int) -> int:
+        """Real-time priority: the nearer to the valves the higher; none in lockstep, which has all the time."""
+        return wanted if self.mode == "real_time" else 0
+
+    def twin_node(self, plant_link: str = "") -> TwinConfig:
+        """Parameters of the twin node."""
+        return self.twin.model_copy(
+            update={
+                "robot": self.robot,
+                "mode": self.mode,
+                "rate_hz": self.rate_hz,
+                "seed": self.seed,
+                "limits": self.limits,
+                "pressures": "valves" if self.platform else "regulators",
+                "plant_link": plant_link,
+                "duration_s": self.duration_s,
+                "paused": self.mode == "lockstep",
+                "priority": self._priority(10),
+            }
+        )
+
+    def regulator_node(self, device: str = "") -> RegulatorNodeConfig:
+        """Parameters of the regulator node."""
+        return RegulatorNodeConfig(
+            platform=self.platform,
+            device=device,
+            mode=self.mode,
+            rate_hz=self.rate_hz,
+            priority=self._priority(30),
+            limits=self.limits,
+        )
+
+    def estimator_node(self) -> EstimatorNodeConfig:
+        """Parameters of the estimator node."""
+        pose, imu = self.twin.pose, self.twin.imu
+        return EstimatorNodeConfig(
+            robot=self.robot,
+            mode=self.mode,
+            rate_hz=self.rate_hz,
+            priority=self._priority(20),
+            pose_location=pose.location,
+            imu_location=imu.location,
+            pose_rate_hz=pose.rate_hz if pose.enabled else 0.0,
+            pose_delay_s=pose.delay_s,
+            imu_rate_hz=imu.rate_hz if imu.enabled else 0.0,
+            imu_delay_s=imu.delay_s,
+            filter=self.estimator,
+        )
+
+    def controller_node(self) -> ControllerNodeConfig:
+        """Parameters of the controller node; it waits for ~/enable, so that everybody is there at t = 0."""
+        return ControllerNodeConfig(
+            robot=self.robot,
+            mode=self.mode,
+            rate_hz=self.rate_hz,
+            priority=self._priority(20),
+            enabled=False,
+            control=self.controller,
+        )
+
+
+def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene:
+    """Read a scene, by path or by name, with changes like ``{"controller.adapt": False}`` applied.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the key, what was found and what is allowed.
+    """
+    path = find_config(name, "scenes")
+    data = read_yaml(path)
+    for key, value in (changes or {}).items():
+        _set(data, key, value, str(path))
+    data.setdefault("name", path.stem)
+    return parse(data, Scene, where=str(path))
+
+
+def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:
+    *parents, leaf = key.split(".")
+    for parent in parents:
+        inner = data.setdefault(parent, {})
+        if not isinstance(inner, dict):
+            raise ConfigError(where, key, value, f"{parent} is a value, not a section")
+        data = inner
+    data[leaf] = value

@@ -1,0 +1,70 @@
+"""What the twin is made of: how fine its arm is, what it carries unknown to the controller, and its sensors."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from soro_core.config import Strict
+from soro_core.pneumatics import RegulatorModel
+from soro_core.safety import Limits
+
+
+class SensorConfig(Strict):
+    """A sampled, delayed, noisy sensor on the arm."""
+
+    enabled: bool = Field(True, description="whether it exists")
+    rate_hz: float = Field(100.0, gt=0, le=1000, description="samples a second; must divide the twin's rate")
+    delay_s: float = Field(0.005, ge=0, le=1, description="time from sampling to publication")
+    location: float = Field(1.0, ge=0, le=1, description="place on the backbone as a part of its length")
+    drop: float = Field(
+        0.0, ge=0, lt=1, description="probability that a sample is lost: the last one is repeated"
+    )
+    outlier: float = Field(0.0, ge=0, lt=1, description="probability that a sample is far off")
+    position_noise_m: float = Field(3e-4, ge=0, description="standard deviation of each coordinate (pose)")
+    rotation_noise_rad: float = Field(
+        5e-3, ge=0, description="standard deviation of each rotation (pose, IMU)"
+    )
+    rate_noise_rad_s: float = Field(
+        5e-3, ge=0, description="standard deviation of the angular velocity (IMU)"
+    )
+    acceleration_noise_m_s2: float = Field(
+        5e-2, ge=0, description="standard deviation of the acceleration (IMU)"
+    )
+
+
+class TwinConfig(Strict):
+    """Parameters of the twin."""
+
+    autostart: bool = Field(True, description="configure and activate at start")
+    robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
+    mode: Literal["real_time", "lockstep"] = Field(
+        "real_time", description="real_time, or lockstep with /clock"
+    )
+    pressures: Literal["regulators", "valves", "measured"] = Field(
+        "regulators",
+        description="what fills the chambers: regulators of the twin's own (in place of the regulator node), "
+        "the emulated valves of another process, or the measured pressures of chambers/state (replay)",
+    )
+    paused: bool = Field(False, description="wait for ~/start before the first tick")
+    duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")
+    plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
+    rate_hz: float = Field(200.0, gt=0, le=1000, description="ticks a second")
+    priority: int = Field(
+        0, ge=0, le=99, description="real-time priority (SCHED_FIFO) where the system permits it; 0 for none"
+    )
+    step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
+    integrator: str = Field("trapezoidal", description="time stepper of the arm")
+    refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
+    payload_kg: float = Field(0.0, ge=0, le=5, description="mass at the tip beyond the robot's own")
+    stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
+    damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
+    gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")
+    seed: int = Field(1, ge=0, description="seed of all noise")
+    pose: SensorConfig = Field(SensorConfig(), description="pose sensor at sensors/pose0")
+    imu: SensorConfig = Field(
+        SensorConfig(enabled=False, rate_hz=200.0, delay_s=0.0), description="IMU at sensors/imu0"
+    )
+    regulator: RegulatorModel = Field(RegulatorModel(), description="regulators, for pressures: regulators")
+    limits: Limits = Field(Limits(), description="limits of the commands, for pressures: regulators")

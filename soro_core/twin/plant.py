@@ -1,0 +1,83 @@
+"""The arm of the twin: finer than the controller's model, and not quite what the robot file says."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root
+
+from soro_core.errors import ModelError
+from soro_core.integrate import OK, State, Status, make_stepper
+from soro_core.model import SoftArm
+from soro_core.robot import Robot
+from soro_core.twin.config import TwinConfig
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def true_robot(robot: Robot, config: TwinConfig) -> Robot:
+    """Return the robot as it really is: refined, loaded and off its file by the configured factors."""
+    real = robot.scaled(
+        stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale
+    ).refine(config.refine)
+    return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
+
+
+class Plant:
+    """An arm and its time stepper.
+
+    Parameters
+    ----------
+    robot : Robot
+        As the robot file describes it.
+    config : TwinConfig
+        What differs in truth, and how it is integrated.
+    """
+
+    def __init__(self, robot: Robot, config: TwinConfig) -> None:
+        self.arm = SoftArm(true_robot(robot, config))
+        self._stepper = make_stepper(config.integrator, self.arm)
+        self._step_s = config.step_s
+
+    def rest(self, pressure_pa: Array) -> State:
+        """Equilibrium under constant pressures (n_u,) [Pa].
+
+        Raises
+        ------
+        ModelError
+            If none is found from the straight arm.
+        """
+        arm = self.arm
+
+        def residual(q: Array) -> Array:
+            force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ pressure_pa
+            return np.asarray(force)
+
+        # Elongation and curvature differ by orders of magnitude: solve in units of the stiffness at rest.
+        scale = np.sqrt(np.abs(np.diag(_jacobian(residual, np.zeros(arm.n_q)))))
+        solution = root(lambda z: residual(z / scale) / scale, np.zeros(arm.n_q), method="hybr", tol=1e-10)
+        if not solution.success:
+            raise ModelError(f"no equilibrium at rest: {' '.join(str(solution.message).split())}")
+        return State(solution.x / scale, np.zeros(arm.n_q), np.zeros(arm.n_internal))
+
+    def advance(self, state: State, start_pa: Array, end_pa: Array, dt: float) -> tuple[State, Status]:
+        """Advance by `dt` while the pressures (n_u,) [Pa] go in a straight line from start to end."""
+        steps = max(1, math.ceil(dt / self._step_s - 1e-9))
+        status = OK
+        for k in range(steps):
+            middle = start_pa + (end_pa - start_pa) * ((k + 0.5) / steps)
+            state, status = self._stepper.step(state, middle, dt / steps)
+            if not status.ok:
+                break
+        return state, status
+
+
+def _jacobian(function: object, at: Array, step: float = 1e-7) -> Array:
+    columns = [
+        (function(at + step * e) - function(at - step * e)) / (2 * step)  # type: ignore[operator]
+        for e in np.eye(at.size)
+    ]
+    return np.column_stack(columns)

@@ -1,0 +1,121 @@
+"""Sensors of the twin: what is true becomes sampled, noisy, late, and now and then lost or wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Generic, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.twin.config import SensorConfig
+
+Array: TypeAlias = NDArray[np.float64]
+Sample = TypeVar("Sample", PoseSample, ImuSample)
+
+# How far off an outlier is, in standard deviations: a swapped marker rather than a bad day of the noise.
+OUTLIER_STD = 60.0
+
+
+@dataclass(frozen=True)
+class SensorState(Generic[Sample]):
+    """Samples on their way to the reader, each with the tick at which it is due."""
+
+    pending: tuple[tuple[int, Sample], ...] = ()
+    last: Sample | None = None
+    lost: int = 0
+
+
+@dataclass(frozen=True)
+class SensorClock:
+    """The sensor's period and delay in ticks of the twin."""
+
+    period: int
+    delay: int
+
+    @staticmethod
+    def of(config: SensorConfig, rate_hz: float) -> SensorClock:
+        """Round the delay up to whole ticks; the period divides the rate (checked by the scene)."""
+        return SensorClock(
+            period=max(1, round(rate_hz / config.rate_hz)),
+            delay=int(np.ceil(config.delay_s * rate_hz - 1e-9)),
+        )
+
+    def published_by(self, tick: int) -> int:
+        """Number of samples that have been published when `tick` is complete."""
+        return 0 if tick < self.delay else (tick - self.delay) // self.period + 1
+
+
+def sample(
+    config: SensorConfig,
+    clock: SensorClock,
+    state: SensorState[Sample],
+    tick: int,
+    measure: Callable[[], Sample],
+    rng: np.random.Generator,
+) -> tuple[SensorState[Sample], tuple[Sample, ...]]:
+    """Advance a sensor by one tick.
+
+    Parameters
+    ----------
+    measure : callable
+        Takes a sample now; called only when one is due.
+
+    Returns
+    -------
+    state : SensorState
+    due : tuple of samples
+        Those that reach the reader at this tick. A lost sample is the last one once more, stamp included,
+        as drivers of tracking systems do it.
+    """
+    if tick % clock.period == 0:
+        taken = measure()
+        if state.last is not None and rng.random() < config.drop:
+            state = replace(
+                state, pending=(*state.pending, (tick + clock.delay, state.last)), lost=state.lost + 1
+            )
+        else:
+            state = replace(state, pending=(*state.pending, (tick + clock.delay, taken)), last=taken)
+    due = tuple(item for when, item in state.pending if when <= tick)
+    return replace(state, pending=tuple(entry for entry in state.pending if entry[0] > tick)), due
+
+
+def measure_pose(
+    config: SensorConfig, transform: Array, stamp_s: float, s: float, rng: np.random.Generator
+) -> PoseSample:
+    """Pose (4, 4) with noise on position and rotation."""
+    scale = OUTLIER_STD if rng.random() < config.outlier else 1.0
+    position = transform[:3, 3] + scale * config.position_noise_m * rng.standard_normal(3)
+    noise = Rotation.from_rotvec(scale * config.rotation_noise_rad * rng.standard_normal(3))
+    quaternion = (Rotation.from_matrix(transform[:3, :3]) * noise).as_quat()
+    return PoseSample(stamp_s=stamp_s, position=position, quaternion=quaternion, s=s)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of one cross-section: pose (4, 4), body twist (6,) (angular, linear), body acceleration (6,)."""
+
+    transform: Array
+    twist: Array
+    acceleration: Array = field(default_factory=lambda: np.zeros(6))
+
+
+def measure_imu(
+    config: SensorConfig, motion: Motion, gravity: Array, stamp_s: float, s: float, rng: np.random.Generator
+) -> ImuSample:
+    """Angular velocity, specific force and orientation of an IMU whose axes are the local frame's."""
+    rotation = motion.transform[:3, :3]
+    omega, velocity = motion.twist[:3], motion.twist[3:]
+    specific_force = motion.acceleration[3:] + np.cross(omega, velocity) - rotation.T @ gravity
+    scale = OUTLIER_STD if rng.random() < config.outlier else 1.0
+    noise = Rotation.from_rotvec(scale * config.rotation_noise_rad * rng.standard_normal(3))
+    return ImuSample(
+        stamp_s=stamp_s,
+        angular_velocity=omega + scale * config.rate_noise_rad_s * rng.standard_normal(3),
+        linear_acceleration=specific_force + scale * config.acceleration_noise_m_s2 * rng.standard_normal(3),
+        orientation=(Rotation.from_matrix(rotation) * noise).as_quat(),
+        s=s,
+    )

@@ -1,0 +1,147 @@
+"""One tick of the simulated world: air, arm, sensors. Pure but for the generator of its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core import pneumatics
+from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.integrate import OK, State, Status
+from soro_core.robot import Robot
+from soro_core.twin.config import TwinConfig
+from soro_core.twin.plant import Plant
+from soro_core.twin.sensors import Motion, SensorClock, SensorState, measure_imu, measure_pose, sample
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TwinState:
+    """Everything that evolves; `tick` counts from 0."""
+
+    tick: int
+    arm: State
+    air: pneumatics.RegulatorState
+    pose: SensorState[PoseSample]
+    imu: SensorState[ImuSample]
+    status: Status
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is seen at one tick.
+
+    Attributes
+    ----------
+    reading_pa : ndarray (n_u,)
+        Measured chamber pressures [Pa gauge].
+    poses, imus : tuple of samples
+        Those that reach their reader at this tick.
+    tip : ndarray (4, 4)
+        True pose of the tip.
+    """
+
+    reading_pa: Array
+    poses: tuple[PoseSample, ...]
+    imus: tuple[ImuSample, ...]
+    tip: Array
+
+
+class Twin:
+    """The simulated robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        As the controller knows it.
+    config : TwinConfig
+        Truth, sensors and noise.
+    """
+
+    def __init__(self, robot: Robot, config: TwinConfig) -> None:
+        self.plant = Plant(robot, config)
+        self.config = config
+        self.dt = 1.0 / config.rate_hz
+        self._length = robot.length
+        self._pose_clock = SensorClock.of(config.pose, config.rate_hz)
+        self._imu_clock = SensorClock.of(config.imu, config.rate_hz)
+        # A generator a source: a sensor that is switched off does not change what the others measure.
+        seeds = np.random.SeedSequence(config.seed).spawn(3)
+        self._air_rng, self._pose_rng, self._imu_rng = (np.random.default_rng(seed) for seed in seeds)
+
+    @property
+    def length(self) -> float:
+        """Undeformed length of the arm [m]."""
+        return self._length
+
+    def initial(self, pressure_pa: Array | None = None) -> TwinState:
+        """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""
+        pressure = np.zeros(self.plant.arm.n_u) if pressure_pa is None else pressure_pa
+        arm = self.plant.rest(pressure)
+        air = pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure)
+        return TwinState(0, arm, air, SensorState(), SensorState(), OK)
+
+    def observe(self, state: TwinState) -> tuple[TwinState, Observation]:
+        """Sample every sensor at the tick of `state`; to be called once a tick."""
+        arm, config, t = self.plant.arm, self.config, state.tick * self.dt
+        pose, imu = state.pose, state.imu
+        poses: tuple[PoseSample, ...] = ()
+        imus: tuple[ImuSample, ...] = ()
+        if config.pose.enabled:
+            at = config.pose.location * self._length
+            pose, poses = sample(
+                config.pose,
+                self._pose_clock,
+                pose,
+                state.tick,
+                lambda: measure_pose(config.pose, arm.pose(state.arm.q, at), t, at, self._pose_rng),
+                self._pose_rng,
+            )
+        if config.imu.enabled:
+            at_imu = config.imu.location * self._length
+            imu, imus = sample(
+                config.imu,
+                self._imu_clock,
+                imu,
+                state.tick,
+                lambda: measure_imu(
+                    config.imu,
+                    self._motion(state, at_imu),
+                    np.array(arm.robot.gravity),
+                    t,
+                    at_imu,
+                    self._imu_rng,
+                ),
+                self._imu_rng,
+            )
+        reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
+        seen = Observation(reading, poses, imus, np.asarray(arm.pose(state.arm.q, self._length)))
+        return TwinState(state.tick, state.arm, state.air, pose, imu, state.status), seen
+
+    def step_setpoints(self, state: TwinState, setpoint_pa: Array) -> TwinState:
+        """Advance one tick with the twin's own regulators following set points (n_u,) [Pa gauge]."""
+        air = pneumatics.step(self.config.regulator, state.air, setpoint_pa, self.dt)
+        return self._step(state, air)
+
+    def step_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
+        """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere."""
+        pressure = np.asarray(pressure_pa, dtype=np.float64)
+        return self._step(state, pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure))
+
+    def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
+        arm, status = self.plant.advance(state.arm, state.air.pressure_pa, air.pressure_pa, self.dt)
+        return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
+
+    def _motion(self, state: TwinState, s: float) -> Motion:
+        """Pose, twist and acceleration of the cross-section at `s`."""
+        arm, q, qd = self.plant.arm, state.arm.q, state.arm.qd
+        qdd = arm.forward_dynamics(q, qd, state.air.pressure_pa, internal=state.arm.internal)
+        jacobian = arm.jacobian(q, s)
+        # d/dt (J qd) = J qdd + Jdot qd, the second by a central difference along qd.
+        h = 1e-6
+        drift = (arm.jacobian(q + h * qd, s) - arm.jacobian(q - h * qd, s)) @ qd / (2 * h)
+        return Motion(arm.pose(q, s), jacobian @ qd, jacobian @ qdd + drift)

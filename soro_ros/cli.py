@@ -1,0 +1,42 @@
+"""The command `soro`."""
+
+from __future__ import annotations
+
+import sys
+from typing import NoReturn
+
+import typer
+
+from soro_core.errors import ConfigError, SoroError
+from soro_ros.commands import bag
+from soro_ros.commands.emulate import emulate
+from soro_ros.commands.play import play
+from soro_ros.commands.run import run
+
+app = typer.Typer(
+    help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command()(run)
+app.command()(play)
+app.command()(emulate)
+app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
+
+
+def main() -> NoReturn:
+    """Entry point: exit status 0 on success, 2 on wrong use or configuration, 1 on any other failure."""
+    try:
+        app()
+    except ConfigError as error:
+        print(f"soro: {error}", file=sys.stderr)
+        sys.exit(2)
+    except SoroError as error:
+        print(f"soro: {error}", file=sys.stderr)
+        sys.exit(1)
+    sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()

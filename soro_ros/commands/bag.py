@@ -1,0 +1,119 @@
+"""`soro bag info|repair BAG`: what a recording holds, and completing one that was not closed."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from soro_core.bag import BagReader, PartRepair, Qos, repair
+from soro_core.errors import BagError
+
+app = typer.Typer(no_args_is_help=True)
+BAG_HELP = "Folder of a bag (rosbag2, storage mcap), or a single .mcap file."
+Bag = Annotated[Path, typer.Argument(help=BAG_HELP, exists=True, show_default=False)]
+
+
+@app.command("info")
+def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes too.")] = False) -> None:
+    """Show what BAG holds: files, times, and each topic with its type, messages and quality of service.
+
+    Reads bags of soro and of rosbag2 alike. Of a bag that is damaged or was not closed it shows what can be
+    read, and says what is missing.
+    """
+    console = Console()
+    try:
+        with BagReader(bag) as reader:
+            _print_info(console, reader, full)
+    except BagError as error:
+        _fail(error)
+
+
+@app.command("repair")
+def repair_command(bag: Bag) -> None:
+    """Complete BAG after a crash: rewrite what is readable with an index, and metadata.yaml.
+
+    Every message that can be read is kept with its bytes, times and order. Sound files stay untouched; where
+    bytes had to be left out, the damaged file is kept beside the new one as NAME.damaged.
+    """
+    console = Console()
+    try:
+        parts = repair(bag)
+    except BagError as error:
+        _fail(error)
+    for part in parts:
+        _print_repair(console, part)
+
+
+def _fail(error: BagError) -> None:
+    typer.echo(f"soro: {error}", err=True)
+    raise typer.Exit(1) from None
+
+
+def _print_info(console: Console, reader: BagReader, full: bool) -> None:
+    seconds = (reader.end_ns - reader.start_ns) / 1e9
+    about = Table.grid(padding=(0, 2))
+    about.add_row("bag", str(reader.path))
+    for part in reader.parts:
+        packed = f", {part.compression} chunks" if part.compression else ""
+        about.add_row("file", f"{part.path.name}: {_size(part.size)}, {part.message_count} messages{packed}")
+    if reader.message_count:
+        about.add_row("begin", _time(reader.start_ns))
+        about.add_row("end", _time(reader.end_ns))
+    about.add_row("duration", f"{seconds:.3f} s")
+    about.add_row("messages", str(reader.message_count))
+    if reader.metadata is not None:
+        about.add_row("version", f"{reader.metadata.version}, ROS {reader.metadata.ros_distro or 'unknown'}")
+        for key, value in reader.metadata.custom_data.items():
+            about.add_row(key, value)
+    console.print(about, soft_wrap=True)
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for heading in ("topic", "type", "quality of service", *(["type hash"] if full else [])):
+        table.add_column(heading, overflow="fold")
+    table.add_column("messages", justify="right")
+    table.add_column("Hz", justify="right")
+    for topic, count in zip(reader.topics, reader.counts, strict=True):
+        rate = f"{(count - 1) / seconds:.1f}" if count > 1 and seconds > 0 else ""
+        type_hash = [topic.type_hash] if full else []
+        offers = ", ".join(map(_qos, topic.qos))
+        table.add_row(topic.name, topic.type, offers, *type_hash, str(count), rate)
+    console.print(table)
+    for problem in reader.problems:
+        console.print(f"[yellow]{problem}[/yellow]", highlight=False, soft_wrap=True)
+    if reader.problems:
+        console.print(f"'soro bag repair {reader.path}' completes it", highlight=False, soft_wrap=True)
+
+
+def _print_repair(console: Console, part: PartRepair) -> None:
+    if not part.rewritten:
+        console.print(f"{part.path}: sound, {part.message_count} messages", highlight=False, soft_wrap=True)
+        return
+    for problem in part.problems:
+        console.print(f"[yellow]{problem}[/yellow]", highlight=False, soft_wrap=True)
+    kept = f"; the damaged file is {part.original}" if part.original else ""
+    text = f"{part.path}: rewritten, {part.message_count} messages{kept}"
+    console.print(text, highlight=False, soft_wrap=True)
+
+
+def _qos(qos: Qos) -> str:
+    return f"{qos.reliability} {qos.durability}"
+
+
+def _time(nanoseconds: int) -> str:
+    """A date where the time is one, else (simulated time) seconds."""
+    seconds = nanoseconds / 1e9
+    if seconds < 1e8:
+        return f"{seconds:.3f} s"
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S.%f} UTC"
+
+
+def _size(size: int) -> str:
+    for unit in ("B", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"

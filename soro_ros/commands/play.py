@@ -1,0 +1,89 @@
+"""`soro play BAG`: publish a recording again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from soro_core.errors import BagError, ConfigError
+
+
+def play(
+    bag: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder of a bag (rosbag2, storage mcap), or a single .mcap file.",
+            exists=True,
+            show_default=False,
+        ),
+    ],
+    rate: Annotated[
+        float, typer.Option(help="Times faster than recorded; 0: as fast as the readers take it.")
+    ] = 1.0,
+    start: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Offset into the bag at which to begin.")
+    ] = 0.0,
+    duration: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Recorded time to play; 0: to the end.")
+    ] = 0.0,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic", "-t", metavar="NAME", help="Play only this topic or pattern ('/arm/*'); repeatable."
+        ),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option("--exclude", "-x", metavar="NAME", help="Leave out this topic or pattern; repeatable."),
+    ] = None,
+    remap: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--remap", "-r", metavar="OLD:=NEW", help="Publish a topic under another name; repeatable."
+        ),
+    ] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
+    clock: Annotated[bool, typer.Option("--clock", help="Publish /clock with the recorded time.")] = False,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Begin when every topic has a subscriber (at most 30 s).")
+    ] = False,
+) -> None:
+    """Publish the messages of BAG again, byte for byte, with their types and quality of service.
+
+    Topics whose type is not installed, or was defined otherwise when it was recorded, are named and left out.
+    """
+    # Imported here so that `soro --help` works without ROS.
+    from soro_core.bag import BagReader
+    from soro_core.config import parse
+    from soro_ros.lifecycle import run_node
+    from soro_ros.nodes.player import Player, PlayerConfig
+    from soro_ros.parameters import overrides
+
+    options: dict[str, Any] = {
+        "bag": str(bag),
+        "rate": float(rate),
+        "start_s": float(start),
+        "duration_s": float(duration),
+        "topics": tuple(topic or ()),
+        "exclude": tuple(exclude or ()),
+        "remap": tuple(remap or ()),
+        "loop": loop,
+        "clock": clock,
+        "wait_for_subscribers": wait,
+    }
+    try:
+        config = parse(options, PlayerConfig, where="soro play")
+        BagReader(bag).close()
+    except (ConfigError, BagError) as error:
+        typer.echo(f"soro: {error}", err=True)
+        raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
+    arguments = ["--ros-args"]
+    # JSON is YAML with unmistakable quotes; defaults stay out, for an empty list has no type.
+    default = overrides(PlayerConfig())
+    for name, value in overrides(config).items():
+        if value != default[name]:
+            arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
+    run_node(Player, arguments)

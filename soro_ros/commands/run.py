@@ -1,0 +1,144 @@
+"""`soro run SCENE`: start everything that a scene names, run it, and say how it went."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from soro_core.config import find_config
+from soro_core.errors import ConfigError, SoroError
+from soro_core.scene import Scene, load_scene
+
+SCENE_HELP = "Scene file, or the name of a shipped one."
+
+
+def run(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP)],
+    change: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Change a key of the scene, e.g. controller.adapt=false."
+        ),
+    ] = None,
+    folder: Annotated[Path, typer.Option(help="Where the folder of the run is made.")] = Path("runs"),
+    figure: Annotated[bool, typer.Option(help="Draw the picture of the run.")] = True,
+) -> None:
+    """Run a scene: emulated or simulated robot, estimator, controller and recorder, as ROS 2 nodes.
+
+    Ends with a table, a picture and a bag in FOLDER/NAME-TIME. Ctrl-C vents, closes the bag and ends.
+    """
+    loaded = load_scene(scene, _changes(change or []))
+    console = Console(stderr=True)
+    target = _new_folder(folder, loaded.name)
+    shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
+    (target / "scene_used.yaml").write_text(yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False))
+    status = _execute(loaded, target, console)
+    bag = target / "bag"
+    if loaded.recorder.enabled and bag.exists():
+        from soro_ros.report import draw, summarise, table
+
+        summary = summarise(bag, loaded)
+        if summary is None:
+            console.print("nothing was under control long enough to report on")
+        else:
+            Console().print(table(summary, loaded))
+            (target / "summary.json").write_text(summary.to_json())
+            if figure:
+                draw(bag, loaded, target / "run.png")
+                console.print(f"picture: {target / 'run.png'}")
+        console.print(f"bag:     {bag}")
+    raise typer.Exit(status)
+
+
+def _execute(scene: Scene, folder: Path, console: Console) -> int:
+    """Run the processes to their end; returns the exit status."""
+    from soro_ros.compose import Run
+    from soro_ros.supervisor import Supervisor
+
+    interrupted: list[int] = []
+    previous = {
+        number: signal.signal(number, lambda number, _: interrupted.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    run = Run(scene, folder, say=lambda line: console.print(f"[dim]{line}[/dim]"))
+    status = 0
+    try:
+        with Supervisor(scene.name) as supervisor:
+            try:
+                run.start(supervisor, lambda: bool(interrupted))
+                if not interrupted:
+                    run.begin(supervisor)
+                _watch(run, supervisor, scene, interrupted, console)
+            except SoroError as error:
+                console.print(f"[red]soro: {error}[/red]", soft_wrap=True)
+                status = 1
+            if interrupted:
+                console.print("interrupted: venting and closing the bag")
+                status = 130
+            trouble = run.end()
+        for line in trouble:
+            console.print(f"[red]{line}[/red]", soft_wrap=True)
+            status = status or 1
+        if interrupted:
+            console.print("vented; bag closed" if not trouble else "ended with trouble: see above")
+    finally:
+        run.end()
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    return status
+
+
+def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], console: Console) -> None:
+    """Show progress until the scene's time is over; raises SoroError when something goes wrong."""
+    begun = time.monotonic()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.1f}/{task.total:g} s"),
+    )
+    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
+        task = progress.add_task(scene.name, total=scene.duration_s)
+        while not interrupted:
+            supervisor.spin(0.1)
+            run.check()
+            fault = supervisor.fault()
+            if fault is not None:
+                raise SoroError(fault)
+            now = supervisor.clock_s if scene.mode == "lockstep" else time.monotonic() - begun
+            progress.update(task, completed=min(now, scene.duration_s))
+            if now >= scene.duration_s - 1e-9:
+                return
+
+
+def _changes(given: list[str]) -> dict[str, Any]:
+    changes = {}
+    for item in given:
+        key, equals, value = item.partition("=")
+        if not key or not equals:
+            raise ConfigError("--set", "", item, "KEY=VALUE, for example controller.adapt=false")
+        changes[key] = yaml.safe_load(value) if value else ""
+    return changes
+
+
+def _new_folder(parent: Path, name: str) -> Path:
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    for suffix in ("", *(f"-{k}" for k in range(2, 100))):
+        folder = parent / f"{name}-{stamp}{suffix}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise ConfigError(
+                "--folder", "", str(parent), f"a folder that can be written to ({error.strerror})"
+            ) from None
+        return folder
+    raise SoroError(f"no free name for a run in {parent}")

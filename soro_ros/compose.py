@@ -1,0 +1,143 @@
+"""A scene as processes: emulated valves, twin, regulator, estimator, controller, recorder."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from soro_core.errors import SoroError
+from soro_core.scene import Scene
+from soro_ros import processes
+from soro_ros.processes import Child
+from soro_ros.supervisor import Supervisor
+
+# A cold start compiles the model's kernels in several processes at once.
+START_LIMIT_S = 180.0
+# Ended in this order: first what holds the valves, last what they hang on and what records them.
+END_ORDER = ("regulator", "controller", "estimator", "twin", "recorder", "valves")
+
+
+# Named with their types, so that the recorder hears them from the first message on.
+_TOPICS = (
+    ("chambers/command", "sensor_msgs/msg/JointState"),
+    ("chambers/state", "sensor_msgs/msg/JointState"),
+    ("sensors/pose0", "geometry_msgs/msg/PoseStamped"),
+    ("sensors/imu0", "sensor_msgs/msg/Imu"),
+    ("arm/state", "sensor_msgs/msg/JointState"),
+    ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    ("arm/backbone", "geometry_msgs/msg/PoseArray"),
+    ("arm/desired/tip", "geometry_msgs/msg/PoseStamped"),
+    ("controller/estimates", "sensor_msgs/msg/JointState"),
+    ("truth/tip", "geometry_msgs/msg/PoseStamped"),
+    ("truth/state", "sensor_msgs/msg/JointState"),
+    ("truth/chambers", "sensor_msgs/msg/JointState"),
+)
+
+
+def _topics(namespace: str, scene: Scene) -> tuple[str, ...]:
+    named = [f"/{namespace}/{topic} {kind}" for topic, kind in _TOPICS]
+    clock = ["/clock rosgraph_msgs/msg/Clock"] if scene.mode == "lockstep" else []
+    return (*named, *clock, "/diagnostics diagnostic_msgs/msg/DiagnosticArray", f"/{namespace}/*")
+
+
+class Run:
+    """The processes of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to start.
+    folder : Path
+        Folder of the run: parameters, logs, bag.
+    say : callable
+        Takes one line about what is going on.
+    """
+
+    def __init__(self, scene: Scene, folder: Path, say: Callable[[str], None]) -> None:
+        self.scene, self.folder, self._say = scene, folder, say
+        self._children: dict[str, Child] = {}
+        # The supervisor waits for these to be active.
+        self.nodes: list[str] = []
+
+    @property
+    def bag(self) -> Path:
+        """Folder of the bag."""
+        return self.folder / "bag"
+
+    def start(self, supervisor: Supervisor, cancelled: Callable[[], bool]) -> None:
+        """Start everything and wait until every node is ready; nothing moves before `begin`."""
+        from soro_ros.nodes.recorder import RecorderConfig
+
+        scene, namespace = self.scene, self.scene.name
+        device, link = self.folder / "valves.pty", self.folder / "plant.sock"
+        if scene.platform:
+            self._start_valves(device, link)
+        if scene.recorder.enabled:
+            record = RecorderConfig(
+                folder=str(self.bag), topics=_topics(namespace, scene), exclude=scene.recorder.exclude
+            )
+            self._node("recorder", record)
+            self._ready(supervisor, ["recorder"], cancelled)
+            if cancelled():
+                return
+        self._node("twin", scene.twin_node(str(link)))
+        self._node("estimator", scene.estimator_node())
+        self._node("controller", scene.controller_node())
+        self._ready(supervisor, self.nodes, cancelled)
+        if scene.platform and not cancelled():
+            # Last, when nothing compiles any more: its deadlines run from its first exchange on.
+            self._node("regulator", scene.regulator_node(str(device)))
+            self._ready(supervisor, ["regulator"], cancelled)
+        self.check()
+
+    def begin(self, supervisor: Supervisor) -> None:
+        """Let time and control begin."""
+        supervisor.call("controller/enable")
+        if self.scene.mode == "lockstep":
+            supervisor.call("twin/start")
+
+    def check(self) -> None:
+        """Raise SoroError if a process has ended."""
+        processes.check(list(self._children.values()))
+
+    def end(self) -> list[str]:
+        """End every process, what holds the valves first; returns what did not end cleanly."""
+        trouble = []
+        for name in END_ORDER:
+            child = self._children.pop(name, None)
+            if child is None:
+                continue
+            status = processes.stop(child, patience_s=15.0)
+            if status != 0:
+                trouble.append(f"{name} ended with status {status}: {child.last_words()}")
+        return trouble
+
+    def _node(self, name: str, config: object) -> None:
+        command = processes.node_command(name, config, self.scene.name, self.folder)
+        self._children[name] = processes.start(name, command, self.folder)
+        self.nodes.append(name)
+
+    def _ready(self, supervisor: Supervisor, names: list[str], cancelled: Callable[[], bool]) -> None:
+        def ready() -> bool:
+            return cancelled() or all(supervisor.active(name) for name in names)
+
+        self._say(f"starting {', '.join(names)}")
+        supervisor.wait("answer of all nodes", ready, self.check, START_LIMIT_S)
+
+    def _start_valves(self, device: Path, link: Path) -> None:
+        self._say(f"starting emulated valves of {self.scene.platform}")
+        command = [sys.executable, "-m", "soro_core.hardware.emulation", self.scene.platform]
+        command += ["--device-link", str(device), "--plant-link", str(link), "--seed", str(self.scene.seed)]
+        if self.scene.mode == "lockstep":
+            command.append("--lockstep")
+        # Above the driver's: devices do not share a processor with it.
+        priority = 40 if self.scene.mode == "real_time" else 0
+        child = self._children["valves"] = processes.start("valves", command, self.folder, priority)
+        deadline = time.monotonic() + 20.0
+        while "ready:" not in child.log.read_text(errors="replace"):
+            self.check()
+            if time.monotonic() > deadline:
+                raise SoroError(f"emulated valves are not ready: {child.last_words()}")
+            time.sleep(0.02)

@@ -1,0 +1,230 @@
+"""The base of every node: lifecycle, checked parameters, diagnostics, and an end that puts the valves safe first."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from types import FrameType
+from typing import ClassVar, Generic, TypeVar
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
+
+from soro_core.config import Strict
+from soro_core.errors import ConfigError, SoroError
+from soro_ros.diagnostics import ERROR, OK, Diagnostics
+from soro_ros.parameters import declare, read
+
+RCLError = rclpy_implementation.RCLError
+
+Config = TypeVar("Config", bound=Strict)
+
+# rclpy's own spin() of the events executor never returns to Python; a bounded wait lets signals through.
+SPIN_WAIT_S = 0.1
+
+
+class SoroNode(LifecycleNode, Generic[Config]):
+    """A lifecycle node over a configuration model.
+
+    A node overrides `setup`, `start`, `stop` and `teardown`; each may raise SoroError, which becomes one
+    logged line, an ERROR diagnostic and a failed transition. `make_safe` runs before everything else when
+    the process ends, whatever the state: it must not raise and must not need ROS.
+    """
+
+    config_model: ClassVar[type[Strict]]
+    node_name: ClassVar[str]
+
+    def __init__(self) -> None:
+        super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
+        declare(self, self.config_model)
+        self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.diagnostics = Diagnostics(self)
+        self.create_timer(1.0, self._publish_diagnostics, clock=self.steady_clock)
+        self.failure: SoroError | None = None
+        self.finished = False
+        self._timers_active: list[Timer] = []
+
+    # What a node overrides -----------------------------------------------------------------------
+    def setup(self, config: Config) -> None:
+        """Build everything that the configuration asks for (unconfigured -> inactive)."""
+
+    def start(self) -> None:
+        """Start timers and work (inactive -> active)."""
+
+    def stop(self) -> None:
+        """Stop work (active -> inactive)."""
+
+    def teardown(self) -> None:
+        """Release what `setup` built (inactive -> unconfigured)."""
+
+    def make_safe(self) -> None:
+        """Put hardware and files into a safe state; called first when the process ends."""
+
+    def diagnose(self) -> None:
+        """Refresh `self.diagnostics`; called once a second."""
+
+    # What a node uses ----------------------------------------------------------------------------
+    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Call back on the steady clock until the node is deactivated (lifecycle does not stop timers)."""
+        timer = self.create_timer(period_s, callback, clock=self.steady_clock)
+        self._timers_active.append(timer)
+        return timer
+
+    def finish(self) -> None:
+        """End the process cleanly: the node's work is done."""
+        self.finished = True
+
+    # Lifecycle -----------------------------------------------------------------------------------
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        def configure() -> None:
+            self.setup(read(self, self.config_model))
+
+        return self._transition(configure, "inactive")
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        super().on_activate(state)
+        return self._transition(self.start, "active")
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self._stop_timers()
+        result = self._transition(self.stop, "inactive")
+        super().on_deactivate(state)
+        return result
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._transition(self.teardown, "unconfigured")
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.make_safe()
+        self._stop_timers()
+        return self._transition(self.teardown, "finalized")
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        self.make_safe()
+        self._stop_timers()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _transition(self, action: Callable[[], None], name: str) -> TransitionCallbackReturn:
+        try:
+            action()
+        except Exception as error:
+            # rclpy would log a defect and go on as if the transition had been asked for by nobody.
+            known = isinstance(error, SoroError)
+            self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
+            self.get_logger().error(str(error) if known else traceback.format_exc())
+            self.diagnostics.update(ERROR, str(self.failure))
+            return TransitionCallbackReturn.FAILURE
+        self.failure = None
+        if self.diagnostics.status.level == OK:
+            self.diagnostics.update(OK, name)
+        self.diagnostics.lifecycle(name)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _stop_timers(self) -> None:
+        for timer in self._timers_active:
+            timer.cancel()
+            self.destroy_timer(timer)
+        self._timers_active.clear()
+
+    def _publish_diagnostics(self) -> None:
+        self.diagnose()
+        self.diagnostics.publish()
+
+
+def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) -> None:
+    """Run one node as a process: exit 0 after a clean end, 2 on a wrong configuration, 1 on a failure.
+
+    SIGINT and SIGTERM are handled here and not by rclpy, whose handler shuts the context down before
+    Python runs, so that a safe state could no longer be announced.
+    """
+    stopping: list[int] = []
+    starting = True
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        stopping.append(number)
+        if starting:
+            # Nothing looks at the list while kernels are compiled or devices configured.
+            raise KeyboardInterrupt
+
+    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    node: SoroNode[Config] | None = None
+    status = 0
+    try:
+        node = node_class()
+        _start(node)
+        starting = False
+        _spin(node, stopping)
+        status = 0 if node.failure is None else 2 if isinstance(node.failure, ConfigError) else 1
+    except (
+        ConfigError,
+        InvalidParameterValueException,
+        ValueError,
+    ) as error:  # rclpy: ValueError for `a:=[]`
+        print(f"{node_class.node_name}: {error}", file=sys.stderr)
+        status = 2
+    except (ExternalShutdownException, KeyboardInterrupt):
+        pass
+    finally:
+        starting = False
+        if node is not None:
+            node.make_safe()
+            with contextlib.suppress(RCLError):  # interrupted within a transition: there is none from there
+                node.trigger_shutdown()
+            node.diagnostics.publish()
+            node.destroy_node()
+        rclpy.try_shutdown()
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    raise SystemExit(status)
+
+
+def _start(node: SoroNode[Config]) -> None:
+    """Configure and activate where `autostart` says so."""
+    if node.get_parameter_or("autostart").value:
+        node.trigger_configure()
+        if node.failure is None:
+            node.trigger_activate()
+
+
+def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
+    from rclpy.experimental.events_executor import EventsExecutor
+
+    if node.failure is not None:
+        return
+    executor = EventsExecutor()
+    executor.add_node(node)
+    # Collector pauses and thread switches are the larger part of a Python loop's lateness.
+    sys.setswitchinterval(0.0002)
+    gc.collect()
+    gc.freeze()
+    if node.has_parameter("priority"):
+        _prioritise(node, node.get_parameter("priority").value)
+    try:
+        while not stopping and not node.finished:
+            executor.spin_once(timeout_sec=SPIN_WAIT_S)
+    except SoroError as error:  # raised in a callback: the node cannot go on
+        node.failure = error
+        node.get_logger().error(str(error))
+        node.diagnostics.update(ERROR, str(error))
+
+
+def _prioritise(node: SoroNode[Config], priority: int) -> None:
+    """Ask for a real-time priority; without the right to it the node runs on, and says so once."""
+    if priority == 0:
+        return
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (AttributeError, OSError) as error:
+        node.get_logger().warning(f"no real-time priority ({error}): see docs/real_time.md")

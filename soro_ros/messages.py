@@ -1,0 +1,127 @@
+"""Between ROS messages and plain arrays; no physics, no state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import Imu, JointState
+
+from soro_core.estimation.samples import ImuSample, PoseSample
+
+Array = NDArray[np.float64]
+
+
+def to_time(stamp_ns: int) -> Time:
+    """Return nanoseconds as a Time message."""
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def to_ns(stamp: Time) -> int:
+    """Return a Time message as nanoseconds."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointState:
+    """Set points or readings [Pa gauge] as the effort of a JointState."""
+    message = JointState(name=list(names), effort=np.asarray(pressure_pa, dtype=np.float64).tolist())
+    message.header.stamp = to_time(stamp_ns)
+    return message
+
+
+def pressures(message: JointState, names: Sequence[str]) -> Array:
+    """Efforts [Pa] in the order of `names`.
+
+    Raises
+    ------
+    ValueError
+        If the message names other chambers, or not one effort a name.
+    """
+    if len(message.effort) != len(message.name):
+        raise ValueError(f"{len(message.effort)} efforts for {len(message.name)} names")
+    if list(message.name) == list(names):
+        return np.array(message.effort, dtype=np.float64)
+    given = dict(zip(message.name, message.effort, strict=True))
+    if set(given) != set(names) or len(given) != len(message.name):
+        raise ValueError(f"chambers {sorted(message.name)}; expected {sorted(names)}")
+    return np.array([given[name] for name in names], dtype=np.float64)
+
+
+def arm_state(names: Sequence[str], q: Array, qd: Array, force: Array, stamp_ns: int) -> JointState:
+    """Strain coordinates, their rates and the generalised force as a JointState."""
+    message = JointState(name=list(names), position=q.tolist(), velocity=qd.tolist(), effort=force.tolist())
+    message.header.stamp = to_time(stamp_ns)
+    return message
+
+
+def pose(position: Array, quaternion: Array) -> Pose:
+    """Position [m] and quaternion (x, y, z, w) as a Pose."""
+    message = Pose()
+    message.position.x, message.position.y, message.position.z = (float(v) for v in position)
+    o = message.orientation
+    o.x, o.y, o.z, o.w = (float(v) for v in quaternion)
+    return message
+
+
+def pose_arrays(message: Pose) -> tuple[Array, Array]:
+    """Position (3,) and quaternion (4,) x, y, z, w of a Pose."""
+    p, o = message.position, message.orientation
+    return np.array([p.x, p.y, p.z]), np.array([o.x, o.y, o.z, o.w])
+
+
+def pose_of(transform: Array) -> Pose:
+    """Homogeneous transform (4, 4) as a Pose."""
+    return pose(transform[:3, 3], Rotation.from_matrix(transform[:3, :3]).as_quat())
+
+
+def pose_stamped(transform: Array, stamp_ns: int, frame: str) -> PoseStamped:
+    """Homogeneous transform (4, 4) as a PoseStamped."""
+    message = PoseStamped(pose=pose_of(transform))
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), frame
+    return message
+
+
+def tip_estimate(transform: Array, covariance: Array, stamp_ns: int, frame: str) -> PoseWithCovarianceStamped:
+    """Tip pose (4, 4) with its covariance (6, 6), (position, rotation) order as ROS wants it."""
+    message = PoseWithCovarianceStamped()
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), frame
+    message.pose.pose = pose_of(transform)
+    message.pose.covariance = np.asarray(covariance, dtype=np.float64).reshape(36).tolist()
+    return message
+
+
+def pose_sample(sample: PoseSample, stamp_ns: int) -> PoseStamped:
+    """Pose sample as a PoseStamped in the world frame."""
+    message = PoseStamped(pose=pose(sample.position, sample.quaternion))
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), "world"
+    return message
+
+
+def imu_sample(sample: ImuSample, stamp_ns: int) -> Imu:
+    """IMU sample as an Imu message; an IMU without orientation says so by its covariance, as REP 145 asks."""
+    message = Imu()
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), "imu0"
+    g, a, o = message.angular_velocity, message.linear_acceleration, message.orientation
+    g.x, g.y, g.z = (float(v) for v in sample.angular_velocity)
+    a.x, a.y, a.z = (float(v) for v in sample.linear_acceleration)
+    if sample.orientation is None:
+        message.orientation_covariance[0] = -1.0
+    else:
+        o.x, o.y, o.z, o.w = (float(v) for v in sample.orientation)
+    return message
+
+
+def imu_arrays(message: Imu) -> tuple[Array, Array, Array | None]:
+    """Angular velocity (3,), specific force (3,) and orientation (4,) or None of an Imu message."""
+    g, a, o = message.angular_velocity, message.linear_acceleration, message.orientation
+    known = message.orientation_covariance[0] >= 0.0
+    return (
+        np.array([g.x, g.y, g.z]),
+        np.array([a.x, a.y, a.z]),
+        np.array([o.x, o.y, o.z, o.w]) if known else None,
+    )

@@ -1,0 +1,214 @@
+"""The controller: arm/state in, chambers/command out, once an arm/state."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from soro_core.config import find_config
+from soro_core.control import Controller, Reference
+from soro_core.errors import ConfigError
+from soro_core.robot import load_robot
+from soro_core.scene import ControllerNodeConfig
+from soro_ros import messages, qos
+from soro_ros.diagnostics import OK, WARN
+from soro_ros.lifecycle import SoroNode, run_node
+
+
+class ControllerNode(SoroNode[ControllerNodeConfig]):
+    """Runs the law once a message on arm/state; not enabled, it commands zero.
+
+    Where no command can be given (no estimate, a state too old or not finite) nothing is published, and the
+    regulator's watchdog vents; in lockstep an empty message says so, because others wait for it.
+    """
+
+    config_model = ControllerNodeConfig
+    node_name = "controller"
+
+    def setup(self, config: ControllerNodeConfig) -> None:
+        robot = load_robot(find_config(config.robot, "robots"))
+        self._config, self._lockstep = config, config.mode == "lockstep"
+        self._names, self._coordinates = robot.chamber_names, robot.coordinate_names
+        self._controller = Controller(robot, config.control)
+        self._enabled = config.enabled
+        self._forget()
+        self._trouble = ""
+        self._reference: Reference | None = None
+        self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
+        self._states: deque[JointState] = deque(maxlen=1000)
+        self._command = self.create_publisher(JointState, "chambers/command", qos.RELIABLE)
+        self._desired_tip = self.create_publisher(PoseStamped, "arm/desired/tip", qos.RELIABLE)
+        self._estimates = self.create_publisher(JointState, "controller/estimates", qos.RELIABLE)
+        sensor = qos.sensor(self._lockstep)
+        self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
+        self.create_subscription(JointState, "arm/state", self._on_state, qos.RELIABLE)
+        self.create_subscription(
+            JointTrajectory, "arm/reference/trajectory", self._on_trajectory, qos.RELIABLE
+        )
+        self.create_subscription(PoseStamped, "arm/reference/tip", self._on_tip, qos.RELIABLE)
+        for name, callback in (
+            ("enable", self._on_enable),
+            ("vent", self._on_vent),
+            ("reset", self._on_reset),
+        ):
+            self.create_service(Trigger, f"~/{name}", callback)
+        self._warm_up()
+
+    def stop(self) -> None:
+        self._states.clear()
+
+    def _warm_up(self) -> None:
+        """Compile every kernel now: never in the loop."""
+        self.get_logger().info(
+            "compiling the model's kernels (seconds at the first start, cached afterwards)"
+        )
+        arm = self._controller.arm
+        q = np.full(arm.n_q, 1e-3)
+        self._controller.step(self._state, q, q, 0.0, 1.0 / self._config.rate_hz, np.zeros(arm.n_u))
+
+    def _forget(self) -> None:
+        """Start anew: time, estimates and reference."""
+        self._state = self._controller.initial_state()
+        self._epoch_ns: int | None = None
+        self._last_ns = 0
+        self._reference = None
+
+    # Inputs ----------------------------------------------------------------------------------------
+    def _on_reading(self, message: JointState) -> None:
+        try:
+            pressure = messages.pressures(message, self._names)
+        except ValueError:
+            return  # the estimator reports it
+        self._readings.append((messages.to_ns(message.header.stamp), pressure))
+        self._process()
+
+    def _on_state(self, message: JointState) -> None:
+        self._states.append(message)
+        self._process()
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        points = message.points
+
+        def table(name: str) -> list[list[float]] | None:
+            rows = [list(getattr(point, name)) for point in points]
+            return rows if any(rows) else None
+
+        times = [Duration.from_msg(point.time_from_start).nanoseconds * 1e-9 for point in points]
+        self._follow(
+            lambda t: self._controller.trajectory(
+                t,
+                list(message.joint_names),
+                times,
+                table("positions") or [],
+                table("velocities"),
+                table("accelerations"),
+            )
+        )
+
+    def _on_tip(self, message: PoseStamped) -> None:
+        position, quaternion = messages.pose_arrays(message.pose)
+        self._follow(lambda t: self._controller.tip(self._state, position, quaternion))
+
+    def _follow(self, make: object) -> None:
+        t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
+        try:
+            self._reference = make(t)  # type: ignore[operator]
+        except ConfigError as error:
+            self.get_logger().error(f"reference refused: {error}")
+            self.diagnostics.update(WARN, f"reference refused: {error}")
+
+    # One tick --------------------------------------------------------------------------------------
+    def _process(self) -> None:
+        while self._states:
+            stamp_ns = messages.to_ns(self._states[0].header.stamp)
+            reading = self._reading_at(stamp_ns)
+            if reading is None:
+                return
+            self._tick(self._states.popleft(), stamp_ns, reading)
+
+    def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
+        """Reading of the same tick; in real time the latest one serves."""
+        for stamp, pressure in reversed(self._readings):
+            if stamp == stamp_ns or not self._lockstep:
+                return pressure
+        return None if self._lockstep else np.full(len(self._names), np.nan)
+
+    def _tick(self, message: JointState, stamp_ns: int, reading: np.ndarray) -> None:
+        if not self._enabled:
+            self._publish(np.zeros(len(self._names)), stamp_ns)
+            return
+        trouble = self._unusable(message, stamp_ns)
+        if not trouble:
+            if self._epoch_ns is None:
+                self._epoch_ns, self._last_ns = stamp_ns, stamp_ns - round(1e9 / self._config.rate_hz)
+            dt = (stamp_ns - self._last_ns) * 1e-9
+            # States that were lost are made up for, but no gap is integrated over in one step.
+            dt = min(dt, self._config.state_age_s)
+            q, qd = np.array(message.position), np.array(message.velocity)
+            t = (stamp_ns - self._epoch_ns) * 1e-9
+            self._state, command = self._controller.step(self._state, q, qd, t, dt, reading, self._reference)
+            self._last_ns, trouble = stamp_ns, command.status.message
+        self._note(trouble)
+        if trouble:
+            if self._lockstep:
+                self._publish(np.zeros(0), stamp_ns)
+            return
+        self._publish(command.setpoint_pa, stamp_ns)
+        self._desired_tip.publish(messages.pose_stamped(command.tip_reference, stamp_ns, "world"))
+        estimates = JointState(name=list(command.estimates), position=list(command.estimates.values()))
+        estimates.header.stamp = message.header.stamp
+        self._estimates.publish(estimates)
+
+    def _unusable(self, message: JointState, stamp_ns: int) -> str:
+        if not message.name:
+            return "no estimate of the state"
+        if tuple(message.name) != self._coordinates:
+            return f"arm/state of {list(message.name)}, expected {list(self._coordinates)}"
+        if self._epoch_ns is not None and stamp_ns <= self._last_ns:
+            return "arm/state is not newer than the last"
+        age = (self.get_clock().now().nanoseconds - stamp_ns) * 1e-9
+        if not self._lockstep and age > self._config.state_age_s:
+            return f"arm/state is {age:.3f} s old"
+        return ""
+
+    def _publish(self, setpoint_pa: np.ndarray, stamp_ns: int) -> None:
+        names = self._names if setpoint_pa.size else ()
+        self._command.publish(messages.chambers(names, setpoint_pa, stamp_ns))
+
+    def _note(self, trouble: str) -> None:
+        if trouble != self._trouble:
+            self._trouble = trouble
+            self.diagnostics.update(WARN if trouble else OK, trouble or "active")
+
+    # Services --------------------------------------------------------------------------------------
+    def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._enabled:
+            self._forget()
+        self._enabled = True
+        response.success, response.message = True, "enabled"
+        return response
+
+    def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._enabled = False
+        response.success, response.message = True, "commanding zero until ~/enable"
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._forget()
+        response.success, response.message = True, "estimates and reference start anew"
+        return response
+
+
+def main() -> None:
+    """Entry point of `ros2 run soro_ros controller`."""
+    run_node(ControllerNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,187 @@
+"""The state estimator: chamber pressures and sensors in, arm/state and arm/tip out, once a chambers/state."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from sensor_msgs.msg import Imu, JointState
+
+from soro_core.config import find_config
+from soro_core.estimation import Estimator, EstimatorState, ImuSample, PoseSample
+from soro_core.robot import load_robot
+from soro_core.scene import EstimatorNodeConfig
+from soro_core.twin import SensorConfig
+from soro_core.twin.sensors import SensorClock
+from soro_ros import messages, qos
+from soro_ros.diagnostics import OK, WARN
+from soro_ros.lifecycle import SoroNode, run_node
+
+
+class EstimatorNode(SoroNode[EstimatorNodeConfig]):
+    """Runs the filter once a message on chambers/state; in lockstep it first waits for the samples due by then."""
+
+    config_model = EstimatorNodeConfig
+    node_name = "estimator"
+
+    def setup(self, config: EstimatorNodeConfig) -> None:
+        robot = load_robot(find_config(config.robot, "robots"))
+        self._config, self._lockstep = config, config.mode == "lockstep"
+        self._names, self._coordinates = robot.chamber_names, robot.coordinate_names
+        self._estimator = Estimator(robot, config.filter, 1.0 / config.rate_hz)
+        self._state: EstimatorState | None = None
+        self._epoch_ns = 0
+        self._malformed = 0
+        self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
+        self._poses: deque[PoseSample] = deque(maxlen=1000)
+        self._imus: deque[ImuSample] = deque(maxlen=1000)
+        self._received = {"pose": 0, "imu": 0}
+        self._expected = {
+            "pose": _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz),
+            "imu": _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz),
+        }
+        self._arm_state = self.create_publisher(JointState, "arm/state", qos.RELIABLE)
+        self._tip = self.create_publisher(PoseWithCovarianceStamped, "arm/tip", qos.RELIABLE)
+        self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
+        sensor = qos.sensor(self._lockstep)
+        self.create_subscription(JointState, "chambers/state", self._on_pressures, sensor)
+        self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, sensor)
+        self.create_subscription(Imu, "sensors/imu0", self._on_imu, sensor)
+        self._warm_up()
+
+    def start(self) -> None:
+        if self._config.backbone_rate_hz > 0:
+            self.every(1.0 / self._config.backbone_rate_hz, self._publish_backbone)
+
+    def _warm_up(self) -> None:
+        """Compile every kernel now: never in the loop."""
+        self.get_logger().info(
+            "compiling the model's kernels (seconds at the first start, cached afterwards)"
+        )
+        zero = np.zeros(len(self._names))
+        pose = self._estimator.arm.pose(np.zeros(self._estimator.arm.n_q), self._estimator.length)
+        sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self._estimator.length)
+        self._estimator.step(self._estimator.initial_state(), zero, [sample], [], 0.005)
+
+    # Samples ---------------------------------------------------------------------------------------
+    def _on_pose(self, message: PoseStamped) -> None:
+        self._received["pose"] += 1
+        position, quaternion = messages.pose_arrays(message.pose)
+        s = self._config.pose_location * self._estimator.length
+        self._poses.append(
+            PoseSample(self._seconds(messages.to_ns(message.header.stamp)), position, quaternion, s)
+        )
+        self._process()
+
+    def _on_imu(self, message: Imu) -> None:
+        self._received["imu"] += 1
+        omega, force, quaternion = messages.imu_arrays(message)
+        s = self._config.imu_location * self._estimator.length
+        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
+        self._imus.append(ImuSample(stamp_s, omega, force, quaternion, s))
+        self._process()
+
+    def _on_pressures(self, message: JointState) -> None:
+        try:
+            pressure = messages.pressures(message, self._names)
+        except ValueError as error:
+            self._malformed += 1
+            self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
+            return
+        self._pressures.append((messages.to_ns(message.header.stamp), pressure))
+        self._process(new_pressure=True)
+
+    # One step --------------------------------------------------------------------------------------
+    def _process(self, new_pressure: bool = False) -> None:
+        if not self._lockstep and not new_pressure:
+            return  # in real time a sample waits for the next tick
+        while self._pressures:
+            stamp_ns, pressure = self._pressures[0]
+            if self._lockstep and not self._complete(round(stamp_ns * 1e-9 * self._config.rate_hz)):
+                return
+            self._pressures.popleft()
+            self._step(stamp_ns, pressure)
+
+    def _complete(self, tick: int) -> bool:
+        """Whether every sample that must have been published by `tick` has come."""
+        return all(
+            clock is None or self._received[name] >= clock.published_by(tick)
+            for name, clock in self._expected.items()
+        )
+
+    def _step(self, stamp_ns: int, pressure: np.ndarray) -> None:
+        if self._state is None:
+            self._epoch_ns = 0 if self._lockstep else stamp_ns
+            self._state = self._estimator.initial_state(self._seconds(stamp_ns), pressure_pa=pressure)
+            self._publish_nothing(stamp_ns)
+            return
+        dt = self._seconds(stamp_ns) - self._state.t_s
+        poses, imus = list(self._poses), list(self._imus)
+        self._poses.clear()
+        self._imus.clear()
+        self._state, estimate = self._estimator.step(self._state, pressure, poses, imus, dt)
+        self._estimate = estimate
+        self._report(estimate.status.message)
+        if not estimate.status.ok:
+            self._publish_nothing(stamp_ns)
+            return
+        self._arm_state.publish(
+            messages.arm_state(self._coordinates, estimate.q, estimate.qd, estimate.force, stamp_ns)
+        )
+        self._tip.publish(
+            messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, "world")
+        )
+
+    def _publish_nothing(self, stamp_ns: int) -> None:
+        """No estimate at this tick: silence in real time, an empty message in lockstep, where others wait for it."""
+        if self._lockstep:
+            nothing = JointState()
+            nothing.header.stamp = messages.to_time(stamp_ns)
+            self._arm_state.publish(nothing)
+
+    def _seconds(self, stamp_ns: int) -> float:
+        return (stamp_ns - self._epoch_ns) * 1e-9
+
+    def _publish_backbone(self) -> None:
+        if self._state is None:
+            return
+        arm, q = self._estimator.arm, self._state.belief.q
+        message = PoseArray(
+            poses=[
+                messages.pose_of(arm.pose(q, s))
+                for s in np.linspace(0.0, self._estimator.length, self._config.backbone_points)
+            ]
+        )
+        message.header.frame_id = "world"
+        message.header.stamp = messages.to_time(self._epoch_ns + round(self._state.t_s * 1e9))
+        self._backbone.publish(message)
+
+    def _report(self, trouble: str) -> None:
+        if bool(trouble) != (self.diagnostics.status.level == WARN):
+            self.diagnostics.update(WARN if trouble else OK, trouble or "active")
+
+    def diagnose(self) -> None:
+        if self._state is not None:
+            values = {**vars(self._state.counts), "malformed": self._malformed}
+            self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, values)
+
+
+def _clock(sensor_rate_hz: float, delay_s: float, rate_hz: float) -> SensorClock | None:
+    if sensor_rate_hz <= 0.0:
+        return None
+    return SensorClock.of(SensorConfig(rate_hz=sensor_rate_hz, delay_s=delay_s), rate_hz)
+
+
+def _quaternion(pose: np.ndarray) -> tuple[float, float, float, float]:
+    o = messages.pose_of(pose).orientation
+    return o.x, o.y, o.z, o.w
+
+
+def main() -> None:
+    """Entry point of `ros2 run soro_ros estimator`."""
+    run_node(EstimatorNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,256 @@
+"""Player: publishes a bag again, byte for byte, in its own time or as fast as its readers take it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from fnmatch import fnmatchcase
+
+from pydantic import Field
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
+from soro_core.bag import BagMessage, BagReader, Topic
+from soro_core.config import Strict, Strings
+from soro_core.errors import BagError, ConfigError, SoroError
+from soro_ros import qos
+from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.interfaces import definition, message_class, offer
+from soro_ros.lifecycle import SoroNode, run_node
+
+# History of a publisher whose recorded one is unknown (most middlewares do not report it).
+DEPTH = 1000
+# How long a reader may take to confirm the last messages.
+ACKNOWLEDGE_S = 10.0
+_POLL_S = 0.02
+
+
+class PlayerConfig(Strict):
+    """Parameters of the player."""
+
+    autostart: bool = Field(True, description="configure and activate at start")
+    bag: str = Field("", description="folder of the bag, or an .mcap file")
+    rate: float = Field(
+        1.0, ge=0.0, le=1000.0, description="times faster than recorded; 0: as fast as readers take it"
+    )
+    start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
+    duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
+    topics: Strings = Field((), description="names or patterns (/arm/*) of the topics to play; empty: all")
+    exclude: Strings = Field((), description="names or patterns of topics to leave out")
+    remap: Strings = Field((), description="OLD:=NEW names")
+    loop: bool = Field(False, description="begin again at the end")
+    clock: bool = Field(False, description="publish /clock with the recorded time")
+    clock_hz: float = Field(100.0, gt=0.0, le=10000.0, description="rate of /clock in recorded time")
+    wait_for_subscribers: bool = Field(False, description="begin when every topic has a reader")
+    wait_timeout_s: float = Field(30.0, gt=0.0, le=3600.0, description="how long to wait for readers")
+
+
+class Player(SoroNode[PlayerConfig]):
+    """Plays a bag from a thread of its own; ends the process when the bag ends."""
+
+    config_model = PlayerConfig
+    node_name = "player"
+
+    def setup(self, config: PlayerConfig) -> None:
+        if not config.bag:
+            raise ConfigError(
+                "parameters of player", "bag", config.bag, "the folder of a bag, or an .mcap file"
+            )
+        self._config = config
+        self._reader = BagReader(config.bag)
+        self._published: dict[str, Publisher] = {}
+        self._clock_out: Publisher | None = None
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._count = 0
+        self._position_ns = 0
+        self._phase = "ready"
+        try:
+            self._begin_ns, self._end_ns = _span(self._reader, config)
+            self._create_publishers()
+        except BaseException:
+            self.teardown()
+            raise
+        for problem in self._reader.problems:
+            self.get_logger().warning(f"{config.bag}: {problem}")
+
+    def start(self) -> None:
+        self._stopping.clear()
+        self._thread = threading.Thread(target=self._run, name="player", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self.make_safe()
+
+    def teardown(self) -> None:
+        self.make_safe()
+        for publisher in (*self._published.values(), *([self._clock_out] if self._clock_out else [])):
+            self.destroy_publisher(publisher)
+        self._published.clear()
+        self._clock_out = None
+        self._reader.close()
+
+    def make_safe(self) -> None:
+        thread = getattr(self, "_thread", None)
+        if thread is not None:
+            self._stopping.set()
+            thread.join()
+            self._thread = None
+
+    def diagnose(self) -> None:
+        if not hasattr(self, "_phase"):
+            return
+        values = {
+            "bag": self._config.bag,
+            "position_s": (self._position_ns - self._reader.start_ns) / 1e9,
+            "duration_s": (self._reader.end_ns - self._reader.start_ns) / 1e9,
+            "messages": self._count,
+        }
+        level = ERROR if self.failure else WARN if self._reader.problems else OK
+        self.diagnostics.update(level, str(self.failure) if self.failure else self._phase, values)
+
+    # Topics --------------------------------------------------------------------------------------
+    def _create_publishers(self) -> None:
+        config = self._config
+        renamed = dict(_split_remap(rule, self.resolve_topic_name) for rule in config.remap)
+        for topic in self._reader.topics:
+            if not self._is_wanted(topic.name) or not self._is_playable(topic):
+                continue
+            if topic.name in self._published:
+                raise BagError(f"{config.bag}: topic {topic.name} has several types; exclude it")
+            profile = offer(topic.qos, DEPTH, keep_all=config.rate == 0)
+            name = renamed.get(topic.name, topic.name)
+            self._published[topic.name] = self.create_publisher(message_class(topic.type), name, profile)
+        if not self._published:
+            known = ", ".join(f"{topic.name} ({topic.type})" for topic in self._reader.topics) or "nothing"
+            raise BagError(f"{config.bag}: no topic to play; the bag holds {known}")
+        if config.clock:
+            self._clock_out = self.create_publisher(Clock, "/clock", qos.RELIABLE)
+
+    def _is_wanted(self, name: str) -> bool:
+        config = self._config
+        if config.clock and name == "/clock":
+            return False
+        if any(fnmatchcase(name, pattern) for pattern in config.exclude):
+            return False
+        return not config.topics or any(fnmatchcase(name, pattern) for pattern in config.topics)
+
+    def _is_playable(self, topic: Topic) -> bool:
+        """Whether the bytes mean here what they meant when they were recorded."""
+        if topic.serialization_format != "cdr":
+            reason = f"serialised as {topic.serialization_format}, not cdr"
+        elif message_class(topic.type) is None:
+            reason = f"type {topic.type} is not installed"
+        elif topic.type_hash and definition(topic.type).type_hash not in ("", topic.type_hash):
+            reason = f"type {topic.type} was defined otherwise when it was recorded"
+        else:
+            return True
+        self.get_logger().warning(f"{topic.name}: not played: {reason}")
+        return False
+
+    # Playing -------------------------------------------------------------------------------------
+    def _run(self) -> None:
+        try:
+            self._phase = "waiting for readers"
+            if self._config.wait_for_subscribers:
+                self._wait_for_subscribers()
+            self._phase = "playing"
+            names = ", ".join(sorted(publisher.topic_name for publisher in self._published.values()))
+            self.get_logger().info(f"playing {self._config.bag}: {names}")
+            self._play()
+            while self._config.loop and not self._stopping.is_set():
+                self._play()
+            if not self._stopping.is_set():
+                self._await_acknowledgement()
+                self.get_logger().info(f"played {self._count} messages")
+        except SoroError as error:
+            self.failure = error
+            self.get_logger().error(str(error))
+        self._phase = "finished"
+        self.finish()
+
+    def _wait_for_subscribers(self) -> None:
+        limit = time.monotonic() + self._config.wait_timeout_s
+        while not self._stopping.is_set():
+            lonely = [pub.topic_name for pub in self._published.values() if not pub.get_subscription_count()]
+            if not lonely:
+                return
+            if time.monotonic() > limit:
+                raise BagError(
+                    f"nobody subscribed to {', '.join(lonely)} within {self._config.wait_timeout_s:g} s"
+                )
+            self._stopping.wait(_POLL_S)
+
+    def _play(self) -> None:
+        """Publish everything once, each message when its time has come."""
+        start = time.monotonic_ns()
+        for stamp_ns, message in self._events():
+            if self._config.rate > 0:
+                due = start + (stamp_ns - self._begin_ns) / self._config.rate
+                self._stopping.wait(max(0.0, (due - time.monotonic_ns()) / 1e9))
+            if self._stopping.is_set():
+                return
+            self._position_ns = stamp_ns
+            if message is None:
+                self._clock_out.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
+            else:
+                self._send(self._published[message.topic], message.data)
+                self._count += 1
+
+    def _events(self) -> Iterator[tuple[int, BagMessage | None]]:
+        """Messages by their times; None where a tick of /clock is due, before what happened by then."""
+        tick_ns = round(1e9 / self._config.clock_hz)
+        next_tick = self._begin_ns
+        for message in self._reader.messages(self._published.keys(), self._begin_ns, self._end_ns):
+            while self._clock_out is not None and next_tick <= message.log_time_ns:
+                yield next_tick, None
+                next_tick += tick_ns
+            yield message.log_time_ns, message
+
+    def _send(self, publisher: Publisher, data: bytes) -> None:
+        """Publish; where a full history pushes back (rate 0), try again until readers have caught up."""
+        while not self._stopping.is_set():
+            try:
+                publisher.publish(data)
+            except RuntimeError:
+                if self._config.rate > 0:
+                    raise
+                self._stopping.wait(_POLL_S)
+            else:
+                return
+
+    def _await_acknowledgement(self) -> None:
+        for publisher in self._published.values():
+            if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S)):
+                self.get_logger().warning(
+                    f"{publisher.topic_name}: a reader did not confirm the last messages"
+                )
+
+
+def _span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
+    """Log times [ns] between which is played."""
+    begin = reader.start_ns + round(config.start_s * 1e9)
+    if reader.message_count == 0 or begin > reader.end_ns:
+        length = (reader.end_ns - reader.start_ns) / 1e9
+        raise BagError(f"{config.bag}: nothing to play: {reader.message_count} messages in {length:g} s")
+    end = begin + round(config.duration_s * 1e9) if config.duration_s else reader.end_ns
+    return begin, end
+
+
+def _split_remap(rule: str, resolve: Callable[[str], str]) -> tuple[str, str]:
+    old, sign, new = rule.partition(":=")
+    if not (sign and old and new):
+        raise ConfigError("parameters of player", "remap", rule, "OLD:=NEW")
+    return resolve(old), new
+
+
+def main() -> None:
+    """Run the player as a process."""
+    run_node(Player)
+
+
+if __name__ == "__main__":
+    main()

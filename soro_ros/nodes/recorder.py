@@ -1,0 +1,264 @@
+"""Recorder: every topic, or the chosen ones, raw into a rosbag2 MCAP bag."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.subscription import Subscription
+
+from soro_core.bag import BackgroundWriter, BagWriter, Qos, Topic
+from soro_core.config import Strict, Strings
+from soro_core.errors import ConfigError, SoroError
+from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.interfaces import definition, message_class, offered, request
+from soro_ros.lifecycle import SoroNode, run_node
+
+# Most messages a topic that are taken at the end (Fast DDS holds 5000 by default).
+REST = 5000
+
+
+class RecorderConfig(Strict):
+    """Parameters of the recorder."""
+
+    autostart: bool = Field(True, description="Configure and activate by itself")
+    folder: str = Field(
+        "", description="Folder of the new bag; empty: bag-<date>-<time> in the current folder"
+    )
+    topics: Strings = Field(
+        (),
+        description="Names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
+        "'NAME TYPE' is subscribed to before anybody publishes it",
+    )
+    exclude: Strings = Field((), description="Names or patterns of topics to leave out")
+    compression: Literal["zstd", "lz4", "none"] = Field(
+        "zstd", description="Of the chunks: zstd, lz4 or none"
+    )
+    flush_s: float = Field(1.0, ge=0.05, le=60.0, description="What a crash may cost [s]")
+    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="Period of looking for new topics [s]")
+    buffer_bytes: int = Field(
+        2**28, ge=2**16, description="Messages are dropped when more waits for the disk [B]"
+    )
+    notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
+
+
+@dataclass
+class _Stream:
+    """A topic being recorded."""
+
+    type_name: str
+    subscription: Subscription
+    qos: tuple[object, object]
+    known_to_bag: bool = False
+
+
+class Recorder(SoroNode[RecorderConfig]):
+    """Subscribes raw, with the quality of service on offer, and notes the ROS time of reception."""
+
+    config_model = RecorderConfig
+    node_name = "recorder"
+
+    def setup(self, config: RecorderConfig) -> None:
+        self._config = config
+        self._notes = dict(_split_note(note) for note in config.notes)
+        self._wanted = dict(_split_topic(entry, self.resolve_topic_name) for entry in config.topics)
+        self._excluded = tuple(
+            self.resolve_topic_name(name) if "*" not in name else name for name in config.exclude
+        )
+
+    def start(self) -> None:
+        self._lost = 0
+        self._last_ns = 0
+        self._streams: dict[str, _Stream] = {}
+        self._refused: set[str] = set()
+        folder = Path(self._config.folder or f"bag-{datetime.now():%Y%m%d-%H%M%S}").expanduser()
+        writer = BagWriter(
+            folder,
+            self._config.compression,
+            ros_distro=os.environ.get("ROS_DISTRO", "jazzy"),
+            custom_data=self._notes,
+        )
+        self._bag: BackgroundWriter | None = BackgroundWriter(
+            writer, self._config.flush_s, self._config.buffer_bytes
+        )
+        self._folder = folder
+        for name, type_name in self._wanted.items():
+            if type_name:
+                self._subscribe(name, type_name, ())
+        self._discover()
+        self.every(self._config.discovery_s, self._discover)
+        self.get_logger().info(f"recording in {folder}")
+
+    def stop(self) -> None:
+        self._take_the_rest()
+        for stream in self._streams.values():
+            self.destroy_subscription(stream.subscription)
+        self._streams.clear()
+        self._close()
+
+    def make_safe(self) -> None:
+        try:
+            self._take_the_rest()
+            self._close()
+        except SoroError as error:
+            self.failure = error
+            self.get_logger().error(str(error))
+
+    def diagnose(self) -> None:
+        bag = getattr(self, "_bag", None)
+        if bag is None:
+            return
+        values = {
+            "folder": self._folder,
+            "topics": len(self._streams),
+            "messages": bag.message_count,
+            "bytes": bag.byte_count,
+            "waiting_bytes": bag.waiting_bytes,
+            "dropped": bag.dropped,
+            "lost_before": self._lost,
+        }
+        if bag.failure is not None:
+            self.failure = bag.failure
+            self.diagnostics.update(ERROR, str(bag.failure), values)
+        elif bag.dropped or self._lost:
+            self.diagnostics.update(WARN, "messages were lost", values)
+        else:
+            self.diagnostics.update(OK, "recording", values)
+
+    def _close(self) -> None:
+        bag = getattr(self, "_bag", None)
+        if bag is None:
+            return
+        self._bag = None
+        bag.close()
+        lost = f", {bag.dropped + self._lost} lost" if bag.dropped + self._lost else ""
+        self.get_logger().info(
+            f"recorded {bag.message_count} messages, {bag.byte_count} bytes in {self._folder}{lost}"
+        )
+
+    # Topics --------------------------------------------------------------------------------------
+    def _discover(self) -> None:
+        """Subscribe to what is new; renew a subscription that does not match all publishers any more."""
+        for name, types in self.get_topic_names_and_types():
+            if not self._is_wanted(name):
+                continue
+            endpoints = self.get_publishers_info_by_topic(name)
+            if not endpoints:
+                continue
+            if len(types) > 1 and name not in self._streams:
+                self._refuse(name, f"several types: {', '.join(types)}")
+                continue
+            offers = offered(endpoints)
+            stream = self._streams.get(name)
+            if stream is None:
+                self._subscribe(name, types[0], offers)
+            elif stream.qos != _essence(request(offers)):
+                self.destroy_subscription(stream.subscription)
+                stream.subscription, stream.qos = self._subscription(name, stream.type_name, offers)
+            self._introduce(name, endpoints)
+
+    def _is_wanted(self, name: str) -> bool:
+        if any(fnmatchcase(name, pattern) for pattern in self._excluded):
+            return False
+        if self._wanted:
+            return any(fnmatchcase(name, pattern) for pattern in self._wanted)
+        return not any(token.startswith("_") for token in name.split("/"))
+
+    def _subscribe(self, name: str, type_name: str, offers: tuple[Qos, ...]) -> None:
+        if message_class(type_name) is None:
+            self._refuse(name, f"type {type_name} is not installed")
+            return
+        subscription, qos = self._subscription(name, type_name, offers)
+        self._streams[name] = _Stream(type_name, subscription, qos)
+
+    def _subscription(
+        self, name: str, type_name: str, offers: tuple[Qos, ...]
+    ) -> tuple[Subscription, tuple[object, object]]:
+        profile = request(offers)
+        subscription = self.create_subscription(
+            message_class(type_name),
+            name,
+            lambda data: self._take(name, data),
+            profile,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
+        )
+        return subscription, _essence(profile)
+
+    def _refuse(self, name: str, reason: str) -> None:
+        if name not in self._refused:
+            self._refused.add(name)
+            self.get_logger().warning(f"{name}: not recorded: {reason}")
+
+    def _introduce(self, name: str, endpoints: Any) -> None:
+        """Enter a topic into the bag, with what its publishers offer, before its first message."""
+        stream = self._streams.get(name)
+        if stream is None or stream.known_to_bag or self._bag is None:
+            return
+        stream.known_to_bag = True
+        about = definition(stream.type_name)
+        # A type without files here may still carry its hash in the graph.
+        type_hash = about.type_hash or next((str(endpoint.topic_type_hash) for endpoint in endpoints), "")
+        self._bag.add_topic(
+            Topic(name, stream.type_name, about.text, about.encoding, type_hash, offered(endpoints))
+        )
+
+    # Messages ------------------------------------------------------------------------------------
+    def _take(self, name: str, data: bytes) -> None:
+        bag = self._bag
+        if bag is None:
+            return
+        if not self._streams[name].known_to_bag:
+            self._introduce(name, self.get_publishers_info_by_topic(name))
+        # Times that never run backwards keep the order of arrival when the bag is read by time.
+        self._last_ns = max(self._last_ns, self.get_clock().now().nanoseconds)
+        bag.write(name, data, self._last_ns)
+
+    def _take_the_rest(self) -> None:
+        """Record what has arrived but was not yet handed to `_take`: its senders know it as delivered."""
+        if getattr(self, "_bag", None) is None:
+            return
+        for name, stream in self._streams.items():
+            for _ in range(REST):
+                with stream.subscription.handle as handle:
+                    taken = handle.take_message(stream.subscription.msg_type, True)
+                if taken is None:
+                    break
+                self._take(name, taken[0])
+
+    def _on_lost(self, event: Any) -> None:
+        self._lost += event.total_count_change
+
+
+def _essence(profile: Any) -> tuple[object, object]:
+    return profile.reliability, profile.durability
+
+
+def _split_note(note: str) -> tuple[str, str]:
+    key, equals, value = note.partition("=")
+    if not (key and equals):
+        raise ConfigError("parameters of recorder", "notes", note, "key=value")
+    return key, value
+
+
+def _split_topic(entry: str, resolve: Callable[[str], str]) -> tuple[str, str]:
+    name, *rest = entry.split()
+    if len(rest) > 1:
+        raise ConfigError("parameters of recorder", "topics", entry, "NAME or 'NAME TYPE'")
+    return name if "*" in name else resolve(name), rest[0] if rest else ""
+
+
+def main() -> None:
+    """Run the recorder as a process."""
+    run_node(Recorder)
+
+
+if __name__ == "__main__":
+    main()

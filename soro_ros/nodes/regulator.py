@@ -1,0 +1,146 @@
+"""The driver node: set points to the pressure regulators, readings back, nothing past the limiter."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rosgraph_msgs.msg import Clock
+
+from soro_core.errors import HardwareError
+from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
+from soro_core.scene import RegulatorNodeConfig
+from soro_ros import messages, qos
+from soro_ros.chambers import ChamberInterface
+from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.timing import LoopTimer
+
+
+class RegulatorNode(SoroNode[RegulatorNodeConfig]):
+    """Exchanges with the regulators at a fixed rate, or once a tick of /clock in lockstep."""
+
+    config_model = RegulatorNodeConfig
+    node_name = "regulator"
+
+    def __init__(self) -> None:
+        self._regulator: Regulator | None = None
+        super().__init__()
+
+    def setup(self, config: RegulatorNodeConfig) -> None:
+        platform = load_platform(config.platform).at_rate(config.rate_hz)
+        self._config, self._lockstep = config, config.mode == "lockstep"
+        self._period_ns = round(1e9 / config.rate_hz)
+        self._tick_ns: int | None = None
+        self._last_tick_wall = time.monotonic()
+        self._regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
+        self.get_logger().info(f"configuring {self._regulator.n_chambers} regulators of {config.platform}")
+        self._regulator.configure()
+        self._chambers = ChamberInterface(
+            self, self._regulator.chamber_names, config.limits, self._now_ns, self._stamp_ns, self._try_tick
+        )
+        self._timer = LoopTimer(1.0 / config.rate_hz)
+        self._exchange: Exchange | None = None
+
+    def start(self) -> None:
+        if self._lockstep:
+            self.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
+            self.every(0.5, self._check_stall)
+        else:
+            self.every(1.0 / self._config.rate_hz, self._cycle)
+
+    def stop(self) -> None:
+        self.make_safe()
+
+    def teardown(self) -> None:
+        self.make_safe()
+
+    def make_safe(self) -> None:
+        """Vent and shut the devices down over the bus; ROS is not needed for it."""
+        regulator, self._regulator = self._regulator, None
+        if regulator is not None:
+            regulator.vent()
+            regulator.close()
+
+    def _now_ns(self) -> int:
+        if self._lockstep:
+            return self._tick_ns or 0
+        return time.monotonic_ns()
+
+    def _stamp_ns(self) -> int:
+        return self._now_ns() if self._lockstep else self.get_clock().now().nanoseconds
+
+    # Lockstep: tick k needs the command that answers tick k - 1 ------------------------------------
+    def _on_clock(self, message: Clock) -> None:
+        self._tick_ns = messages.to_ns(message.clock)
+        self._last_tick_wall = time.monotonic()
+        self._pending = True
+        self._try_tick()
+
+    def _try_tick(self) -> None:
+        if not self._lockstep or self._tick_ns is None or not self._pending:
+            return
+        if self._tick_ns > 0 and self._chambers.seen_ns < self._tick_ns - self._period_ns:
+            return
+        self._pending = False
+        self._cycle()
+
+    def _check_stall(self) -> None:
+        silent = time.monotonic() - self._last_tick_wall
+        if silent > self._config.lockstep_timeout_s and self._regulator is not None:
+            self._chambers.vent(f"lockstep stalled: no tick or command for {silent:.0f} s")
+            self.make_safe()
+
+    # One cycle ------------------------------------------------------------------------------------
+    def _cycle(self) -> None:
+        if self._regulator is None:
+            return
+        self._timer.tick()
+        stamp_ns = self._stamp_ns()
+        try:
+            self._exchange = self._regulator.exchange(self._chambers.setpoint_pa, self._now_ns())
+        except HardwareError as error:
+            self._chambers.vent(str(error))
+            self._regulator.vent()
+            self.diagnostics.update(ERROR, f"vented: {error}", self._values())
+            self.get_logger().error(f"vented: {error}", throttle_duration_sec=5.0)
+            return
+        exchange = self._exchange
+        fault = "; ".join(f"{f.code}: {f.source}: {f.message}" for f in exchange.faults) or None
+        # A chamber that has not reported yet is not known to be bad; silence trips by its age.
+        reading = np.where(exchange.fresh | np.isfinite(exchange.pressure_pa), exchange.pressure_pa, 0.0)
+        was_vented = self._chambers.cause is not None
+        if self._chambers.judge(reading, bool(exchange.fresh.all()), fault) and not was_vented:
+            self._regulator.vent()
+            self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
+        if np.all(np.isfinite(exchange.pressure_pa)):
+            self._chambers.publish(exchange.pressure_pa, stamp_ns)
+
+    def diagnose(self) -> None:
+        if self._regulator is None or self._chambers.cause is not None:
+            return
+        level = WARN if self._chambers.rejected else OK
+        self.diagnostics.update(
+            level, "commands refused" if self._chambers.rejected else "active", self._values()
+        )
+
+    def _values(self) -> dict[str, object]:
+        statistics = self._regulator.statistics if self._regulator is not None else None
+        counts = {} if statistics is None else {k: v for k, v in vars(statistics).items()}
+        return {
+            **counts,
+            "lateness_p50_ms": self._timer.percentile_ms(50),
+            "lateness_p99_ms": self._timer.percentile_ms(99),
+            "overruns": self._timer.overruns,
+            "cause": self._chambers.cause or "",
+            **{f"rejected {kind}": count for kind, count in self._chambers.rejected.items()},
+        }
+
+
+def main() -> None:
+    """Entry point of `ros2 run soro_ros regulator`."""
+    run_node(RegulatorNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""The topics of a recorded run as arrays over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from soro_core.bag import BagReader
+from soro_ros import messages
+
+Array = NDArray[np.float64]
+
+_TYPES = {
+    "sensor_msgs/msg/JointState": JointState,
+    "geometry_msgs/msg/PoseStamped": PoseStamped,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+}
+
+
+@dataclass(frozen=True)
+class Series:
+    """Samples of one topic: stamps `t` (n,) [s] and values (n, m), with a name a column where there are names."""
+
+    t: Array
+    value: Array
+    names: tuple[str, ...] = ()
+
+    def at(self, t: Array) -> Array:
+        """Values interpolated at other times, (len(t), m)."""
+        columns = [np.interp(t, self.t, column) for column in self.value.T]
+        return np.column_stack(columns)
+
+
+EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a report needs of a run; times count from the first set point under control.
+
+    Tips are positions (n, 3) [m], pressures [Pa gauge].
+    """
+
+    true_tip: Series
+    estimated_tip: Series
+    wanted_tip: Series
+    command: Series
+    reading: Series
+    estimates: Series
+    diagnostics: dict[str, dict[str, str]]
+    faults: tuple[str, ...]
+
+
+def read(bag: Path, namespace: str) -> Recording:
+    """Read a run's bag.
+
+    Parameters
+    ----------
+    bag : Path
+        Folder of the bag.
+    namespace : str
+        Of the robot's nodes.
+    """
+    prefix = f"/{namespace}/"
+    rows: dict[str, list[tuple[int, list[float]]]] = {}
+    names: dict[str, tuple[str, ...]] = {}
+    diagnostics: dict[str, dict[str, str]] = {}
+    faults: list[str] = []
+    with BagReader(bag) as reader:
+        wanted = {topic.name for topic in reader.topics if topic.type in _TYPES}
+        for item in reader.messages(wanted):
+            message = deserialize_message(item.data, _TYPES[item.type])
+            if isinstance(message, DiagnosticArray):
+                _take_diagnostics(message, prefix, diagnostics, faults)
+                continue
+            name = item.topic.removeprefix(prefix)
+            if isinstance(message, JointState):
+                if not message.name:
+                    continue
+                names[name] = tuple(message.name)
+                values = list(message.effort if name.startswith("chambers") else message.position)
+            else:
+                pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
+                values = [pose.position.x, pose.position.y, pose.position.z]
+            rows.setdefault(name, []).append((messages.to_ns(message.header.stamp), values))
+    start = rows["arm/desired/tip"][0][0] if "arm/desired/tip" in rows else 0
+
+    def series(name: str) -> Series:
+        if name not in rows:
+            return EMPTY
+        t = np.array([stamp - start for stamp, _ in rows[name]]) * 1e-9
+        return Series(t, np.array([values for _, values in rows[name]]), names.get(name, ()))
+
+    return Recording(
+        true_tip=series("truth/tip"),
+        estimated_tip=series("arm/tip"),
+        wanted_tip=series("arm/desired/tip"),
+        command=series("chambers/command"),
+        reading=series("chambers/state"),
+        estimates=series("controller/estimates"),
+        diagnostics=diagnostics,
+        faults=tuple(faults),
+    )
+
+
+def _take_diagnostics(
+    message: DiagnosticArray, prefix: str, diagnostics: dict[str, dict[str, str]], faults: list[str]
+) -> None:
+    for status in message.status:
+        name = status.name.removeprefix(prefix)
+        diagnostics[name] = {pair.key: pair.value for pair in status.values}
+        fault = f"{name}: {status.message}"
+        if int.from_bytes(status.level, "little") >= 2 and fault not in faults:
+            faults.append(fault)

@@ -1,0 +1,117 @@
+"""The ROS side of a run: who is ready, what time it is, what went wrong, and the services that start it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from soro_core.errors import SoroError
+from soro_ros import messages, qos
+from soro_ros.diagnostics import ERROR
+
+
+class Supervisor:
+    """Listens to /diagnostics and /clock; a context manager.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the robot's nodes.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("supervisor", namespace=namespace)
+        self._prefix = f"/{namespace}/"
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self._node.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
+        self._executor = EventsExecutor()
+        self._executor.add_node(self._node)
+        self.clock_s = 0.0
+        self.status: dict[str, DiagnosticStatus] = {}
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Take in what comes for a while."""
+        deadline = time.monotonic() + seconds
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    def active(self, name: str) -> bool:
+        """Whether a node says that it is active."""
+        return self.values(name).get("lifecycle") == "active"
+
+    def values(self, name: str) -> dict[str, str]:
+        """Latest diagnostic values of a node."""
+        return {pair.key: pair.value for pair in self.status[name].values} if name in self.status else {}
+
+    def fault(self) -> str | None:
+        """What a node reports as an error, or None."""
+        for name, status in self.status.items():
+            if status.level == ERROR:
+                return f"{name}: {status.message}"
+        return None
+
+    def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
+        """Spin until `ready`; `check` may raise what went wrong meanwhile.
+
+        Raises
+        ------
+        SoroError
+            When a node reports an error, or the time is over.
+        """
+        deadline = time.monotonic() + limit_s
+        while not ready():
+            self.spin(0.05)
+            check()
+            if (fault := self.fault()) is not None:
+                raise SoroError(fault)
+            if time.monotonic() > deadline:
+                raise SoroError(f"no {what} within {limit_s:.0f} s")
+
+    def call(self, service: str, limit_s: float = 10.0) -> str:
+        """Call a Trigger service of the robot's namespace and return its message.
+
+        Raises
+        ------
+        SoroError
+            If it is not there, does not answer, or refuses.
+        """
+        client = self._node.create_client(Trigger, service)
+        deadline = time.monotonic() + limit_s
+        while not client.service_is_ready():
+            self.spin(0.05)
+            if time.monotonic() > deadline:
+                raise SoroError(f"service {service} is not there")
+        future = client.call_async(Trigger.Request())
+        while not future.done():
+            self.spin(0.02)
+            if time.monotonic() > deadline:
+                raise SoroError(f"service {service} did not answer")
+        response = future.result()
+        self._node.destroy_client(client)
+        if not response.success:
+            raise SoroError(f"{service}: {response.message}")
+        return str(response.message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(self._prefix):
+                self.status[status.name.removeprefix(self._prefix)] = status
+
+    def _on_clock(self, message: Clock) -> None:
+        self.clock_s = messages.to_ns(message.clock) * 1e-9

@@ -1,0 +1,207 @@
+"""Helpers of the hardware tests: drivers on emulated devices, in this process or in another one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import can
+import numpy as np
+
+from soro_core.config import parse
+from soro_core.hardware import Exchange, Platform, load_platform, open_regulator
+from soro_core.hardware.canopen.driver import CanopenRegulator
+from soro_core.hardware.emulation.inprocess import HubBus
+from soro_core.hardware.emulation.world import World
+from soro_core.hardware.port import Regulator
+from soro_core.hardware.transport.frame import Frame
+from soro_core.hardware.transport.link import from_message
+
+PERIOD_NS = 5_000_000
+TRANSCRIPTS = Path(__file__).parent / "transcripts"
+
+
+def platform(**changes: object) -> Platform:
+    """The shipped emulated platform with some keys changed; nested keys as dictionaries are merged."""
+    data = load_platform("emulated_canopen").model_dump()
+    for key, value in changes.items():
+        data[key] = {**data[key], **value} if isinstance(value, dict) and key in data else value
+    return parse(data, Platform, where="test")
+
+
+def single(**changes: object) -> Platform:
+    """The same with one valve."""
+    return platform(valves=[{"chamber": "link0/chamber0", "node": 1}], **changes)
+
+
+class RecordingBus(HubBus):
+    """Emulated bus in this process that writes down every frame in both directions, as they pass."""
+
+    def __init__(self, platform: Platform, seed: int = 0) -> None:
+        self.log: list[str] = []
+        self.swallow: set[int] = set()  # identifiers that get lost on their way to the host
+        super().__init__(platform, seed)
+        self._frames.clear()
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send and record, with what it causes."""
+        self.log.append(f"> {from_message(msg)}")
+        before = len(self._frames)
+        super().send(msg)
+        arrived = list(self._frames)[before:]
+        kept = [frame for frame in arrived if frame.can_id not in self.swallow]
+        while len(self._frames) > before:
+            self._frames.pop()
+        self._frames.extend(kept)
+        self.log += [f"< {frame}" for frame in arrived]
+
+    def inject(self, frame: Frame) -> None:
+        """Let a frame arrive at the host."""
+        self._frames.append(frame)
+
+    def take_log(self) -> list[str]:
+        """Everything since the last call."""
+        log, self.log = self.log, []
+        return log
+
+
+class Bench:
+    """A driver on emulated devices in this process, in lockstep."""
+
+    def __init__(self, platform: Platform, seed: int = 0) -> None:
+        self.platform = platform
+        self.bus = RecordingBus(platform, seed)
+        self.driver = CanopenRegulator(platform, lambda: self.bus, clock=time.monotonic, lockstep=True)
+        self.cycle = 0
+
+    @property
+    def world(self) -> World:
+        """The emulated devices."""
+        return self.bus.world
+
+    def exchange(self, *setpoints: float) -> Exchange:
+        """One cycle; a single set point is for every chamber."""
+        now_ns = self.cycle * PERIOD_NS
+        self.cycle += 1
+        return self.driver.exchange(np.full(self.driver.n_chambers, setpoints), now_ns)
+
+    def run(self, cycles: int, *setpoints: float) -> Exchange:
+        """Several cycles; the last one."""
+        for _ in range(cycles):
+            result = self.exchange(*setpoints)
+        return result
+
+    def send(self, frame: Frame) -> None:
+        """Send a frame past the driver."""
+        self.world.host_sends(frame)
+
+    def sdo(self, data: str, node: int = 1) -> str:
+        """Raw SDO request and its answer, as hexadecimal bytes."""
+        self.bus._frames.clear()
+        self.send(Frame(0x600 + node, bytes.fromhex(data)))
+        answers = [f.data.hex(" ").upper() for f in self.bus._frames if f.can_id == 0x580 + node]
+        self.bus._frames.clear()
+        return answers[0] if answers else ""
+
+
+def transcript(name: str) -> list[str]:
+    """Lines of a recorded exchange; text after # explains."""
+    lines = (TRANSCRIPTS / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    return [line for line in (raw.split("#")[0].rstrip() for raw in lines) if line]
+
+
+class EmulatorProcess:
+    """The emulator as a process of its own."""
+
+    def __init__(self, folder: Path, *options: str, platform: str = "emulated_canopen") -> None:
+        self.device = folder / "adapter"
+        self.plant = folder / "plant"
+        arguments = ["--device-link", str(self.device), "--plant-link", str(self.plant), *options]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "soro_core.hardware.emulation", platform, *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        self.ready = self.process.stdout.readline().strip()
+
+    def stop(self) -> int:
+        """End it as a user would; its exit status."""
+        self.process.terminate()
+        return self.wait()
+
+    def wait(self) -> int:
+        """Wait for its end."""
+        status = self.process.wait(10)
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+        return status
+
+
+@contextlib.contextmanager
+def emulator(folder: Path, *options: str, platform: str = "emulated_canopen") -> Iterator[EmulatorProcess]:
+    """An emulator process that is gone afterwards, whatever happens."""
+    served = EmulatorProcess(folder, *options, platform=platform)
+    try:
+        yield served
+    finally:
+        if served.process.poll() is None:
+            served.process.kill()
+        served.wait()
+
+
+@contextlib.contextmanager
+def driver(platform: Platform, endpoint: object, lockstep: bool = True) -> Iterator[Regulator]:
+    """A configured driver that is closed afterwards."""
+    regulator = open_regulator(platform, str(endpoint), lockstep=lockstep)
+    try:
+        regulator.configure()
+        yield regulator
+    finally:
+        regulator.close()
+
+
+class Tap:
+    """A second pseudo-terminal in front of an adapter, which records the bytes of both directions."""
+
+    def __init__(self, device: Path) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+        self._device = os.open(device, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._device)
+        self._wake, self._stop = os.pipe()
+        self.sent, self.received = b"", b""
+        self._thread = threading.Thread(target=self._relay)
+
+    def __enter__(self) -> Tap:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.write(self._stop, b".")
+        self._thread.join()
+        for descriptor in (self._master, self._slave, self._device, self._wake, self._stop):
+            os.close(descriptor)
+
+    def _relay(self) -> None:
+        while True:
+            ready, _, _ = select.select([self._master, self._device, self._wake], [], [])
+            if self._master in ready:
+                chunk = os.read(self._master, 4096)
+                self.sent += chunk
+                os.write(self._device, chunk)
+            if self._device in ready:
+                chunk = os.read(self._device, 4096)
+                self.received += chunk
+                os.write(self._master, chunk)
+            if self._wake in ready:
+                return

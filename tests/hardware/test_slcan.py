@@ -1,0 +1,289 @@
+"""LAWICEL lines: good ones, every malformed case, seeded noise, a real pseudo-terminal, and unplugging."""
+
+import os
+import random
+import select
+import tty
+from concurrent.futures import ThreadPoolExecutor
+
+import can
+import pytest
+
+from soro_core.errors import HardwareError
+from soro_core.hardware.emulation.slcan_server import SlcanServer
+from soro_core.hardware.transport.frame import Frame, frame_bits
+from soro_core.hardware.transport.slcan import SlcanBus
+from soro_core.hardware.transport.slcan_codec import BusErrors, Decoder, Health, Reply, encode
+
+GOOD = [
+    (b"t1812AABB\r", Frame(0x181, b"\xaa\xbb")),
+    (b"t1812aabb\r", Frame(0x181, b"\xaa\xbb")),
+    (b"t7FF0\r", Frame(0x7FF)),
+    (b"t00080102030405060708\r", Frame(0, bytes(range(1, 9)))),
+    (b"T1FFFFFFF1FF\r", Frame(0x1FFFFFFF, b"\xff", extended=True)),
+    (b"r1814\r", Frame(0x181, b"", remote=True, length=4)),
+    (b"R000001811\r", Frame(0x181, b"", extended=True, remote=True, length=1)),
+    (b"\r", Reply("")),
+    (b"z\r", Reply("z")),
+    (b"\x07", Reply("\x07")),
+    (b"V1013\r", Reply("V1013")),
+    (b"sb255255\r", Health("bus_off", 255, 255)),
+    (b"sp128000\r", Health("passive", 128, 0)),
+    (b"sw096001\r", Health("warning", 96, 1)),
+    (b"sa000000\r", Health("active", 0, 0)),
+    (b"e1a\r", BusErrors("a")),
+    (b"e3bcs\r", BusErrors("bcs")),
+]
+
+GARBLED = {
+    "bad hex": b"t1812AAGG\r",
+    "byte that is not ASCII": b"t1812AA\xff\xfe\r",
+    "cut off": b"t18161122\r",
+    "cut off, with a space": b"t1816 1122\r",
+    "two lines glued": b"t1812AABBt1822CCDD\r",
+    "length 9": b"t1819112233445566778899\r",
+    "identifier beyond 7FF": b"t8002AABB\r",
+    "identifier beyond 29 bits": b"T200000002AABB\r",
+    "half an identifier": b"t18\r",
+    "underscore in the number": b"t1_12AABB\r",
+    "sign in the number": b"t+182AABB\r",
+    "time stamp never asked for": b"t1812AABB1234\r",
+    "remote frame with data": b"r1812AABB\r",
+    "health with letters": b"sbXXXYYY\r",
+    "health too short": b"sb255\r",
+    "unknown health": b"sx000000\r",
+    "error count too high": b"e3a\r",
+    "error code unknown": b"e1q\r",
+    "line feed": b"\nt1812AABB\r",
+    "NUL": b"\x00\r",
+    "unknown letter": b"q\r",
+    "line cut off by a refusal": b"t1812A\x07",
+    "overlong line": b"t" * 200 + b"\r",
+}
+
+
+@pytest.mark.parametrize(("line", "event"), GOOD, ids=[repr(line) for line, _ in GOOD])
+def test_good_line(line, event):
+    decoder = Decoder()
+    assert decoder.feed(line) == [event]
+    assert decoder.garbled == 0
+
+
+@pytest.mark.parametrize(
+    ("frame", "line"), [(event, line) for line, event in GOOD if isinstance(event, Frame) and b"a" not in line]
+)
+def test_encoding_is_the_reverse(frame, line):
+    assert encode(frame) == line
+
+
+@pytest.mark.parametrize("line", GARBLED.values(), ids=GARBLED.keys())
+def test_garbled_line_is_counted_and_dropped(line):
+    decoder = Decoder()
+    events = decoder.feed(line)
+    assert not [event for event in events if not isinstance(event, Reply)]
+    assert decoder.garbled == 1
+    assert decoder.feed(b"t1812AABB\r") == [Frame(0x181, b"\xaa\xbb")], "the next line must be read"
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 64])
+def test_any_cut_into_chunks_gives_the_same(size):
+    stream = b"".join(line for line, _ in GOOD) + GARBLED["overlong line"] + b"t1812AABB\r"
+    whole, cut = Decoder(), Decoder()
+    expected = whole.feed(stream)
+    found = [event for at in range(0, len(stream), size) for event in cut.feed(stream[at : at + size])]
+    assert (found, cut.garbled) == (expected, whole.garbled)
+
+
+def test_noise():
+    """Nothing raises, nothing is stored without bound, and good frames come through between the noise."""
+    noise = random.Random(408)
+    decoder = Decoder()
+    good = 0
+    for _ in range(20_000):
+        kind = noise.random()
+        if kind < 0.4:
+            chunk = noise.randbytes(noise.randrange(40))
+        elif kind < 0.7:
+            chunk = bytes(noise.choices(b"tTrRsezZ0123456789ABCDEFabcdef\r\x07 ", k=noise.randrange(40)))
+        else:
+            line = bytearray(encode(Frame(noise.randrange(0x800), noise.randbytes(noise.randrange(9)))))
+            line[noise.randrange(len(line))] ^= 1 << noise.randrange(8)
+            chunk = bytes(line)
+        decoder.feed(chunk)
+        decoder.feed(b"\r" * 2)  # end whatever is open
+        good += decoder.feed(b"t1234DEADBEEF\r") == [Frame(0x123, b"\xde\xad\xbe\xef")]
+        assert len(decoder._rest) <= 64
+    assert good == 20_000
+    assert decoder.garbled > 5_000
+
+
+@pytest.mark.parametrize(
+    ("frame", "bits"),
+    [
+        (Frame(0x80), 55),
+        (Frame(0x181, bytes(4)), 95),
+        (Frame(0x181, bytes(6)), 115),
+        (Frame(0x181, bytes(8)), 135),
+        (Frame(0x181, bytes(8), extended=True), 160),
+    ],
+)
+def test_bits_on_the_wire(frame, bits):
+    """Worst case of ISO 11898: 12 cycles of RPDO, SYNC, 12 TPDO of 4 bytes are 2335 bits."""
+    assert frame_bits(frame) == bits
+
+
+class Adapter:
+    """A pseudo-terminal whose adapter end is played by the test."""
+
+    def __init__(self):
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.path = os.ttyname(self.slave)
+
+    def answer(self, answer):
+        os.write(self.master, answer)
+
+    def read(self, size):
+        """Exactly so many bytes from the host."""
+        data = b""
+        while len(data) < size:
+            assert select.select([self.master], [], [], 5.0)[0], data
+            data += os.read(self.master, size - len(data))
+        return data
+
+    def open(self):
+        """Play an adapter that is opened; in a thread, since the host waits for the answers."""
+        opening = self.read(4) + self.read(3)
+        self.answer(b"\r")
+        opening += self.read(2)
+        self.answer(b"\r")
+        assert opening == b"\r\rC\rS8\rO\r"
+
+    def close(self):
+        for descriptor in (self.master, self.slave):
+            os.close(descriptor)
+        self.master = self.slave = -1
+
+
+@pytest.fixture
+def adapter():
+    adapter = Adapter()
+    yield adapter
+    if adapter.master >= 0:
+        adapter.close()
+
+
+@pytest.fixture
+def bus(adapter):
+    with ThreadPoolExecutor() as pool:
+        opened = pool.submit(adapter.open)
+        bus = SlcanBus(adapter.path, 1_000_000)
+        opened.result()
+    yield bus
+    bus.shutdown()
+
+
+def test_bus_is_a_python_can_bus(bus, adapter):
+    bus.send(can.Message(arbitration_id=0x123, data=b"\x01\x02", is_extended_id=False))
+    bus.send(can.Message(arbitration_id=0x18FF0001, is_extended_id=True, is_remote_frame=True, dlc=3))
+    assert adapter.read(21) == b"t12320102\rR18FF00013\r"
+    adapter.answer(b"z\rt1812AABB\rr7014\r")
+    first, second = bus.recv(1.0), bus.recv(1.0)
+    assert (first.arbitration_id, bytes(first.data), first.is_extended_id) == (0x181, b"\xaa\xbb", False)
+    assert (second.arbitration_id, second.is_remote_frame, second.dlc) == (0x701, True, 4)
+    assert bus.recv(0.0) is None
+
+
+def test_bus_filters(bus, adapter):
+    bus.set_filters([{"can_id": 0x180, "can_mask": 0x780}])
+    adapter.answer(b"t7010\rt1810\r")
+    assert bus.recv(1.0).arbitration_id == 0x181
+
+
+@pytest.mark.parametrize("line", GARBLED.values(), ids=GARBLED.keys())
+def test_bus_survives_garbage(bus, adapter, line):
+    adapter.answer(line + b"t1812AABB\r")
+    assert bus.recv(1.0).arbitration_id == 0x181
+    assert bus.frames_garbled == 1
+
+
+def test_bus_health(bus, adapter):
+    assert bus.state is can.BusState.ACTIVE
+    adapter.answer(b"sp128000\rt1810\r")
+    bus.recv(1.0)
+    assert bus.state is can.BusState.PASSIVE
+    adapter.answer(b"e2ab\rsb255255\r\x07t1810\r")
+    bus.recv(1.0)
+    assert bus.state is can.BusState.ERROR
+    assert bus.bus_errors == {"a": 1, "b": 1}
+    assert bus.frames_refused == 1
+
+
+def test_unplugged_adapter_raises_at_once(bus, adapter):
+    adapter.close()
+    with pytest.raises(HardwareError, match="gone"):
+        bus.recv(1.0)
+    with pytest.raises(HardwareError, match="gone"):
+        bus.send(can.Message(arbitration_id=1, is_extended_id=False))
+
+
+def test_frames_before_the_plug_was_pulled_are_still_read(bus, adapter):
+    adapter.answer(b"t1810\r")
+    adapter.close()
+    with pytest.raises(HardwareError, match="gone"):
+        while bus.recv(1.0) is not None:
+            pass
+
+
+def test_no_port():
+    with pytest.raises(HardwareError, match="/dev/none: cannot open"):
+        SlcanBus("/dev/none", 1_000_000)
+
+
+def test_port_without_adapter(adapter):
+    with pytest.raises(HardwareError, match=r"did not answer b'S8\\r' \(set the bit rate\)"):
+        SlcanBus(adapter.path, 1_000_000, timeout_s=0.1)
+
+
+COMMANDS = [
+    (b"\r", b""),
+    (b"C\r", b"\r"),
+    (b"S8\r", b"\r"),
+    (b"S9\r", b"\x07"),
+    (b"S\r", b"\x07"),
+    (b"V\r", b"V1013\r"),
+    (b"N\r", b"NA408\r"),
+    (b"F\r", b"\x07"),
+    (b"t1230\r", b"\x07"),
+    (b"Q\r", b"\x07"),
+    (b"O\rF\r", b"\rF00\r"),
+    (b"O\rO\r", b"\r\r"),
+    (b"O\rS8\r", b"\r\x07"),
+    (b"O\rt1230\r", b"\rz\r"),
+    (b"O\rT000001230\r", b"\rZ\r"),
+    (b"O\rr1230\r", b"\rz\r"),
+    (b"O\rt12301\r", b"\r\x07"),
+    (b"L\rt1230\r", b"\r\x07"),
+    (b"x" * 500 + b"\r", b"\x07"),
+    (b"C\rS6\r\rO\rO\r", b"\r\r\r\r"),  # what python-can sends when it opens
+]
+
+
+@pytest.mark.parametrize(("command", "answer"), COMMANDS, ids=[repr(c)[:24] for c, _ in COMMANDS])
+def test_emulated_adapter(command, answer):
+    sent = []
+    server = SlcanServer(sent.append)
+    server.feed(command)
+    assert bytes(server.output) == answer
+    assert len(sent) == answer.lower().count(b"z")
+
+
+def test_emulated_adapter_keeps_a_bounded_output():
+    server = SlcanServer(lambda frame: None)
+    server.feed(b"O\r")
+    for _ in range(10_000):
+        server.deliver(Frame(0x181, bytes(8)))
+    assert len(server.output) < 66_000
+    assert server.overruns > 0
+    server.feed(b"C\r")
+    assert bytes(server.output) == b"\r"

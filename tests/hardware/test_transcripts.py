@@ -1,0 +1,93 @@
+"""Exact frames, and exact bytes on the line, of start-up, a cycle, a fault, its reset, a vent and the shutdown."""
+
+import numpy as np
+import pytest
+from hardware_bench import Bench, EmulatorProcess, Tap, emulator, single, transcript
+
+from soro_core.hardware import open_regulator
+from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.transport.frame import Frame
+from soro_core.hardware.transport.slcan_codec import encode
+
+QUIET = {"emulation": {"regulator": {"reading_noise_pa": 0.0}}}
+
+
+@pytest.fixture
+def bench():
+    bench = Bench(single(**QUIET))
+    bench.driver.configure()
+    return bench
+
+
+def test_start_up(bench):
+    assert bench.bus.take_log() == transcript("start_up")
+
+
+def test_cycle(bench):
+    bench.bus.take_log()
+    bench.run(2, 20e3)
+    assert bench.bus.take_log() == transcript("cycle")
+
+
+def test_fault_and_reset(bench):
+    bench.run(12, 20e3)
+    bench.bus.take_log()
+    bench.world.nodes[0].fault(0x8302, 1, State.FAULT_HOLD)
+    bench.run(3, 20e3)
+    assert bench.bus.take_log() == transcript("fault")
+    bench.driver.configure()
+    log, reset = bench.bus.take_log(), transcript("reset")
+    assert log[: len(reset)] == reset
+    start_up = transcript("start_up")
+    assert log[len(reset) : len(reset) + 20] == start_up[start_up.index("> 601 [8] 2B 17 10 00 19 00 00 00") :][:20]
+
+
+def test_vent(bench):
+    bench.run(3, 60e3)
+    bench.bus.take_log()
+    bench.driver.vent()
+    bench.driver.vent()
+    assert bench.bus.take_log() == transcript("vent")
+
+
+def test_shutdown(bench):
+    bench.run(3, 3e3)
+    bench.bus.take_log()
+    bench.driver.close()
+    assert bench.bus.take_log() == transcript("shutdown")
+
+
+def _line(entry: str) -> bytes:
+    """A transcript's frame as LAWICEL bytes."""
+    _, identifier, _, *data = entry.split()
+    return encode(Frame(int(identifier, 16), bytes.fromhex("".join(data))))
+
+
+def test_bytes_over_a_pseudo_terminal(tmp_path):
+    """The same transcripts as bytes, between this process and the emulator's."""
+    path = tmp_path / "one.yaml"
+    path.write_text(
+        "family: canopen_408\ntransport: {kind: slcan}\ncycle_hz: 200.0\n"
+        "range: {minimum_pa: 0.0, maximum_pa: 90e3}\n"
+        "valves: [{chamber: link0/chamber0, node: 1}]\n"
+        "emulation: {regulator: {reading_noise_pa: 0.0}}\n"
+    )
+    log = [*transcript("start_up"), *transcript("cycle")]
+    with emulator(tmp_path, "--lockstep", platform=str(path)) as served, Tap(served.device) as tap:
+        _start_up_and_two_cycles(served, tap)
+        sent, received = tap.sent, tap.received
+    assert sent == b"\r\rC\rS8\rO\r" + b"".join(_line(entry) for entry in log if entry[0] == ">")
+    # Every frame sent is acknowledged by "z"; C, S8 and O by an empty line.
+    answers = [b"z\r" if entry[0] == ">" else _line(entry) for entry in log]
+    lines = [line for line in received.split(b"\r") if line]
+    assert sorted(lines) == sorted(answer.rstrip(b"\r") for answer in answers)
+    assert [x for x in lines if x != b"z"] == [_line(e)[:-1] for e in log if e[0] == "<"]
+
+
+def _start_up_and_two_cycles(served: EmulatorProcess, tap: Tap) -> None:
+    assert served.ready.startswith("ready: /dev/pts/")
+    regulator = open_regulator(single(), tap.path, lockstep=True)
+    regulator.configure()
+    regulator.exchange(np.array([20e3]), 0)
+    regulator.exchange(np.array([20e3]), 5_000_000)
+    regulator._link._bus._port.close()  # without a word, so that nothing but the transcript is sent

@@ -1,0 +1,111 @@
+"""The fit finds what made the data, in spite of outliers, and says what it cannot know."""
+
+import math
+
+import numpy as np
+import pytest
+
+from soro_core.errors import ModelError
+from soro_core.identification import ForcedRun, Parameter, fit, forced_curvature, release_bend
+from soro_core.model import SoftArm
+from soro_core.robot import Robot, robot_from_dict
+
+TRUE = {"k_b": 7e-3, "gain": 1.3e-8, "damping": 3e-7}
+START = (
+    Parameter("k_b", 1e-2, 1e-3, 1e-1),
+    Parameter("gain", 1e-8, 1e-9, 1e-7),
+    Parameter("damping", 1e-7, 0.0, 1e-5),
+)
+
+
+def build(values: dict[str, float]) -> Robot:
+    chambers = [
+        {"angle_rad": 2 * math.pi * i / 3, "alpha_eps": 1e-6, "alpha_kappa": values["gain"]} for i in range(3)
+    ]
+    link = {
+        "length": 0.064,
+        "radius": 0.013,
+        "mass": 0.017,
+        "k_e": [400.0, 0.0, 0.0],
+        "k_b": [values["k_b"], 0.0, 0.0],
+        "damping": [0.01, values["damping"], values["damping"]],
+        "chambers": chambers,
+    }
+    return robot_from_dict({"links": [link]})
+
+
+def pressures(t: np.ndarray) -> np.ndarray:
+    phase = 2 * np.pi * np.arange(3) / 3
+    return 1e4 + 4e3 * (t[:, None] / 3) * (1 + np.sin(2 * t[:, None] - phase))
+
+
+@pytest.fixture(scope="module")
+def forced() -> ForcedRun:
+    t = np.arange(0, 3, 0.02)
+    run = ForcedRun(t, pressures(t), np.zeros((len(t), 2)))
+    _, curvature = forced_curvature(SoftArm(build(TRUE)), run)
+    return ForcedRun(t, run.pressure, curvature)
+
+
+def residuals(forced: ForcedRun, release: np.ndarray):
+    def of(values: dict[str, float]) -> np.ndarray:
+        arm = SoftArm(build(values))
+        _, curvature = forced_curvature(arm, forced)
+        _, bend = release_bend(arm, 0.3, 0.3, dt=2e-3)
+        return np.concatenate([((curvature - forced.curvature) / 0.1).ravel(), (bend - release) / 0.005])
+
+    return of
+
+
+def test_known_parameters_come_back(forced: ForcedRun) -> None:
+    _, release = release_bend(SoftArm(build(TRUE)), 0.3, 0.3, dt=2e-3)
+    found = fit(START, residuals(forced, release))
+    assert found.converged, found.message
+    for name, value in TRUE.items():
+        assert found.values[name] == pytest.approx(value, rel=1e-3), name
+
+
+def test_noise_and_outliers_spoil_nothing(forced: ForcedRun) -> None:
+    rng = np.random.default_rng(1)
+    _, release = release_bend(SoftArm(build(TRUE)), 0.3, 0.3, dt=2e-3)
+    measured = forced.curvature + rng.normal(scale=0.05, size=forced.curvature.shape)
+    measured[60:66, 1] += 8.0
+    spoiled = ForcedRun(forced.t, forced.pressure, measured)
+    noisy = release + rng.normal(scale=0.003, size=release.shape)
+    robust = fit(START, residuals(spoiled, noisy))
+    plain = fit(START, residuals(spoiled, noisy), loss="linear")
+    gain = TRUE["gain"] / TRUE["k_b"]
+    assert robust.values["gain"] / robust.values["k_b"] == pytest.approx(gain, rel=0.02)
+    assert abs(plain.values["gain"] / plain.values["k_b"] / gain - 1) > 0.02
+
+
+def test_what_the_data_do_not_determine_has_no_deviation() -> None:
+    unknown = (Parameter("a", 1.0), Parameter("b", 1.0))
+    found = fit(unknown, lambda v: np.full(5, v["a"] - 2.0))
+    assert found.values["a"] == pytest.approx(2.0)
+    assert math.isinf(found.deviations["b"])
+
+
+def test_deviations_follow_the_noise() -> None:
+    rng = np.random.default_rng(2)
+    x = np.linspace(0, 1, 400)
+    y = 3 * x + rng.normal(scale=0.1, size=x.size)
+    found = fit((Parameter("slope", 1.0),), lambda v: v["slope"] * x - y, loss="linear")
+    assert found.deviations["slope"] == pytest.approx(0.1 / math.sqrt((x**2).sum()), rel=0.1)
+
+
+def test_a_candidate_that_fails_is_stepped_around() -> None:
+    def of(values: dict[str, float]) -> np.ndarray:
+        if values["a"] > 3.0:
+            raise ModelError("too far")
+        return np.array([values["a"] ** 2 - 4.0, 0.0])
+
+    assert fit((Parameter("a", 0.5),), of).values["a"] == pytest.approx(2.0, abs=1e-4)
+
+
+def test_bad_calls_are_refused() -> None:
+    with pytest.raises(ModelError, match="starting values"):
+        fit((Parameter("a", 1.0),), lambda _: np.array([np.nan]))
+    for bad in ((), (Parameter("a", 0.0),), (Parameter("a", 2.0, upper=1.0),), (Parameter("a", 1.0),) * 2):
+        with pytest.raises(ValueError, match="parameter"):
+            fit(bad, lambda _: np.zeros(1))

@@ -1,0 +1,42 @@
+"""The reference cases, derived elsewhere by automatic differentiation of the energies."""
+
+import json
+
+import numpy as np
+import pytest
+
+from soro_core import SoftArm, robot_from_dict
+
+RESULTS = ("inertia_matrix", "coriolis_force", "gravity_force", "elastic_force", "tip_pose")
+
+
+def relative(got, want):
+    want = np.asarray(want)
+    return np.abs(got - want).max() / max(np.abs(want).max(), 1e-30)
+
+
+@pytest.mark.parametrize("number", range(25))
+def test_agrees_with_reference_case(shared, number):
+    case = json.loads((shared / "golden" / "dynamics.json").read_text())["cases"][number]
+    tolerance = 1e-7 if case["kind"] == "loop" else 1e-9
+    arm = SoftArm(robot_from_dict(case), nodes=16)
+    q, qd = case["q"], case["qd"]
+    got = {
+        "inertia_matrix": arm.inertia_matrix(q),
+        "coriolis_force": arm.coriolis_force(q, qd),
+        "gravity_force": arm.gravity_force(q),
+        "elastic_force": arm.elastic_force(q),
+        "tip_pose": arm.pose(q, arm.length),
+    }
+    errors = {name: relative(got[name], case[name]) for name in RESULTS}
+    assert max(errors.values()) < tolerance, errors
+    np.testing.assert_allclose(arm.coriolis_matrix(q, qd) @ qd, got["coriolis_force"], rtol=1e-9, atol=1e-15)
+
+
+def test_a_case_needs_all_its_results_to_be_taken_as_one(shared):
+    from soro_core.errors import ConfigError
+
+    case = json.loads((shared / "golden" / "dynamics.json").read_text())["cases"][0]
+    del case["tip_pose"]
+    with pytest.raises(ConfigError, match="an unknown key"):
+        robot_from_dict(case)

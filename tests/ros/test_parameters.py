@@ -1,0 +1,102 @@
+"""Configuration models as ROS parameters, on real nodes in processes of their own."""
+
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+NODE = textwrap.dedent(
+    """
+    from pydantic import Field
+    from soro_core.config import Floats, Strict
+    from soro_ros.lifecycle import SoroNode, run_node
+
+    class Inner(Strict):
+        gain: float = Field(1.0, ge=0, description="gain")
+        list: Floats = Field((1.0, 2.0), description="list")
+
+    class Config(Strict):
+        autostart: bool = True
+        rate_hz: float = Field(200.0, gt=0, le=1000, description="rate")
+        inner: Inner = Inner()
+
+    class Example(SoroNode[Config]):
+        config_model, node_name = Config, "example"
+        def setup(self, config):
+            print("setup", config, flush=True)
+        def start(self):
+            self.every(0.02, lambda: print("tick", flush=True))
+        def make_safe(self):
+            print("safe", flush=True)
+
+    run_node(Example)
+    """
+)
+
+
+def run(*arguments: str, until: str = "tick", number: int = signal.SIGINT) -> tuple[int, str, str]:
+    """Run the node until it prints a word, then end it by a signal."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", NODE, "--ros-args", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    seen = []
+    for line in process.stdout:
+        seen.append(line)
+        if line.startswith(until):
+            process.send_signal(number)
+            break
+    out, err = process.communicate(timeout=30)
+    return process.returncode, "".join(seen) + out, err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_defaults_timer_and_a_clean_end_on_a_signal(domain, number):
+    status, out, err = run(number=number)
+    assert status == 0, err
+    assert "rate_hz=200.0 inner=Inner(gain=1.0, list=(1.0, 2.0))" in out
+    assert out.rstrip().endswith("safe")
+
+
+def test_overrides_reach_nested_models_and_integers_serve_as_floats(domain):
+    status, out, err = run("-p", "rate_hz:=100", "-p", "inner.list:=[3.0]", "-p", "inner.gain:=2.5")
+    assert status == 0, err
+    assert "rate_hz=100.0 inner=Inner(gain=2.5, list=(3.0,))" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            ["-p", "rate:=1.0"],
+            "parameters of example: rate: got 'an unknown parameter'; allowed: autostart, inner.gain",
+        ),
+        (
+            ["-p", "inner.gain:=-1.0"],
+            "parameters of example: inner.gain: got -1.0; allowed: input should be greater",
+        ),
+        (
+            ["-p", "inner.gain:=.nan"],
+            "parameters of example: inner.gain: got nan; allowed: input should be a finite",
+        ),
+        (
+            ["-p", "rate_hz:=fast"],
+            "parameters of example: rate_hz: got 'fast'; allowed: input should be a valid number",
+        ),
+        (
+            ["-p", "inner.list:=[a, b]"],
+            "parameters of example: inner.list[0]: got 'a'; allowed: input should be a",
+        ),
+    ],
+)
+def test_a_wrong_parameter_is_one_line_and_exit_status_2(domain, arguments, says):
+    status, out, err = run(*arguments)
+    assert status == 2
+    assert says in err
+    assert "Traceback" not in err
+    assert "tick" not in out

@@ -1,0 +1,200 @@
+"""What reaches the wire is finite, in range, fresh and slew-limited, whatever is asked for."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from soro_core.config import parse
+from soro_core.errors import ConfigError
+from soro_core.safety import Limits, SafetyState, cycle, initial_state, offer, request_vent, reset
+
+MS = 1_000_000
+LIMITS = Limits()
+COLD = np.zeros(3)
+
+
+def commanded(command, at_ms=0, state=None, source="command"):
+    state, refusal = offer(
+        LIMITS, state or initial_state(3), np.array(command), at_ms * MS, at_ms * MS, source
+    )
+    return state, refusal
+
+
+def run(state: SafetyState, from_ms: int, to_ms: int, reading=COLD, fresh=True, step_ms=5) -> SafetyState:
+    for now in range(from_ms, to_ms + 1, step_ms):
+        state = cycle(LIMITS, state, reading, fresh, now * MS)
+    return state
+
+
+def test_idle_until_a_first_command():
+    state = run(initial_state(3), 0, 1000)
+    assert not state.vented
+    assert np.array_equal(state.setpoint_pa, COLD)
+
+
+def test_a_good_command_is_approached_at_the_slew_rate_and_held():
+    state, refusal = commanded([50e3, 20e3, 0.0])
+    assert refusal is None
+    state = run(state, 0, 50)
+    assert state.setpoint_pa == pytest.approx([10e3, 10e3, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("command", "stamp_ms", "now_ms", "says"),
+    [
+        ([math.nan, 0, 0], 0, 0, "not finite: chamber 0"),
+        ([0, math.inf, 0], 0, 0, "not finite: chamber 1"),
+        ([0, 0, -math.inf], 0, 0, "not finite: chamber 2"),
+        ([0, 90_001.0, 0], 0, 0, "out of range: chamber 1"),
+        ([0, 0, -1.0], 0, 0, "out of range: chamber 2"),
+        ([0, 0], 0, 0, "wrong length"),
+        ([[0, 0, 0]], 0, 0, "wrong length"),
+        ([1, 1, 1], 0, 101, "stale"),
+        ([1, 1, 1], 500, 100, "from the future"),
+    ],
+)
+def test_a_bad_command_is_refused_counted_and_changes_nothing(command, stamp_ms, now_ms, says):
+    before = initial_state(3)
+    after, refusal = offer(LIMITS, before, np.array(command, dtype=float), stamp_ms * MS, now_ms * MS)
+    assert refusal.startswith(says)
+    assert after.rejected == {says.split(":")[0]: 1}
+    assert np.array_equal(after.command_pa, before.command_pa)
+    assert after.command_ns is None
+
+
+def test_reordered_and_repeated_commands_are_refused():
+    state, _ = commanded([1e3] * 3, 20)
+    for at in (20, 10):
+        state, refusal = offer(LIMITS, state, np.full(3, 2e3), at * MS, 21 * MS)
+        assert refusal.startswith("out of order")
+    assert state.command_pa[0] == 1e3
+
+
+def test_one_live_source_at_a_time():
+    state, _ = commanded([1e3] * 3, 0, source="controller")
+    state, refusal = commanded([2e3] * 3, 50, state, source="joystick")
+    assert refusal == "second source: joystick while controller is live"
+    state, refusal = commanded([2e3] * 3, 101, state, source="joystick")
+    assert refusal is None
+
+
+def test_watchdog_vents_within_one_cycle_of_100_ms_and_latches():
+    state, _ = commanded([50e3] * 3)
+    state = run(state, 0, 100)
+    assert not state.vented
+    state = run(state, 105, 105)
+    assert state.cause == "command lost: last one 105 ms old"
+    assert np.array_equal(state.setpoint_pa, COLD)
+    state, refusal = commanded([50e3] * 3, 110, state)
+    state = run(state, 110, 150)
+    assert refusal is None
+    assert state.vented
+    assert np.array_equal(state.setpoint_pa, COLD)
+
+
+def test_a_stream_of_nan_ends_in_a_vent():
+    state, _ = commanded([30e3] * 3)
+    for now in range(0, 200, 5):
+        state, _ = offer(LIMITS, state, np.full(3, math.nan), now * MS, now * MS)
+        state = cycle(LIMITS, state, COLD, True, now * MS)
+    assert state.cause.startswith("command lost")
+    assert state.rejected == {"not finite": 40}
+
+
+def test_over_pressure_trips_after_its_time_and_burst_at_once():
+    high = np.array([0.0, 101e3, 0.0])
+    state = run(initial_state(3), 0, 20, reading=high)
+    assert not state.vented
+    state = run(state, 25, 25, reading=high)
+    assert state.cause == "over-pressure: chamber 1 at 101.0 kPa"
+    assert run(initial_state(3), 0, 0, reading=np.array([0.0, 0.0, 111e3])).vented
+
+
+def test_a_short_spike_of_pressure_is_tolerated():
+    state = run(initial_state(3), 0, 15, reading=np.full(3, 101e3))
+    state = run(state, 20, 35)
+    assert run(state, 40, 55, reading=np.full(3, 101e3)).cause is None
+
+
+def test_lost_readings_and_nan_readings_trip():
+    state = run(initial_state(3), 0, 5)
+    assert run(state, 10, 60, fresh=False).cause.startswith("readings lost")
+    assert (
+        cycle(LIMITS, state, np.array([0, math.nan, 0]), True, 10 * MS).cause
+        == "reading not finite: chamber 1"
+    )
+
+
+def test_a_fault_of_the_regulators_trips_and_the_first_cause_stays():
+    state = cycle(LIMITS, initial_state(3), COLD, True, 0, fault="heartbeat_lost: node 2")
+    assert request_vent(state, "something later").cause == "heartbeat_lost: node 2"
+
+
+def test_reset_needs_a_zero_command_and_starts_afresh():
+    state, _ = commanded([50e3] * 3)
+    state = request_vent(run(state, 0, 5), "vent requested")
+    state, _ = commanded([50e3] * 3, 10, state)
+    state, refusal = reset(LIMITS, state, 15 * MS)
+    assert refusal == "command still asks for pressure: the command must be zero"
+    assert state.vented
+    state, _ = commanded([0.0] * 3, 20, state)
+    state, refusal = reset(LIMITS, state, 25 * MS)
+    assert refusal is None
+    assert not state.vented
+    assert np.array_equal(state.setpoint_pa, COLD)
+
+
+def test_reset_is_refused_while_the_pressure_is_high():
+    state = run(initial_state(3), 0, 30, reading=np.full(3, 105e3))
+    _, refusal = reset(LIMITS, state, 35 * MS)
+    assert refusal == "a measured pressure is still above the limit"
+
+
+def test_a_stall_of_the_loop_is_no_licence_to_jump():
+    state, _ = commanded([90e3] * 3, 0)
+    state = run(state, 0, 0)
+    state, _ = commanded([90e3] * 3, 10_000, state)
+    state = cycle(LIMITS, state, COLD, True, 10_000 * MS)
+    assert np.all(state.setpoint_pa <= LIMITS.rise_pa_s * LIMITS.command_age_s)
+
+
+@pytest.mark.parametrize("bad", [100e3, 120e3, math.nan, math.inf, -1.0])
+def test_no_configuration_raises_the_hard_limit(bad):
+    with pytest.raises(ConfigError, match=r"maximum_pa"):
+        parse({"maximum_pa": bad}, Limits, "f.yaml")
+
+
+anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
+event = st.tuples(
+    st.lists(anything, min_size=3, max_size=3),
+    st.integers(-200, 200),  # age of the stamp [ms]
+    st.integers(0, 30),  # time since the last event [ms]
+    st.lists(st.one_of(st.floats(-5e3, 95e3), anything), min_size=3, max_size=3),
+    st.booleans(),
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(event, max_size=40))
+def test_any_sequence_stays_in_range_and_within_slew(events):
+    state, now, last_cycle = initial_state(3), 0, None
+    for command, age, wait, reading, fresh in events:
+        now += wait * MS
+        state, _ = offer(LIMITS, state, np.array(command), now - age * MS, now)
+        before = state
+        state = cycle(LIMITS, state, np.array(reading), fresh, now)
+        sent = state.setpoint_pa
+        assert np.all(np.isfinite(sent))
+        assert np.all((sent >= LIMITS.minimum_pa) & (sent <= LIMITS.maximum_pa))
+        if before.vented:
+            assert state.vented
+        if state.vented:
+            assert np.array_equal(sent, COLD)
+        else:
+            dt = 0.0 if last_cycle is None else (now - last_cycle) * 1e-9
+            assert np.all(sent - before.setpoint_pa <= LIMITS.rise_pa_s * dt + 1e-6)
+            assert np.all(before.setpoint_pa - sent <= LIMITS.fall_pa_s * dt + 1e-6)
+        last_cycle = now

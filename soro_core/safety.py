@@ -1,8 +1,8 @@
 """The limiter, the watchdogs and the latch: the one place that every command passes on its way to a valve.
 
-Everything is a pure function of a frozen state: `offer` takes a command in, `cycle` gives the set points of the
-next exchange with the regulators, `request_vent` and `reset` are what a person asks for. Once tripped the state
-is latched: it answers zero set points and `vented` until `reset` is called with a zero command.
+Everything is a pure function of a frozen state: `offer` takes a command in, `cycle` gives the set points of
+the next exchange with the regulators, `request_vent` and `reset` are what a person asks for. Once tripped the
+state is latched: it answers zero set points and `vented` until `reset` is called with a zero command.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The base of every node: lifecycle, checked parameters, diagnostics, and an end that puts the valves safe first."""
+"""The base of every node: lifecycle, checked parameters, diagnostics, and an end that vents first."""
 
 from __future__ import annotations
 

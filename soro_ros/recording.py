@@ -27,7 +27,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Series:
-    """Samples of one topic: stamps `t` (n,) [s] and values (n, m), with a name a column where there are names."""
+    """Samples of one topic: stamps `t` (n,) [s], values (n, m), and a name a column where there are names."""
 
     t: Array
     value: Array

@@ -50,16 +50,20 @@ class ProcessNoise(Strict):
         2.0, ge=0, le=1e6, description="spectral density of the acceleration's error, strain/s^2/sqrt(Hz)"
     )
     curvature_acceleration_per_m: float = Field(
-        60.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
+        20.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
     )
     stretch_disturbance: float = Field(
-        30.0, ge=0, le=1e6, description="drift of the disturbance, as an acceleration: strain/s^2 per sqrt(s)"
+        1e4,
+        ge=0,
+        le=1e9,
+        description="spectral density of the second derivative of the disturbance, which is an acceleration: "
+        "strain/s^4/sqrt(Hz)",
     )
     curvature_disturbance_per_m: float = Field(
-        1500.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2) per sqrt(s)"
+        2e4, ge=0, le=1e9, description="the same of curvatures, 1/(m s^4)/sqrt(Hz)"
     )
     disturbance_time_s: float = Field(
-        20.0, gt=0, le=1e4, description="time in which a disturbance that nothing observes is forgotten"
+        5.0, gt=0, le=1e4, description="time in which a disturbance that nothing observes is forgotten"
     )
 
 
@@ -70,6 +74,8 @@ class InitialNoise(Strict):
     curvature_std_per_m: float = Field(8.0, gt=0, le=1e3, description="curvatures")
     stretch_rate_std_per_s: float = Field(1.0, gt=0, le=1e4, description="rate of elongation and shears")
     curvature_rate_std_per_m_s: float = Field(80.0, gt=0, le=1e5, description="rate of curvatures")
+    stretch_disturbance_std: float = Field(300.0, ge=0, le=1e6, description="disturbance, strain/s^2")
+    curvature_disturbance_std_per_m: float = Field(3e3, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)")
 
 
 class EstimatorConfig(Strict):

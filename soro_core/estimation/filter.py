@@ -1,7 +1,8 @@
 """Extended Kalman filter on (q, qd, disturbance): prediction with the arm's model, update with a sample.
 
-The disturbance is an acceleration per coordinate that the model does not explain (a payload, a wrong stiffness);
-it drifts as a first-order Gauss-Markov process, so that it stays bounded where nothing observes it.
+The disturbance is an acceleration per coordinate that the model does not explain (a payload, a wrong stiffness),
+with its rate: an integrated random walk follows a disturbance that turns with the arm without falling behind, as
+a plain random walk would. Both are forgotten slowly, so that they stay bounded where nothing observes them.
 """
 
 from __future__ import annotations
@@ -28,18 +29,19 @@ _CONVERGED = 1e-3
 
 @dataclass(frozen=True)
 class Belief:
-    """Mean and covariance of (q, qd, disturbance), and the internal states of the arm that go with the mean."""
+    """Mean and covariance of (q, qd, disturbance, its rate), and the internal states of the arm that go with the mean."""
 
     q: Array
     qd: Array
     disturbance: Array
+    drift: Array
     internal: Array
     covariance: Array
 
     @property
     def mean(self) -> Array:
-        """(q, qd, disturbance) in one vector."""
-        return np.concatenate([self.q, self.qd, self.disturbance])
+        """(q, qd, disturbance, drift) in one vector."""
+        return np.concatenate([self.q, self.qd, self.disturbance, self.drift])
 
     def finite(self) -> bool:
         """Whether every number is one."""
@@ -61,13 +63,17 @@ class Filter:
         self.limit = np.where(stretch, config.stretch_limit, config.bend_limit_rad / lengths)
         acceleration = np.where(stretch, noise.stretch_acceleration, noise.curvature_acceleration_per_m)
         drift = np.where(stretch, noise.stretch_disturbance, noise.curvature_disturbance_per_m)
-        self.process = np.concatenate([np.zeros(self.n), acceleration**2, drift[: self.n_d] ** 2])
+        self.process = np.concatenate(
+            [np.zeros(self.n), acceleration**2, np.zeros(self.n_d), drift[: self.n_d] ** 2]
+        )
+        disturbance = np.where(stretch, start.stretch_disturbance_std, start.curvature_disturbance_std_per_m)
         self.initial = np.concatenate(
             [
                 np.where(stretch, start.stretch_std, start.curvature_std_per_m) ** 2,
                 np.where(stretch, start.stretch_rate_std_per_s, start.curvature_rate_std_per_m_s) ** 2,
-                # Stationary variance of the drift: what is known of it before anything was measured.
-                drift[: self.n_d] ** 2 * min(noise.disturbance_time_s, 1.0) / 2.0,
+                disturbance[: self.n_d] ** 2,
+                # As fast as to change by itself within a second.
+                disturbance[: self.n_d] ** 2,
             ]
         )
         self._increment = np.where(stretch, 1e-6, 1e-6 / lengths)
@@ -78,22 +84,21 @@ class Filter:
             q=np.zeros(self.n) if q is None else np.array(q, dtype=np.float64),
             qd=np.zeros(self.n),
             disturbance=np.zeros(self.n_d),
+            drift=np.zeros(self.n_d),
             internal=np.zeros(self.arm.n_internal),
             covariance=np.diag(self.initial),
         )
 
     def widen(self, belief: Belief) -> Belief:
         """Forget what is known, keep the mean: the next sample decides."""
-        return replace(
-            belief, qd=np.zeros(self.n), disturbance=np.zeros(self.n_d), covariance=np.diag(self.initial)
-        )
+        return replace(self.start(belief.q), internal=belief.internal)
 
     def linearise(self, belief: Belief, pressure_pa: Array) -> Array:
         """Return the system matrix of the linearised dynamics by forward differences, (m, m)."""
         n, arm = self.n, self.arm
         q, qd, internal = belief.q, belief.qd, belief.internal
         here = arm.forward_dynamics(q, qd, pressure_pa, internal=internal)
-        size = 2 * n + self.n_d
+        size = 2 * n + 2 * self.n_d
         system = np.zeros((size, size))
         system[:n, n : 2 * n] = np.eye(n)
         for i in range(n):
@@ -109,8 +114,11 @@ class Filter:
                 arm.forward_dynamics(q, moved, pressure_pa, internal=internal) - here
             ) / h
         if self.n_d:
-            system[n : 2 * n, 2 * n :] = np.eye(n)
-            system[2 * n :, 2 * n :] = -np.eye(n) / self.config.process.disturbance_time_s
+            one, fade = np.eye(n), np.eye(n) / self.config.process.disturbance_time_s
+            system[n : 2 * n, 2 * n : 3 * n] = one
+            system[2 * n : 3 * n, 2 * n : 3 * n] = -fade
+            system[2 * n : 3 * n, 3 * n :] = one
+            system[3 * n :, 3 * n :] = -fade
         return system
 
     def predict(self, belief: Belief, pressure_pa: Array, system: Array, dt: float) -> tuple[Belief, bool]:
@@ -122,9 +130,11 @@ class Filter:
         if dt <= 0.0:
             return belief, True
         n = self.n
-        push = np.zeros(n)
+        push, disturbance, drift = np.zeros(n), belief.disturbance, belief.drift
         if self.n_d:
-            push = 0.5 * dt * belief.disturbance
+            fade = np.exp(-dt / self.config.process.disturbance_time_s)
+            push = 0.5 * dt * (disturbance + 0.5 * dt * drift)
+            disturbance, drift = fade * (disturbance + dt * drift), fade * drift
         state, status = self.stepper.step(State(belief.q, belief.qd + push, belief.internal), pressure_pa, dt)
         ok = bool(status.ok)
         q, qd, internal = (
@@ -138,11 +148,8 @@ class Filter:
         spread = whole @ belief.covariance @ whole.T + noise
         if not ok:
             spread = spread + np.diag(self.initial) * dt
-        disturbance = belief.disturbance
-        if self.n_d:
-            disturbance = disturbance * np.exp(-dt / self.config.process.disturbance_time_s)
         q = np.clip(q, -self.limit, self.limit)
-        return Belief(q, qd, disturbance, internal, 0.5 * (spread + spread.T)), ok
+        return Belief(q, qd, disturbance, drift, internal, 0.5 * (spread + spread.T)), ok
 
     def distance(self, belief: Belief, innovation: Innovation) -> float:
         """Return the normalised innovation squared: chi-square distributed for a good sample."""
@@ -180,9 +187,8 @@ class Filter:
                 break
         rest = np.eye(size) - gain @ jacobian
         covariance = rest @ belief.covariance @ rest.T + (gain * variance) @ gain.T
-        updated = Belief(
-            mean[:n], mean[n : 2 * n], mean[2 * n :], belief.internal, 0.5 * (covariance + covariance.T)
-        )
+        parts = np.split(mean, [n, 2 * n, 2 * n + self.n_d])
+        updated = Belief(*parts, belief.internal, 0.5 * (covariance + covariance.T))
         return updated if updated.finite() else None
 
 

@@ -1,4 +1,4 @@
-"""A closed-loop pressure regulator as the plant sees it: delay, hysteresis, lag, rate limit, resolution, noise.
+"""A closed-loop pressure regulator as the plant sees it: delay, hysteresis, lag, rate limit, noise.
 
 The defaults are those identified on a Festo VEAB proportional valve (first order, 52 ms) with assumptions for
 what was not published (delay, hysteresis, noise); see docs/hardware.md.

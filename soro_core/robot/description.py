@@ -189,14 +189,14 @@ class Link(Strict):
     @classmethod
     def _axial(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
         return _law(
-            value, info, "a1 > a2 and a1 > 0, a3 >= 0, so that the axial stiffness is positive at rest"
+            value, info, "a1 > a2 and a1 > 0, so that the axial stiffness is positive at rest"
         )
 
     @field_validator("k_b")
     @classmethod
     def _bending(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
         return _law(
-            value, info, "a4 > a5 and a4 > 0, a6 >= 0, so that the bending stiffness is positive at rest"
+            value, info, "a4 > a5 and a4 > 0, so that the bending stiffness is positive at rest"
         )
 
     @field_validator("damping")
@@ -444,6 +444,6 @@ def _law(value: tuple[float, ...] | None, info: ValidationInfo, allowed: str) ->
         raise ValueError(f"a material instead of k_e and k_b where {odd[0]} is carried")
     if value is None:
         raise ValueError("three values, or a material")
-    if not (value[0] > value[1] and value[0] > 0 and value[2] >= 0):
+    if not (value[0] > value[1] and value[0] > 0):
         raise ValueError(allowed)
     return value

@@ -57,7 +57,7 @@ class Scene(Strict):
         return self
 
     def _priority(self, wanted: int) -> int:
-        """Real-time priority: the nearer to the valves the higher; none in lockstep, which has all the time."""
+        """Real-time priority, the nearer to the valves the higher; none in lockstep: it has all the time."""
         return wanted if self.mode == "real_time" else 0
 
     def twin_node(self, plant_link: str = "") -> TwinConfig:

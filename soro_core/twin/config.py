@@ -1,4 +1,4 @@
-"""What the twin is made of: how fine its arm is, what it carries unknown to the controller, and its sensors."""
+"""What the twin is made of: how fine its arm is, what it carries unknown to others, and its sensors."""
 
 from __future__ import annotations
 

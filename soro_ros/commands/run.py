@@ -15,6 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from soro_core.config import find_config
 from soro_core.errors import ConfigError, SoroError
+from soro_core.hardware import load_platform
+from soro_core.robot import load_robot
 from soro_core.scene import Scene, load_scene
 
 SCENE_HELP = "Scene file, or the name of a shipped one."
@@ -36,6 +38,7 @@ def run(
     Ends with a table, a picture and a bag in FOLDER/NAME-TIME. Ctrl-C vents, closes the bag and ends.
     """
     loaded = load_scene(scene, _changes(change or []))
+    _check_files(loaded)
     console = Console(stderr=True)
     target = _new_folder(folder, loaded.name)
     shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
@@ -116,6 +119,19 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
             progress.update(task, completed=min(now, scene.duration_s))
             if now >= scene.duration_s - 1e-9:
                 return
+
+
+def _check_files(scene: Scene) -> None:
+    """Read what the scene names, so that a wrong file is told before anything starts."""
+    robot = load_robot(find_config(scene.robot, "robots"))
+    if not scene.platform:
+        return
+    platform = load_platform(scene.platform).at_rate(scene.rate_hz)
+    if set(platform.chamber_names) != set(robot.chamber_names):
+        fed = ", ".join(platform.chamber_names)
+        raise ConfigError(
+            scene.platform, "valves", fed, f"the chambers of the robot: {', '.join(robot.chamber_names)}"
+        )
 
 
 def _changes(given: list[str]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from soro_ros.lifecycle import SoroNode, run_node
 
 
 class EstimatorNode(SoroNode[EstimatorNodeConfig]):
-    """Runs the filter once a message on chambers/state; in lockstep it first waits for the samples due by then."""
+    """Runs the filter once a chambers/state; in lockstep it first waits for the samples due by then."""
 
     config_model = EstimatorNodeConfig
     node_name = "estimator"
@@ -134,7 +134,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         )
 
     def _publish_nothing(self, stamp_ns: int) -> None:
-        """No estimate at this tick: silence in real time, an empty message in lockstep, where others wait for it."""
+        """No estimate at this tick: silence in real time, an empty message in lockstep: others wait for it."""
         if self._lockstep:
             nothing = JointState()
             nothing.header.stamp = messages.to_time(stamp_ns)

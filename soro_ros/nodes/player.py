@@ -53,6 +53,8 @@ class Player(SoroNode[PlayerConfig]):
 
     config_model = PlayerConfig
     node_name = "player"
+    _reader: BagReader | None = None
+    _thread: threading.Thread | None = None
 
     def setup(self, config: PlayerConfig) -> None:
         if not config.bag:
@@ -64,7 +66,6 @@ class Player(SoroNode[PlayerConfig]):
         self._published: dict[str, Publisher] = {}
         self._clock_out: Publisher | None = None
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
         self._count = 0
         self._position_ns = 0
         self._phase = "ready"
@@ -87,21 +88,24 @@ class Player(SoroNode[PlayerConfig]):
 
     def teardown(self) -> None:
         self.make_safe()
+        if self._reader is None:
+            return
         for publisher in (*self._published.values(), *([self._clock_out] if self._clock_out else [])):
             self.destroy_publisher(publisher)
         self._published.clear()
         self._clock_out = None
         self._reader.close()
+        self._reader = None
 
     def make_safe(self) -> None:
-        thread = getattr(self, "_thread", None)
+        thread = self._thread
         if thread is not None:
             self._stopping.set()
             thread.join()
             self._thread = None
 
     def diagnose(self) -> None:
-        if not hasattr(self, "_phase"):
+        if self._reader is None:
             return
         values = {
             "bag": self._config.bag,

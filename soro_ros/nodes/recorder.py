@@ -64,6 +64,7 @@ class Recorder(SoroNode[RecorderConfig]):
 
     config_model = RecorderConfig
     node_name = "recorder"
+    _bag: BackgroundWriter | None = None
 
     def setup(self, config: RecorderConfig) -> None:
         self._config = config
@@ -85,9 +86,7 @@ class Recorder(SoroNode[RecorderConfig]):
             ros_distro=os.environ.get("ROS_DISTRO", "jazzy"),
             custom_data=self._notes,
         )
-        self._bag: BackgroundWriter | None = BackgroundWriter(
-            writer, self._config.flush_s, self._config.buffer_bytes
-        )
+        self._bag = BackgroundWriter(writer, self._config.flush_s, self._config.buffer_bytes)
         self._folder = folder
         for name, type_name in self._wanted.items():
             if type_name:
@@ -107,12 +106,12 @@ class Recorder(SoroNode[RecorderConfig]):
         try:
             self._take_the_rest()
             self._close()
-        except SoroError as error:
-            self.failure = error
+        except Exception as error:
+            self.failure = error if isinstance(error, SoroError) else SoroError(repr(error))
             self.get_logger().error(str(error))
 
     def diagnose(self) -> None:
-        bag = getattr(self, "_bag", None)
+        bag = self._bag
         if bag is None:
             return
         values = {
@@ -133,7 +132,7 @@ class Recorder(SoroNode[RecorderConfig]):
             self.diagnostics.update(OK, "recording", values)
 
     def _close(self) -> None:
-        bag = getattr(self, "_bag", None)
+        bag = self._bag
         if bag is None:
             return
         self._bag = None
@@ -223,11 +222,12 @@ class Recorder(SoroNode[RecorderConfig]):
 
     def _take_the_rest(self) -> None:
         """Record what has arrived but was not yet handed to `_take`: its senders know it as delivered."""
-        if getattr(self, "_bag", None) is None:
+        if self._bag is None:
             return
         for name, stream in self._streams.items():
+            handle = stream.subscription.handle
             for _ in range(REST):
-                with stream.subscription.handle as handle:
+                with handle:
                     taken = handle.take_message(stream.subscription.msg_type, True)
                 if taken is None:
                     break

@@ -126,7 +126,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def _values(self) -> dict[str, object]:
         statistics = self._regulator.statistics if self._regulator is not None else None
-        counts = {} if statistics is None else {k: v for k, v in vars(statistics).items()}
+        counts = {} if statistics is None else vars(statistics)
         return {
             **counts,
             "lateness_p50_ms": self._timer.percentile_ms(50),

@@ -27,7 +27,7 @@ LINK_WAIT_S = 0.05
 
 
 class TwinNode(SoroNode[TwinConfig]):
-    """Publishes sensors and truth; moved by its own regulators, by emulated valves or by measured pressures."""
+    """Publishes sensors and truth; moved by its own regulators, emulated valves or measured pressures."""
 
     config_model = TwinConfig
     node_name = "twin"

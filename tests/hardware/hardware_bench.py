@@ -12,12 +12,14 @@ import time
 import tty
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import can
 import numpy as np
+import yaml
 
 from soro_core.config import parse
-from soro_core.hardware import Exchange, Platform, load_platform, open_regulator
+from soro_core.hardware import Exchange, Platform, open_regulator
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.emulation.inprocess import HubBus
 from soro_core.hardware.emulation.world import World
@@ -29,17 +31,59 @@ PERIOD_NS = 5_000_000
 TRANSCRIPTS = Path(__file__).parent / "transcripts"
 
 
-def platform(**changes: object) -> Platform:
-    """The shipped emulated platform with some keys changed; nested keys as dictionaries are merged."""
-    data = load_platform("emulated_canopen").model_dump()
+# Three valves, with every value that the tests rely on; the shipped file may be tuned.
+BASE: dict[str, Any] = {
+    "family": "canopen_408",
+    "transport": {"kind": "slcan"},
+    "valves": [{"chamber": f"link0/chamber{n}", "node": n + 1} for n in range(3)],
+    "range": {"minimum_pa": 0.0, "maximum_pa": 90e3},
+    "cycle_hz": 200.0,
+    "canopen": {
+        "heartbeat_s": 0.025,
+        "heartbeat_consumer_s": 0.1,
+        "rpdo_deadline_s": 0.05,
+        "stale_cycles": 3,
+    },
+    "emulation": {
+        "regulator": {
+            "delay_s": 0.005,
+            "tau_s": 0.052,
+            "hysteresis_pa": 900.0,
+            "command_resolution_pa": 50.0,
+            "reading_resolution_pa": 100.0,
+            "reading_noise_pa": 100.0,
+            "maximum_pa": 90e3,
+        }
+    },
+}
+
+
+def platform(**changes: Any) -> Platform:
+    """The platform of the tests with some keys changed; nested keys as dictionaries are merged."""
+    return parse(_merged(BASE, changes), Platform, where="test")
+
+
+def platform_file(folder: Path, **changes: Any) -> str:
+    """The same as a file."""
+    path = folder / "platform.yaml"
+    path.write_text(yaml.safe_dump(_merged(BASE, changes)))
+    return str(path)
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
     for key, value in changes.items():
-        data[key] = {**data[key], **value} if isinstance(value, dict) and key in data else value
-    return parse(data, Platform, where="test")
+        both = isinstance(value, dict) and isinstance(base.get(key), dict)
+        merged[key] = _merged(base[key], value) if both else value
+    return merged
 
 
-def single(**changes: object) -> Platform:
+ONE_VALVE = [{"chamber": "link0/chamber0", "node": 1}]
+
+
+def single(**changes: Any) -> Platform:
     """The same with one valve."""
-    return platform(valves=[{"chamber": "link0/chamber0", "node": 1}], **changes)
+    return platform(valves=ONE_VALVE, **changes)
 
 
 class RecordingBus(HubBus):

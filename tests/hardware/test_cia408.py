@@ -96,7 +96,9 @@ def test_scaling(unit, prefix, full_scale, pascal):
     assert pascal_per_count(unit, prefix, full_scale) == pascal
 
 
-@pytest.mark.parametrize(("unit", "full_scale", "text"), [(0x01, None, "unit 0x01"), (0, None, "full_scale_pa")])
+@pytest.mark.parametrize(
+    ("unit", "full_scale", "text"), [(0x01, None, "unit 0x01"), (0, None, "full_scale_pa")]
+)
 def test_scaling_that_is_not_known(unit, full_scale, text):
     with pytest.raises(ValueError, match=text):
         pascal_per_count(unit, 0, full_scale)

@@ -79,7 +79,10 @@ def test_sdo(bench, request_, answer):
 def test_write_only_object_cannot_be_read(bench):
     dictionary = bench.world.nodes[0].dictionary
     entry = dictionary.entries[0x6040, 0]
-    dictionary.entries = {**dictionary.entries, (0x6040, 0): type(entry)(**{**vars(entry), "readable": False})}
+    dictionary.entries = {
+        **dictionary.entries,
+        (0x6040, 0): type(entry)(**{**vars(entry), "readable": False}),
+    }
     assert bench.sdo("40 40 60 00 00 00 00 00") == "80 40 60 00 01 00 01 06"
 
 

@@ -70,7 +70,8 @@ def test_good_line(line, event):
 
 
 @pytest.mark.parametrize(
-    ("frame", "line"), [(event, line) for line, event in GOOD if isinstance(event, Frame) and b"a" not in line]
+    ("frame", "line"),
+    [(event, line) for line, event in GOOD if isinstance(event, Frame) and b"a" not in line],
 )
 def test_encoding_is_the_reverse(frame, line):
     assert encode(frame) == line

@@ -2,7 +2,16 @@
 
 import numpy as np
 import pytest
-from hardware_bench import Bench, EmulatorProcess, Tap, emulator, single, transcript
+from hardware_bench import (
+    ONE_VALVE,
+    Bench,
+    EmulatorProcess,
+    Tap,
+    emulator,
+    platform_file,
+    single,
+    transcript,
+)
 
 from soro_core.hardware import open_regulator
 from soro_core.hardware.canopen.cia408 import State
@@ -39,7 +48,10 @@ def test_fault_and_reset(bench):
     log, reset = bench.bus.take_log(), transcript("reset")
     assert log[: len(reset)] == reset
     start_up = transcript("start_up")
-    assert log[len(reset) : len(reset) + 20] == start_up[start_up.index("> 601 [8] 2B 17 10 00 19 00 00 00") :][:20]
+    assert (
+        log[len(reset) : len(reset) + 20]
+        == start_up[start_up.index("> 601 [8] 2B 17 10 00 19 00 00 00") :][:20]
+    )
 
 
 def test_vent(bench):
@@ -65,15 +77,9 @@ def _line(entry: str) -> bytes:
 
 def test_bytes_over_a_pseudo_terminal(tmp_path):
     """The same transcripts as bytes, between this process and the emulator's."""
-    path = tmp_path / "one.yaml"
-    path.write_text(
-        "family: canopen_408\ntransport: {kind: slcan}\ncycle_hz: 200.0\n"
-        "range: {minimum_pa: 0.0, maximum_pa: 90e3}\n"
-        "valves: [{chamber: link0/chamber0, node: 1}]\n"
-        "emulation: {regulator: {reading_noise_pa: 0.0}}\n"
-    )
+    path = platform_file(tmp_path, valves=ONE_VALVE, **QUIET)
     log = [*transcript("start_up"), *transcript("cycle")]
-    with emulator(tmp_path, "--lockstep", platform=str(path)) as served, Tap(served.device) as tap:
+    with emulator(tmp_path, "--lockstep", platform=path) as served, Tap(served.device) as tap:
         _start_up_and_two_cycles(served, tap)
         sent, received = tap.sent, tap.received
     assert sent == b"\r\rC\rS8\rO\r" + b"".join(_line(entry) for entry in log if entry[0] == ">")

@@ -95,12 +95,16 @@ def test_deviations_follow_the_noise() -> None:
 
 
 def test_a_candidate_that_fails_is_stepped_around() -> None:
+    failed = []
+
     def of(values: dict[str, float]) -> np.ndarray:
-        if values["a"] > 3.0:
+        if values["a"] > 2.05:
+            failed.append(values["a"])
             raise ModelError("too far")
         return np.array([values["a"] ** 2 - 4.0, 0.0])
 
-    assert fit((Parameter("a", 0.5),), of).values["a"] == pytest.approx(2.0, abs=1e-4)
+    assert fit((Parameter("a", 1.2),), of).values["a"] == pytest.approx(2.0, abs=1e-4)
+    assert failed
 
 
 def test_bad_calls_are_refused() -> None:

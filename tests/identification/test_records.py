@@ -51,5 +51,5 @@ def test_a_bad_file_is_named_in_one_line(tmp_path: Path, text: str, named: str) 
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"absent\.csv"):
+    with pytest.raises(ConfigError, match=r"absent\.csv: got 'no such file'"):
         read_forced(tmp_path / "absent.csv")

@@ -90,16 +90,16 @@ def test_stiff_creep_is_viscous_damping():
 def test_hysteresis_closes_a_loop_of_the_right_width():
     """Force of a Dahl element on a slow large cycle saturates at stiffness * range."""
     arm = arm_of(
-        1, hysteresis=[{"stiffness": [0.0, 1e-2, 0.0], "range": [1.0, 0.5, 1.0]}], damping=[0.5, 1e-5, 1e-5]
+        1, hysteresis=[{"stiffness": [0.0, 1e-2, 0.0], "range": [1.0, 0.05, 1.0]}], damping=[0.5, 1e-5, 1e-5]
     )
     gain = arm.actuation_matrix()[1]
     result = simulate(
-        arm, t_end=4.0, dt=2e-3, pressure=lambda t: 4e4 * np.sin(2 * np.pi * t) * gain / np.abs(gain).max()
+        arm, t_end=2.0, dt=2e-3, pressure=lambda t: 4e5 * np.sin(2 * np.pi * t) * gain / np.abs(gain).max()
     )
     z = result.internal[:, 1]
     assert result.status.ok
-    assert np.abs(z).max() == pytest.approx(0.5, rel=0.02)
-    assert np.abs(z).max() <= 0.5
+    assert np.abs(z).max() == pytest.approx(0.05, rel=0.02)
+    assert np.abs(z).max() <= 0.05
 
 
 @pytest.mark.parametrize("method", ["exact", "mde"])
@@ -176,10 +176,11 @@ def test_last_step_is_shortened_and_start_is_included():
 
 
 def test_rest_is_an_equilibrium_that_a_run_finds():
-    """Damped, the run ends where gravity, elasticity and pressure balance."""
-    arm = arm_of(2, damping=[0.3, 2e-5, 2e-5])
-    p = np.full(arm.n_u, 5e3)
-    q = simulate(arm, t_end=6.0, dt=2e-3, pressure=p).q[-1]
+    """Damped and hanging, the run ends where gravity, elasticity and pressure balance."""
+    arm = arm_of(1, damping=[0.3, 2e-5, 2e-5])
+    arm = SoftArm(arm.robot.replace(base_quaternion=[1.0, 0.0, 0.0, 0.0]))
+    p = np.array([5e3, 0.0, 1e4])
+    q = simulate(arm, t_end=4.0, dt=2e-3, pressure=p).q[-1]
     balance = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p
     assert np.abs(balance).max() < 1e-6 * np.abs(arm.gravity_force(q)).max()
 

@@ -21,7 +21,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -169,6 +169,15 @@ def payloads(bag: Path) -> dict[str, list[bytes]]:
     return result
 
 
+def contents(
+    recorded: dict[str, list[bytes]], kinds: dict[str, type] | None = None
+) -> dict[str, list[object]]:
+    kinds = kinds or {name: kind for name, (kind, _) in TYPES.items()}
+    return {
+        name: [deserialize_message(data, kinds[name]) for data in items] for name, items in recorded.items()
+    }
+
+
 def test_recorder_player_recorder(start, node, tmp_path):
     """The same payload bytes, order, types, hashes and quality of service on every topic, twice over."""
     messages = mixed_messages(700, seed=1)
@@ -183,7 +192,9 @@ def test_recorder_player_recorder(start, node, tmp_path):
     publish(node, messages)
     assert first.end(signal.SIGINT) == 0
     assert f"recorded {len(messages)} messages" in first.output()
-    assert payloads(tmp_path / "first") == expected
+    recorded = payloads(tmp_path / "first")
+    # The bytes on the wire are not those of serialize_message: they are padded, with whatever memory held.
+    assert contents(recorded) == expected
 
     second = record(start, tmp_path / "second", f"topics:={list(TYPES)}")
     node.destroy_node()  # its latched messages would be recorded again
@@ -191,7 +202,7 @@ def test_recorder_player_recorder(start, node, tmp_path):
     assert player.end() == 0, player.output()
     assert f"played {len(messages)} messages" in player.output()
     assert second.end(signal.SIGTERM) == 0
-    assert payloads(tmp_path / "second") == expected
+    assert payloads(tmp_path / "second") == recorded
 
     with BagReader(tmp_path / "first") as one, BagReader(tmp_path / "second") as two:
         for before, after in zip(one.topics, two.topics, strict=True):
@@ -269,7 +280,7 @@ def test_a_topic_named_with_its_type_is_recorded_from_its_first_message(start, n
     publisher.publish(String(data="first"))
     assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
     assert recorder.end(signal.SIGINT) == 0
-    assert payloads(tmp_path / "bag") == {"/early": [serialize_message(String(data="first"))]}
+    assert contents(payloads(tmp_path / "bag"), {"/early": String}) == {"/early": [String(data="first")]}
 
 
 def test_best_effort_publishers_are_heard_even_when_they_come_late(start, node, tmp_path):
@@ -287,7 +298,7 @@ def test_best_effort_publishers_are_heard_even_when_they_come_late(start, node, 
 
     until(recorded, "the message of the best-effort publisher")
     assert recorder.end(signal.SIGINT) == 0
-    assert payloads(tmp_path / "bag")["/mixed"] == [serialize_message(String(data="late"))]
+    assert contents(payloads(tmp_path / "bag"), {"/mixed": String}) == {"/mixed": [String(data="late")]}
 
 
 # Player -------------------------------------------------------------------------------------------
@@ -479,7 +490,7 @@ def test_soro_play_and_soro_bag(domain, tmp_path):
     ("arguments", "status", "words"),
     [
         (["play", "{tmp}/nothing"], 2, "does not exist"),
-        (["play", "{tmp}"], 1, "not a bag"),
+        (["play", "{tmp}/folder"], 1, "not a bag"),
         (["play", "{tmp}/text.mcap"], 1, "no MCAP file"),
         (["play", "{tmp}/text.mcap", "--rate", "-1"], 2, "rate: got -1"),
         (["bag", "info", "{tmp}/nothing"], 2, "does not exist"),
@@ -489,6 +500,7 @@ def test_soro_play_and_soro_bag(domain, tmp_path):
 )
 def test_commands_name_what_is_wrong(domain, tmp_path, arguments, status, words):
     (tmp_path / "text.mcap").write_text("t,p1,p2,p3\n")
+    (tmp_path / "folder").mkdir()
     done = soro(*(argument.format(tmp=tmp_path) for argument in arguments))
     assert done.returncode == status, done.stderr
     assert words in done.stderr

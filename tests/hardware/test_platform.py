@@ -1,0 +1,119 @@
+"""Platform files: the shipped one, and one line for everything that can be wrong."""
+
+import pytest
+import yaml
+from hardware_bench import BASE, platform, platform_file
+
+from soro_core.config import config_folder
+from soro_core.errors import ConfigError, HardwareError
+from soro_core.hardware import load_platform, open_regulator
+
+BASE_TEXT = yaml.safe_dump(BASE)
+VALVES = BASE["valves"]
+
+
+def test_shipped_platform():
+    platform = load_platform("emulated_canopen")
+    assert platform.chamber_names == ("link0/chamber0", "link0/chamber1", "link0/chamber2")
+    assert (platform.range.minimum_pa, platform.range.maximum_pa) == (0.0, 90e3)
+    assert platform.range.maximum_pa < 100e3, "rating of the valves"
+    air = platform.emulation.regulator
+    assert (air.tau_s, air.delay_s, air.reading_noise_pa, air.hysteresis_pa) == (0.052, 0.005, 100.0, 900.0)
+    assert platform.canopen.heartbeat_s == 0.025
+
+
+@pytest.mark.parametrize("path", sorted(config_folder().glob("platforms/*.yaml")), ids=lambda path: path.stem)
+def test_every_shipped_platform_loads(path):
+    load_platform(path)
+
+
+BAD = {
+    "unknown key": ({"flow": 3}, "flow: got 'an unknown key'"),
+    "unknown nested key": ({"canopen": {"watchdog_s": 1.0}}, "canopen.watchdog_s: got 'an unknown key'"),
+    "unknown family": (
+        {"family": "ethercat"},
+        "family: got 'ethercat'; allowed: input should be 'canopen_408'",
+    ),
+    "unknown transport": ({"transport": {"kind": "usb"}}, "transport.kind: got 'usb'"),
+    "bit rate 800k": (
+        {"transport": {"bitrate": 800_000}},
+        "transport.bitrate: got 800000; allowed: one of 10000",
+    ),
+    "no valves": ({"valves": []}, "valves: got []"),
+    "valve without node": ({"valves": [{"chamber": "link0/chamber0"}]}, "valves[0].node: got 'nothing'"),
+    "node 0": ({"valves": [{**VALVES[0], "node": 0}]}, "valves[0].node: got 0"),
+    "node 128": ({"valves": [{**VALVES[0], "node": 128}]}, "valves[0].node: got 128"),
+    "node as text": ({"valves": [{**VALVES[0], "node": "1"}]}, "valves[0].node: got '1'"),
+    "chamber name": ({"valves": [{**VALVES[0], "chamber": "bellow 1"}]}, "a name of the form link0/chamber0"),
+    "chamber twice": (
+        {"valves": [VALVES[0], {**VALVES[0], "node": 2}]},
+        "each chamber once, not link0/chamber0",
+    ),
+    "node twice": ({"valves": [VALVES[0], {**VALVES[1], "node": 1}]}, "each node once, not 1 twice"),
+    "node of the host": ({"canopen": {"master_node": 2}}, "a node id that no valve has, not 2"),
+    "NaN": ({"range": {"maximum_pa": float("nan")}}, "range.maximum_pa: got nan"),
+    "no vent in the range": ({"range": {"minimum_pa": 5e3}}, "range.minimum_pa: got 5000.0"),
+    "empty range": ({"range": {"maximum_pa": 0.0}}, "range.maximum_pa: got 0.0"),
+    "pressure as text": ({"range": {"maximum_pa": "90 kPa"}}, "range.maximum_pa: got '90 kPa'"),
+    "rate 0": ({"cycle_hz": 0.0}, "cycle_hz: got 0.0"),
+    "rate too slow for the deadline": (
+        {"cycle_hz": 20.0},
+        "canopen.rpdo_deadline_s: at least two cycles, 0.1 s",
+    ),
+    "heartbeat too slow": ({"canopen": {"heartbeat_s": 0.08}}, "at least twice the heartbeat"),
+    "air": ({"emulation": {"regulator": {"tau_s": -1.0}}}, "emulation.regulator.tau_s: got -1.0"),
+    "unit": ({"emulation": {"pressure_unit": "psi"}}, "emulation.pressure_unit: got 'psi'"),
+}
+
+
+@pytest.mark.parametrize(("change", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_platform(change, text, tmp_path):
+    path = platform_file(tmp_path, **change)
+    with pytest.raises(ConfigError) as caught:
+        load_platform(path)
+    assert text in str(caught.value)
+    assert str(caught.value).startswith(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (BASE_TEXT + "cycle_hz: 100.0\n", "stands twice"),
+        ("[1, 2]", "a mapping of keys to values"),
+        ("family: [", "valid YAML"),
+        ("", "a mapping of keys to values"),
+    ],
+)
+def test_bad_file(content, text, tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=text):
+        load_platform(path)
+
+
+def test_missing_file():
+    with pytest.raises(ConfigError, match=r"missing\.yaml: got 'no such file'"):
+        load_platform("missing.yaml")
+    with pytest.raises(ConfigError, match="emulated_canopen"):
+        load_platform("missing")
+
+
+def test_other_rate():
+    assert platform().at_rate(500.0).cycle_hz == 500.0
+    assert platform().at_rate(500.0).emulation == platform().emulation
+    with pytest.raises(ConfigError, match="platform at 20"):
+        platform().at_rate(20.0)
+
+
+def test_adapter_that_nobody_named():
+    with pytest.raises(HardwareError, match="no adapter named"):
+        open_regulator(platform()).configure()
+
+
+def test_adapter_that_is_absent(tmp_path):
+    regulator = open_regulator(platform(), str(tmp_path / "adapter"))
+    with pytest.raises(HardwareError, match=r"adapter: cannot open the adapter's port"):
+        regulator.configure()
+    regulator.vent()
+    regulator.close()

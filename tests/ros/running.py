@@ -1,0 +1,97 @@
+"""Running `soro` and single nodes as processes, as a user would."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from soro_core.bag import BagReader
+
+SORO = [sys.executable, "-m", "soro_ros.cli"]
+SCENE = "track_circle"
+
+
+def start_run(folder: Path, *changes: str, scene: str = SCENE) -> subprocess.Popen[str]:
+    """Start `soro run` with changes ``key=value``."""
+    options = [option for change in changes for option in ("--set", change)]
+    command = [*SORO, "run", scene, "--no-figure", "--folder", str(folder), *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def run(folder: Path, *changes: str, scene: str = SCENE, limit_s: float = 250) -> tuple[int, str, Path]:
+    """Run a scene to its end; returns exit status, output and the folder of the run."""
+    process = start_run(folder, *changes, scene=scene)
+    try:
+        out, err = process.communicate(timeout=limit_s)
+    finally:
+        process.kill()
+    return process.returncode, out + err, only_run(folder)
+
+
+def only_run(folder: Path) -> Path:
+    """The one folder of a run."""
+    (found,) = folder.iterdir()
+    return found
+
+
+def summary(run_folder: Path) -> dict:
+    """The figures of a run."""
+    return json.loads((run_folder / "summary.json").read_text())
+
+
+def payloads(bag: Path, without: tuple[str, ...] = ()) -> dict[str, list[bytes]]:
+    """Raw messages by topic, in order."""
+    found: dict[str, list[bytes]] = {}
+    with BagReader(bag) as reader:
+        assert not reader.problems
+        for message in reader.messages():
+            if not message.topic.endswith(without):
+                found.setdefault(message.topic, []).append(message.data)
+    return found
+
+
+def wait_until(condition: Callable[[], bool], limit_s: float, what: str) -> None:
+    """Poll with a limit."""
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} not within {limit_s} s"
+        time.sleep(0.02)
+
+
+def child(parent: int, word: str) -> int | None:
+    """Process id of the child of `parent` whose command line holds `word`."""
+    for entry in Path("/proc").iterdir():
+        try:
+            stat = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+            if int(stat[1]) == parent and word in (entry / "cmdline").read_bytes().decode():
+                return int(entry.name)
+        except (OSError, IndexError, ValueError):
+            continue
+    return None
+
+
+def end(
+    process: subprocess.Popen[str], number: int = signal.SIGINT, limit_s: float = 30
+) -> tuple[int, str, str]:
+    """Send a signal and wait for the end."""
+    process.send_signal(number)
+    try:
+        out, err = process.communicate(timeout=limit_s)
+    finally:
+        process.kill()
+    return process.returncode, out, err
+
+
+def alive(pid: int) -> bool:
+    """Whether a process exists (a zombie does not)."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False

@@ -1,0 +1,87 @@
+"""The command line: wrong use and wrong files are one line that names file and key, and exit status 2."""
+
+import subprocess
+
+import pytest
+
+from tests.ros.running import SORO
+
+GOOD = "robot: tue_three_bellow\nrate_hz: 200\n"
+
+
+def soro(*arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run([*SORO, *arguments], capture_output=True, text=True, timeout=60, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize("arguments", [(), ("run",), ("play",), ("emulate",), ("bag",), ("bag", "info")])
+def test_every_command_explains_itself(arguments):
+    status, out, _ = soro(*arguments, "--help")
+    assert status == 0
+    assert "Usage" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("robt: x\n", "robt: got 'an unknown key'; allowed: name, robot, platform, mode"),
+        ("rate_hz: .nan\n", "rate_hz: got nan; allowed: input should be"),
+        ("rate_hz: fast\n", "rate_hz: got 'fast'; allowed: input should be a valid number"),
+        ("duration_s: -1\n", "duration_s: got -1; allowed: input should be greater than 0"),
+        ("mode: warp\n", "mode: got 'warp'; allowed: input should be 'real_time' or 'lockstep'"),
+        ("mode: lockstep\nmode: lockstep\n", "stands twice"),
+        ("twin: {seed: 3}\n", "no seed under twin"),
+        ("twin: {pose: {rate_hz: 90}}\n", "a pose rate that divides rate_hz"),
+        (
+            "twin: {regulator: {tau: 0.05}}\n",
+            "twin.regulator.tau: got 'an unknown key'; allowed: delay_s, tau_s",
+        ),
+        (
+            "limits: {maximum_pa: 120e3}\n",
+            "limits.maximum_pa: got 120000.0; allowed: input should be less than",
+        ),
+        (
+            "controller: {gains: {k_p: [1, x]}}\n",
+            "controller.gains.k_p[1]: got 'x'; allowed: input should be a valid",
+        ),
+        ("- a\n- b\n", "allowed: a mapping of keys to values"),
+        ("robot: [\n", "allowed: valid YAML"),
+    ],
+)
+def test_a_wrong_scene_is_one_line(tmp_path, text, says):
+    file = tmp_path / "scene.yaml"
+    file.write_text(text)
+    status, _, err = soro("run", str(file), "--folder", str(tmp_path / "runs"))
+    assert status == 2
+    assert says in err
+    assert str(file) in err
+    assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            ("run", "no_such_scene"),
+            "no_such_scene: got 'no scenes file of that name'; allowed: a path ending in .yaml, or one of",
+        ),
+        (("run", "missing.yaml"), "missing.yaml: got 'no such file'"),
+        (("run", "track_circle", "--set", "nonsense"), "--set: got 'nonsense'; allowed: KEY=VALUE"),
+        (("run", "track_circle", "--set", "controller.law=pid"), "controller.law: got 'pid'; allowed:"),
+        (
+            ("run", "track_circle", "--set", "robot=no_such_robot"),
+            "no_such_robot: got 'no robots file of that name'",
+        ),
+        (
+            ("run", "track_circle", "--set", "platform=no_such"),
+            "no_such: got 'no platforms file of that name'",
+        ),
+    ],
+)
+def test_wrong_use_names_what_is_wrong(tmp_path, arguments, says):
+    options = ("--folder", str(tmp_path / "runs")) if arguments[0] == "run" else ()
+    status, _, err = soro(*arguments, *options)
+    assert status == 2, err
+    assert says in err
+    assert "Traceback" not in err

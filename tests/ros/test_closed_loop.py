@@ -1,0 +1,79 @@
+"""The main job in lockstep: real nodes, real topics, real frames on a pseudo-terminal."""
+
+import numpy as np
+import pytest
+
+from soro_core.bag import BagReader
+from tests.ros.running import payloads, run, summary
+
+
+@pytest.mark.timeout(600)
+def test_the_adaptive_controller_tracks_the_circle_on_emulated_valves(domain, tmp_path):
+    """The figures of the main job, with adaptation on and off in otherwise the same run."""
+    results = {}
+    for adapt in ("true", "false"):
+        status, output, folder = run(tmp_path / adapt, "mode=lockstep", f"controller.adapt={adapt}")
+        assert status == 0, output
+        results[adapt] = summary(folder)
+        assert results[adapt]["faults"] == []
+        assert results[adapt]["frames_lost"] == 0
+        assert results[adapt]["frames_sent"] > 4000 * 4
+        assert -500 <= results[adapt]["pressure_min_pa"]
+        assert results[adapt]["pressure_max_pa"] <= 90.5e3
+    on, off = results["true"], results["false"]
+    print(f"\ntip error RMS of the last 5 s: {1e3 * on['tip_error_last_rms_m']:.2f} mm with adaptation,")
+    print(
+        f"{1e3 * off['tip_error_last_rms_m']:.2f} mm without; before {1e3 * on['tip_error_first_rms_m']:.2f} mm"
+    )
+    print(f"estimator: {1e3 * on['estimator_error_last_rms_m']:.2f} mm")
+    assert on["tip_error_last_rms_m"] <= 1.5e-3
+    assert on["tip_error_last_rms_m"] <= 0.5 * off["tip_error_last_rms_m"]
+    assert on["tip_error_last_rms_m"] < on["tip_error_first_rms_m"]
+    assert on["estimator_error_last_rms_m"] <= 1.0e-3
+
+
+@pytest.mark.parametrize("platform", ["emulated_canopen", ""], ids=["valves", "direct"])
+def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, platform):
+    bags = []
+    for name in ("first", "second"):
+        status, output, folder = run(
+            tmp_path / name,
+            "mode=lockstep",
+            "duration_s=1.5",
+            f"platform={platform}",
+            "twin.imu.enabled=true",
+        )
+        assert status == 0, output
+        # Diagnostics carry wall times; the backbone is drawn at a wall-clock rate.
+        bags.append(payloads(folder / "bag", without=("/diagnostics", "_event", "/arm/backbone")))
+    first, second = bags
+    assert first.keys() == second.keys()
+    ticks = len(first["/track_circle/truth/tip"])
+    assert ticks == 301  # 1.5 s at 200 Hz, both ends included
+    for topic, messages in first.items():
+        # What comes after the last tick (the shutdown of the valves) is not a part of the run.
+        n = min(len(messages), ticks)
+        assert messages[:n] == second[topic][:n], topic
+    assert np.unique(first["/track_circle/sensors/pose0"]).size > 100
+
+
+def test_topics_types_and_rates_are_those_of_the_documentation(domain, tmp_path):
+    status, output, folder = run(tmp_path, "mode=lockstep", "duration_s=1")
+    assert status == 0, output
+    with BagReader(folder / "bag") as reader:
+        found = {t.name: (t.type, n) for t, n in zip(reader.topics, reader.counts, strict=True)}
+    prefix = "/track_circle/"
+    for topic, kind, least in (
+        ("chambers/command", "sensor_msgs/msg/JointState", 199),
+        ("chambers/state", "sensor_msgs/msg/JointState", 199),
+        ("sensors/pose0", "geometry_msgs/msg/PoseStamped", 99),
+        ("arm/state", "sensor_msgs/msg/JointState", 199),
+        ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped", 190),
+        ("arm/desired/tip", "geometry_msgs/msg/PoseStamped", 190),
+        ("controller/estimates", "sensor_msgs/msg/JointState", 190),
+        ("truth/tip", "geometry_msgs/msg/PoseStamped", 201),
+    ):
+        assert found[prefix + topic][0] == kind
+        assert found[prefix + topic][1] >= least, topic
+    assert found["/clock"] == ("rosgraph_msgs/msg/Clock", 201)
+    assert "/diagnostics" in found

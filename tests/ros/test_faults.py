@@ -1,0 +1,90 @@
+"""What a person or a fault can do to a running suite: the valves vent, the bag is whole, the cause is named."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from soro_core.bag import BagReader
+from tests.ros.running import alive, child, end, only_run, start_run, wait_until
+
+VENTED_PA = 2e3
+
+
+def true_pressures(bag) -> np.ndarray:
+    """True chamber pressures (n, 3) of a bag."""
+    with BagReader(bag) as reader:
+        assert not reader.problems
+        return np.array(
+            [
+                deserialize_message(m.data, JointState).effort
+                for m in reader.messages({"/track_circle/truth/chambers"})
+            ]
+        )
+
+
+def under_control(process, folder) -> bool:
+    """Whether the run has come as far as moving the arm."""
+    assert process.poll() is None, process.communicate()
+    runs = list(folder.iterdir()) if folder.exists() else []
+    bags = list(runs[0].glob("bag/*.mcap")) if runs else []
+    if not bags:
+        return False
+    with BagReader(runs[0] / "bag", index=False) as reader:
+        counts = {t.name: n for t, n in zip(reader.topics, reader.counts, strict=True)}
+    return counts.get("/track_circle/arm/desired/tip", 0) > 300
+
+
+@pytest.fixture
+def running(domain, tmp_path):
+    """A real-time run on emulated valves, under control, its folder and its process."""
+    folder = tmp_path / "runs"
+    process = start_run(folder, "mode=real_time", "duration_s=120", "limits.command_age_s=0.3")
+    try:
+        wait_until(lambda: under_control(process, folder), 120, "control of the arm")
+        yield process, folder
+    finally:
+        if process.poll() is None:
+            end(process)
+
+
+@pytest.mark.timeout(240)
+def test_ctrl_c_vents_closes_the_bag_and_says_so(running):
+    process, folder = running
+    names = ("regulator", "twin", "estimator", "controller", "recorder", "emulation")
+    pids = [child(process.pid, name) for name in names]
+    assert all(pids)
+    status, _, err = end(process)
+    assert status == 130, err
+    assert "vented; bag closed" in err
+    assert not any(alive(pid) for pid in pids)
+    pressures = true_pressures(only_run(folder) / "bag")
+    assert pressures.max() > 10e3
+    assert pressures[-1].max() < VENTED_PA
+
+
+@pytest.mark.timeout(240)
+def test_a_killed_controller_vents_the_valves_and_ends_the_run_with_its_cause(running):
+    process, folder = running
+    os.kill(child(process.pid, "nodes.controller"), signal.SIGKILL)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "controller ended with status -9" in err or "command lost" in err
+    pressures = true_pressures(only_run(folder) / "bag")
+    assert pressures.max() > 10e3
+    assert pressures[-1].max() < VENTED_PA
+
+
+@pytest.mark.timeout(240)
+def test_the_death_of_the_supervisor_vents_and_leaves_nothing_behind(running):
+    process, folder = running
+    names = ("regulator", "twin", "estimator", "controller", "recorder", "emulation")
+    pids = [child(process.pid, name) for name in names]
+    assert all(pids)
+    process.kill()
+    process.communicate(timeout=10)
+    wait_until(lambda: not any(alive(pid) for pid in pids), 30, "end of all processes")
+    assert true_pressures(only_run(folder) / "bag").max() > 10e3

@@ -1,0 +1,70 @@
+"""The simulated world: at rest where it should be, as heavy as it should be, the same twice."""
+
+import numpy as np
+import pytest
+
+from soro_core import load_robot
+from soro_core.config import find_config
+from soro_core.twin import SensorConfig, Twin, TwinConfig
+from soro_core.twin.plant import true_robot
+
+PRESSURE = np.array([10e3, 20e3, 15e3])
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot(find_config("tue_three_bellow", "robots"))
+
+
+def test_the_plant_is_finer_and_carries_the_payload(robot):
+    real = true_robot(robot, TwinConfig(refine=4, payload_kg=0.02))
+    assert len(real.links) == 4
+    assert real.tip_mass == pytest.approx(robot.tip_mass + 0.02)
+    assert sum(link.length for link in real.links) == pytest.approx(robot.length)
+    assert real.n_u == robot.n_u
+
+
+def test_rest_is_an_equilibrium_that_the_stepper_keeps(robot):
+    twin = Twin(robot, TwinConfig(payload_kg=0.02))
+    state = twin.initial(PRESSURE)
+    arm = twin.plant.arm
+    q = state.arm.q
+    force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ PRESSURE
+    assert np.abs(force / (1.0 + np.abs(arm.elastic_force(q)))).max() < 1e-6
+    for _ in range(50):
+        state = twin.step_pressures(state, PRESSURE)
+    assert state.arm.q == pytest.approx(q, rel=1e-4, abs=1e-5)
+
+
+def test_a_step_of_pressure_settles_in_its_equilibrium(robot):
+    twin = Twin(robot, TwinConfig(payload_kg=0.02))
+    state = twin.initial()
+    for _ in range(800):
+        state = twin.step_pressures(state, PRESSURE)
+    assert state.status.ok
+    wanted = twin.plant.rest(PRESSURE).q
+    tip = twin.plant.arm.pose(state.arm.q, twin.length)[:3, 3]
+    assert tip == pytest.approx(twin.plant.arm.pose(wanted, twin.length)[:3, 3], abs=2e-4)
+
+
+def run(robot, seed: int, imu: bool = False) -> list[np.ndarray]:
+    config = TwinConfig(seed=seed, payload_kg=0.02, imu=SensorConfig(enabled=imu, rate_hz=200.0))
+    twin = Twin(robot, config)
+    state = twin.initial()
+    rows = []
+    for k in range(60):
+        state, seen = twin.observe(state)
+        rows.append(np.concatenate([seen.reading_pa, seen.tip.ravel(), *(p.position for p in seen.poses)]))
+        state = twin.step_setpoints(state, PRESSURE * (1 + 0.1 * np.sin(k)))
+    return rows
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_one_does_not(robot):
+    first, again, other = run(robot, 3), run(robot, 3), run(robot, 4)
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[10], other[10])
+
+
+def test_a_further_sensor_does_not_change_what_the_others_measure(robot):
+    with_imu, without = run(robot, 3, imu=True), run(robot, 3)
+    assert all(np.array_equal(a, b) for a, b in zip(with_imu, without, strict=True))

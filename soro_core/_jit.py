@@ -1,7 +1,8 @@
 """The one import of numba: fixed flags, and a cache that can never be stale.
 
-numba keys a cached kernel by its own file only; when a callee in another file changes, the old machine code would
-be used. So the cache folder is named by a hash of all kernel sources, and set before the first kernel is defined.
+numba keys a cached kernel by its own file only; when a callee in another file changes, the old machine
+code would be used. So the cache folder is named by a hash of all kernel sources, and set before the first
+kernel is defined.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba import config as numba_config
+from numba.extending import overload as overload  # a function that compiles by the types it is given
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -52,8 +54,8 @@ def _cache_folder() -> Path:
 
 numba_config.CACHE_DIR = str(_cache_folder())
 
-# No fast-math: it deletes isnan and reorders sums. error_model="numpy": a division by zero gives inf, which the
-# checks at the end of a step catch. nogil: the other threads of a node run on.
+# No fast-math: it deletes isnan and reorders sums. error_model="numpy": a division by zero gives inf,
+# which the # checks at the end of a step catch. nogil: the other threads of a node run on.
 _FLAGS = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True}
 
 
@@ -63,5 +65,5 @@ def kernel(function: Function) -> Function:
 
 
 def inner(function: Function) -> Function:
-    """Compile a function that only other kernels call: without its entry from Python, which takes longer than it."""
+    """Compile a function that only other kernels call: without the slow entry from Python."""
     return cast(Function, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_FLAGS)(function))

@@ -1,11 +1,13 @@
 """Quality of service of soro's topics."""
 
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 # Everything soro publishes; deep enough that lockstep loses nothing to a slow recorder.
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 # Readers of sensors in real time: a best-effort reader also hears a reliable writer.
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+# A replay as fast as its reader takes it: a bounded history would overwrite what has not been read yet.
+REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.RELIABLE)
 # Set once, wanted by late joiners.
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL

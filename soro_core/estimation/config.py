@@ -16,7 +16,7 @@ class PoseNoise(Strict):
         1e-4, ge=0, le=1, description="error of the arm's kinematics in position, beyond the sensor's"
     )
     orientation_model_std_rad: float = Field(
-        0.06,
+        0.2,
         ge=0,
         le=3,
         description="error of the arm's kinematics in orientation; a load bends a link unevenly, and a link of "
@@ -91,6 +91,13 @@ class EstimatorConfig(Strict):
     integrator: str = Field("trapezoidal", description="time stepper of the prediction")
     gate_probability: float = Field(
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"
+    )
+    outlier_inflation: float = Field(
+        2.0,
+        ge=1,
+        le=10,
+        description="factor on the covariance for every refused sample: one outlier costs little, a motion that the "
+        "model does not know is caught again within a few samples",
     )
     reacquire_after: int = Field(
         15,

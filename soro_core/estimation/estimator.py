@@ -237,6 +237,7 @@ class Estimator:
         if gated and self.filter.distance(belief, seen) > self._gates[seen.residual.shape[0]]:
             refused[name] = refused.get(name, 0) + 1
             if refused[name] < self.config.reacquire_after:
+                belief = replace(belief, covariance=self.config.outlier_inflation * belief.covariance)
                 return belief, replace(counts, outliers=counts.outliers + 1), False
             # This sensor has disagreed for so long that the state is the likelier to be wrong.
             belief = self.filter.widen(belief)

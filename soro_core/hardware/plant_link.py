@@ -133,9 +133,8 @@ class PlantLinkClient:
         return frame
 
     def wait(self, timeout_s: float) -> PlantFrame | None:
-        """Take the next frame, in order, or None if none comes in time; HardwareError if the emulator has gone."""
+        """Take the next frame, in order, or None if none comes in time; raises if the emulator has gone."""
         while (frame := self._take()) is None:
-            # Every frame is shorter than a socket buffer, so a wait that ends without one is a timeout.
             if not self._poll.poll(1e3 * timeout_s):
                 return None
             self._read()

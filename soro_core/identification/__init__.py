@@ -3,7 +3,7 @@
 from soro_core.identification.fit import Fit, Parameter, fit
 from soro_core.identification.frame import CurvatureErrors, Frame, curvature_errors, fit_frame
 from soro_core.identification.records import ForcedRun, ReleaseRun, read_forced, read_release
-from soro_core.identification.runs import equilibrium, forced_curvature, release_bend
+from soro_core.identification.runs import forced_curvature, release_bend
 
 __all__ = [
     "CurvatureErrors",
@@ -13,7 +13,6 @@ __all__ = [
     "Parameter",
     "ReleaseRun",
     "curvature_errors",
-    "equilibrium",
     "fit",
     "fit_frame",
     "forced_curvature",

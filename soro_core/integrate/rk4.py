@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta of order 4: for soft, lightly damped arms; a stiff one makes it diverge, and it says so."""
+"""Explicit Runge-Kutta of order 4: for soft arms; with a stiff one it diverges and says so."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def rk4_step(
 def rk4_run(
     t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[int, int]:
-    """Fill q, v, z (n_t, ...) from their first rows; `pressure` (n_t, 3, n_u). Returns (last good row, code)."""
+    """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
     for k in range(times.shape[0] - 1):
         h = times[k + 1] - times[k]
         code = rk4_step(t, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])

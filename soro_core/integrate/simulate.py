@@ -100,7 +100,7 @@ def simulate(
 
 def _times(t_end: float, dt: float) -> Array:
     n = int(np.ceil(t_end / dt - 1e-9))
-    times = np.arange(n + 1) * dt
+    times: Array = np.arange(n + 1, dtype=np.float64) * dt
     times[-1] = t_end
     return times
 

@@ -1,9 +1,9 @@
 """Implicit trapezoidal rule, Newton with the approximate Hessian of [C22, App. C].
 
-Unknown is the velocity at the end: q1 = q0 + h (v0 + v1) / 2, a1 = 2 (v1 - v0) / h - a0, and the residual is the
-equation of motion there. Its Jacobian keeps inertia, damping, stiffness and the internal states, and leaves out the
-derivatives of M, C and G, which a step small enough to be accurate keeps small. Internal states follow the same
-linear velocity exactly (`soro_core.model.internal`), however stiff.
+Unknown is the velocity at the end: q1 = q0 + h (v0 + v1) / 2, a1 = 2 (v1 - v0) / h - a0, and the residual
+is the equation of motion there. Its Jacobian keeps inertia, damping, stiffness and the internal states,
+and leaves out the derivatives of M, C and G, which a step small enough to be accurate keeps small.
+Internal states follow the same linear velocity exactly (`soro_core.model.internal`), however stiff.
 """
 
 from __future__ import annotations
@@ -26,12 +26,11 @@ from soro_core.model.dynamics import (
     check,
     finite,
     forward_dynamics,
-    inertia_matrix,
-    inverse_dynamics,
 )
 from soro_core.model.elasticity import add_stiffness
 from soro_core.model.internal import advance_internal
 from soro_core.model.linear import lu_factor, lu_solve
+from soro_core.model.method import inertia, inverse_dynamics
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -46,7 +45,7 @@ SLOW = 0.2
 @inner
 def jacobian(t: Tables, q: Array, pressure: Array, h: float, tangent: Array, A: Array) -> None:
     """A <- 2/h M + R + h/2 d2U_e/dq2 + tangent of the internal states: derivative of the residual by v1."""
-    inertia_matrix(t, t.mass, t.tip_mass, q, A)
+    inertia(t, t.mass, t.tip_mass, q, A)
     for b in range(q.shape[0]):
         for d in range(q.shape[0]):
             A[b, d] *= 2.0 / h
@@ -70,7 +69,7 @@ def trapezoidal_step(
     v1: Array,
     z1: Array,
 ) -> int:
-    """One step; `pressure` (3, n_u) at its start, middle (not used) and end. Writes the new state, says how it went."""
+    """One step; `pressure` (3, n_u) at start, middle (unused) and end. Writes the new state, gives a code."""
     n_q = q0.shape[0]
     a0, a1, r, f = np.empty(n_q), np.empty(n_q), np.empty(n_q), np.empty(n_q)
     A, pivots = np.empty((n_q, n_q)), np.empty(n_q, dtype=np.int64)
@@ -130,7 +129,7 @@ def trapezoidal_step(
 def trapezoidal_run(
     t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[int, int]:
-    """Fill q, v, z (n_t, ...) from their first rows; `pressure` (n_t, 3, n_u). Returns (last good row, code)."""
+    """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
     for k in range(times.shape[0] - 1):
         h = times[k + 1] - times[k]
         code = trapezoidal_step(t, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])

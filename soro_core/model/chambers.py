@@ -1,8 +1,9 @@
 """Chambers: the generalised force of their pressures, H(q) p (theory.md section 3).
 
-A chamber that runs along link i sees there the fibre strain delta = eps - r_b (kx cos phi + ky sin phi), and its area
-is A exp(area_slope delta) [fitted on measured bellows, whose area changes with their extension]. The force is
-p times the gradient of the chamber's volume, so it stays conservative at constant pressure.
+A chamber that runs along link i sees there the fibre strain delta = eps - r_b (kx cos phi + ky sin phi),
+and its area is A exp(area_slope delta) [fitted on measured bellows, whose area changes with their
+extension]. The force is p times the gradient of the chamber's volume, so it stays conservative at constant
+pressure.
 """
 
 from __future__ import annotations

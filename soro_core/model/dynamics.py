@@ -9,26 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner, kernel
-from soro_core.model import exact, mde
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.elasticity import elastic_force
 from soro_core.model.internal import add_internal_force
 from soro_core.model.linear import cholesky_solve
-from soro_core.model.tables import EXACT, Tables
+from soro_core.model.method import inertia, inverse_dynamics, kinematics, potential
+from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
 # What a kernel says about a state.
 GOOD, NOT_FINITE, COLLAPSED, SINGULAR, NOT_CONVERGED, BAD_INPUT = 0, 1, 2, 3, 4, 5
-
-exact_inverse_dynamics = exact.inverse_dynamics
-exact_inertia = exact.inertia
-exact_kinematics = exact.kinematics
-exact_potential = exact.potential
-mde_inverse_dynamics = mde.inverse_dynamics
-mde_terms = mde.terms
-mde_kinematics = mde.kinematics
-mde_potential = mde.potential
 
 
 @kernel
@@ -47,42 +38,16 @@ def check(t: Tables, q: Array, qd: Array) -> int:
 @kernel
 def finite(x: Array) -> bool:
     """True where all entries are numbers."""
-    for value in x:
-        if not math.isfinite(value):
-            return False
-    return True
+    good = True
+    for i in range(x.shape[0]):
+        good = good and math.isfinite(x[i])
+    return good
 
 
 @kernel
-def inertia_matrix(t: Tables, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
+def inertia_matrix(t: Tables, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
-    if t.method == EXACT:
-        exact_inertia(t, mass, tip_mass, q, M)
-    else:
-        n_q = q.shape[0]
-        zero = np.zeros(n_q)
-        C, G, J = np.empty((n_q, n_q)), np.empty(n_q), np.empty((n_q, 6))
-        mde_terms(t, mass, tip_mass, t.gravity, q, zero, M, C, G, J)
-
-
-@inner
-def inverse_dynamics(
-    t: Tables,
-    mass: Array,
-    tip_mass: float,
-    gravity: Array,
-    wrench: Array,
-    q: Array,
-    qd: Array,
-    v: Array,
-    a: Array,
-    tau: Array,
-) -> None:
-    """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench."""
-    if t.method == EXACT:
-        exact_inverse_dynamics(t, mass, tip_mass, gravity, wrench, q, qd, v, a, tau)
-    else:
-        mde_inverse_dynamics(t, mass, tip_mass, gravity, wrench, q, qd, v, a, tau)
+    inertia(t, t.mass, t.tip_mass, q, M)
 
 
 @kernel
@@ -107,20 +72,15 @@ def inertial_forces(
 
 
 @kernel
-def kinematics(t: Tables, q: Array, place: float, R: Array, p: Array, J: Array) -> None:
+def pose_and_jacobian(t: Tables, q: Array, place: float, R: Array, p: Array, J: Array) -> None:
     """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6)."""
-    if t.method == EXACT:
-        exact_kinematics(t, q, place, R, p, J)
-    else:
-        mde_kinematics(t, q, place, R, p, J)
+    kinematics(t, q, place, R, p, J)
 
 
 @kernel
 def gravitational_energy(t: Tables, q: Array) -> float:
     """U_g [J], zero at the world's origin."""
-    if t.method == EXACT:
-        return exact_potential(t, q)
-    return mde_potential(t, q)
+    return potential(t, q)
 
 
 @inner
@@ -137,14 +97,14 @@ def applied_force(t: Tables, q: Array, qd: Array, z: Array, pressure: Array, for
 def forward_dynamics(
     t: Tables, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array
 ) -> int:
-    """qdd <- M^-1 (H p + J_tip' wrench - C qd - G - dU_e/dq - R qd - internal); says GOOD or what is wrong."""
+    """qdd <- M^-1 (H p + J_tip' wrench - C qd - G - dU_e/dq - R qd - internal); gives a code."""
     code = check(t, q, qd)
     if code != GOOD:
         return code
     n_q = q.shape[0]
     M, bias = np.empty((n_q, n_q)), np.empty(n_q)
     zero = np.zeros(n_q)
-    inertia_matrix(t, t.mass, t.tip_mass, q, M)
+    inertia(t, t.mass, t.tip_mass, q, M)
     inverse_dynamics(t, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, zero, bias)
     applied_force(t, q, qd, z, pressure, qdd)
     for b in range(n_q):

@@ -1,8 +1,8 @@
 """Elastic force as the gradient of a potential, its Hessian, and its features (theory.md section 3).
 
-U = int_0^x k_e(s) s ds + int_0^beta k_b(s) s ds, x = eps L, with k(s) = a1 + a2 (tanh^2(a3 s) - 1); or a quadratic form
-of the coordinates from a material. The bending part is written in w = beta^2 / 2, which is smooth at zero curvature,
-so that nothing is ever divided by it: dU/dq = k_b(beta) dw/dq.
+U = int_0^x k_e(s) s ds + int_0^beta k_b(s) s ds, x = eps L, with k(s) = a1 + a2 (tanh^2(a3 s) - 1); or a
+quadratic form of the coordinates from a material. The bending part is written in w = beta^2 / 2, which is
+smooth at zero curvature, so that nothing is ever divided by it: dU/dq = k_b(beta) dw/dq.
 """
 
 from __future__ import annotations

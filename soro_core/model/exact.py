@@ -1,8 +1,7 @@
-"""Kernels of the method `exact`: each constant-strain link in closed form, Gauss-Legendre quadrature for its mass.
+"""Kernels of the method `exact`: the links in closed form, Gauss-Legendre quadrature for their mass.
 
-A link is seen from the frame b of its base. With B1(s) = int_0^s Ad_exp(t xi) B dt the twist of its particle at s,
-expressed in b, is V_b + B1 qd_i, and a slice of mass dm has in b the inertia N = Ad^-T Mcal Ad^-1, which for a round
-section needs only its position and its tangent. So nothing of the links before has to be carried to the nodes.
+Each link is seen from the frame b of its base (`soro_core.model.link`), so nothing of the links before has
+to be carried to the nodes.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from soro_core.model.lie import (
     add_ad,
     add_coad,
     compose,
+    dot6,
     exponential,
     stumpff,
     tangent_coefficients,
@@ -24,108 +24,18 @@ from soro_core.model.lie import (
     wrench_to_parent,
 )
 from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
+from soro_core.model.link import (
+    ad_power_rates,
+    ad_powers,
+    column_rates_at,
+    columns_at,
+    momentum,
+    node,
+    strain_twist,
+)
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
-
-
-@inner
-def strain_twist(t: Tables, i: int, q: Array, xi: Array) -> None:
-    """xi <- xi_0 + B q of link i."""
-    for r in range(6):
-        xi[r] = t.reference[i, r]
-    for c in range(t.offset[i], t.offset[i + 1]):
-        for r in range(6):
-            xi[r] += t.basis[c, r] * q[c]
-
-
-@inner
-def ad_powers(t: Tables, i: int, xi: Array, powers: Array) -> None:
-    """powers[n, j] <- ad_xi^n of column j of B, n = 0 ... 4; shape (5, 6, 6)."""
-    first = t.offset[i]
-    for j in range(t.offset[i + 1] - first):
-        for r in range(6):
-            powers[0, j, r] = t.basis[first + j, r]
-        for n in range(4):
-            clear(powers[n + 1, j])
-            add_ad(xi, powers[n, j], 1.0, powers[n + 1, j])
-
-
-@inner
-def ad_power_rates(m: int, xi: Array, xi_rate: Array, powers: Array, rates: Array) -> None:
-    """rates[n, j] <- d/dt of powers[n, j] along the strain rate; shape (5, 6, 6)."""
-    for j in range(m):
-        clear(rates[0, j])
-        for n in range(4):
-            clear(rates[n + 1, j])
-            add_ad(xi_rate, powers[n, j], 1.0, rates[n + 1, j])
-            if n > 0:
-                add_ad(xi, rates[n, j], 1.0, rates[n + 1, j])
-
-
-@inner
-def columns_at(m: int, s: float, a: Array, powers: Array, B1: Array) -> None:
-    """B1[j] <- column j of int_0^s Ad_exp(t xi) B dt in the frame of the link's base; shape (6, 6)."""
-    f0 = s
-    f1 = a[1] * s * s
-    f2 = a[2] * s * s * s
-    f3 = a[3] * s * s * s * s
-    f4 = a[4] * s * s * s * s * s
-    for j in range(m):
-        for r in range(6):
-            B1[j, r] = (
-                f0 * powers[0, j, r]
-                + f1 * powers[1, j, r]
-                + f2 * powers[2, j, r]
-                + f3 * powers[3, j, r]
-                + f4 * powers[4, j, r]
-            )
-
-
-@inner
-def column_rates_at(
-    m: int, s: float, y_rate: float, a: Array, powers: Array, rates: Array, B1_rate: Array
-) -> None:
-    """B1_rate[j] <- d/dt of B1[j]; y_rate is the rate of y = (s |omega|)^2."""
-    f = s
-    for j in range(m):
-        clear(B1_rate[j])
-    for n in range(1, 5):
-        f *= s
-        f_rate = a[5 + n] * y_rate * f
-        f_value = a[n] * f
-        for j in range(m):
-            for r in range(6):
-                B1_rate[j, r] += f_rate * powers[n, j, r] + f_value * rates[n, j, r]
-
-
-@inner
-def momentum(mass: float, k2: float, R: Array, p: Array, V: Array, h: Array) -> None:
-    """h <- N V: momentum about the frame's origin of a round slice at p with normal R e3.
-
-    `k2` = r^2 / 4: the rotary inertia is mass k2 (I + e3 e3') in the frame of the section.
-    """
-    l0 = mass * (V[3] + V[1] * p[2] - V[2] * p[1])
-    l1 = mass * (V[4] + V[2] * p[0] - V[0] * p[2])
-    l2 = mass * (V[5] + V[0] * p[1] - V[1] * p[0])
-    along = R[0, 2] * V[0] + R[1, 2] * V[1] + R[2, 2] * V[2]
-    i = mass * k2
-    h[0] = i * (V[0] + along * R[0, 2]) + p[1] * l2 - p[2] * l1
-    h[1] = i * (V[1] + along * R[1, 2]) + p[2] * l0 - p[0] * l2
-    h[2] = i * (V[2] + along * R[2, 2]) + p[0] * l1 - p[1] * l0
-    h[3] = l0
-    h[4] = l1
-    h[5] = l2
-
-
-@inner
-def node(t: Tables, i: int, k: int, mass: Array, tip_mass: float) -> tuple[float, float, float]:
-    """Place, mass and squared gyration radius of quadrature node k; the last node is the end of the link."""
-    n = t.nodes.shape[0]
-    if k < n:
-        return t.nodes[k] * t.length[i], t.weights[k] * mass[i], 0.25 * t.radius[i] * t.radius[i]
-    last = i == t.length.shape[0] - 1
-    return t.length[i], tip_mass if last else 0.0, 0.0
 
 
 @inner
@@ -189,12 +99,6 @@ def inertia(t: Tables, mass: Array, tip_mass: float, q: Array, M: Array) -> None
 
 
 @inner
-def dot6(x: Array, y: Array) -> float:
-    """Inner product of a twist and a wrench."""
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2] + x[3] * y[3] + x[4] * y[4] + x[5] * y[5]
-
-
-@inner
 def inverse_dynamics(
     t: Tables,
     mass: Array,
@@ -209,8 +113,8 @@ def inverse_dynamics(
 ) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench, by the recursion of Newton and Euler over the links.
 
-    C is that of [C22, 3.16] with the term -ad_V J in Jdot (theory.md section 2), so Mdot - 2C is skew. Gravity enters
-    as an acceleration of the base.
+    C is that of [C22, 3.16] with the term -ad_V J in Jdot (theory.md section 2), so Mdot - 2C is skew.
+    Gravity enters as an acceleration of the base.
     """
     n = t.length.shape[0]
     V, W, A = np.zeros(6), np.zeros(6), np.zeros(6)
@@ -249,7 +153,8 @@ def inverse_dynamics(
             columns_at(m, s, co, powers, B1)
             column_rates_at(m, s, z_rate * s * s, co, powers, rates, B1_rate)
             exponential(xi, s, c, R, p)
-            # True twist V, reference twist W = J v, and acceleration A = J a + Jdot v, all in the base frame b.
+            # True twist V, reference twist W = J v, and acceleration A = J a + Jdot v, all in the base
+            # frame b.
             for r in range(6):
                 Vk[r] = V[r]
                 Wk[r] = W[r]
@@ -275,7 +180,8 @@ def inverse_dynamics(
                     own[i, r] += f[r]
                 for j in range(m):
                     tau[first + j] += dot6(B1[j], f)
-        # To the end of the link: Jdot_next v = Ad^-1 (Jdot v - ad_w J v), w the twist of the end relative to b.
+        # To the end of the link: Jdot_next v = Ad^-1 (Jdot v - ad_w J v), w the twist of the end relative
+        # to b.
         for r in range(6):
             V[r] = Vk[r] - V[r]
         add_ad(V, Wk, -1.0, Ak)

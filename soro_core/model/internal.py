@@ -1,7 +1,7 @@
 """Creep (Maxwell branches) and hysteresis (Dahl elements): states that the coordinates drag along.
 
-Force on the left-hand side: -K lambda with lambda' = -lambda / tau - qd (creep), +K z with z' = qd - |qd| z / range
-(hysteresis). Both dissipate: K z qd = d/dt(K z^2 / 2) + K |qd| z^2 / range.
+Force on the left-hand side: -K lambda with lambda' = -lambda / tau - qd (creep), +K z with z' = qd - |qd|
+z / range (hysteresis). Both dissipate: K z qd = d/dt(K z^2 / 2) + K |qd| z^2 / range.
 """
 
 from __future__ import annotations
@@ -41,10 +41,11 @@ def internal_rate(t: Tables, qd: Array, z: Array, rate: Array) -> None:
 def advance_internal(
     t: Tables, z0: Array, v0: Array, v1: Array, dt: float, z1: Array, tangent: Array
 ) -> None:
-    """z1 <- states after dt with the velocity running linearly from v0 to v1; tangent <- d(force)/d(v1) a state.
+    """z1 <- states after dt with the velocity running linearly from v0 to v1; tangent <- d(force)/d(v1) a
+    state.
 
-    Exact for this velocity at any stiffness: creep by its exponential, hysteresis along the path travelled, in two
-    pieces where the velocity changes sign.
+    Exact for this velocity at any stiffness: creep by its exponential, hysteresis along the path
+    travelled, in two pieces where the velocity changes sign.
     """
     for j in range(z0.shape[0]):
         a, b = v0[t.internal_coordinate[j]], v1[t.internal_coordinate[j]]

@@ -1,7 +1,8 @@
 """SE(3) in closed form: exponential and its tangent, smooth through zero curvature.
 
-All functions are written with the Stumpff functions c_k(y) = sum_n (-y)^n / (2n + k)!, y = (s |omega|)^2, which are
-entire in y: no division by the curvature, no branch that the derivative could see. Twists are (angular, linear).
+All functions are written with the Stumpff functions c_k(y) = sum_n (-y)^n / (2n + k)!, y = (s |omega|)^2,
+which are entire in y: no division by the curvature, no branch that the derivative could see. Twists are
+(angular, linear).
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ Array: TypeAlias = NDArray[np.float64]
 def stumpff(y: float, c: Array) -> None:
     """Write c_0 ... c_7 of y >= 0 into `c` (8,).
 
-    Below y = 4 the two highest come from their series and the others by c_k = 1/k! - y c_(k+2), which does not
-    cancel there; above, cosine and sine start the same recursion upwards.
+    Below y = 4 the two highest come from their series and the others by c_k = 1/k! - y c_(k+2), which does
+    not cancel there; above, cosine and sine start the same recursion upwards.
     """
     if y < 4.0:
         even = 1.0
@@ -52,7 +53,8 @@ def stumpff(y: float, c: Array) -> None:
 
 @inner
 def tangent_coefficients(c: Array, a: Array) -> None:
-    """Coefficients a_n of int_0^1 exp(t ad_X) dt = sum_(n=0)^4 a_n ad_X^n, and their derivatives by y in a[5:].
+    """Coefficients a_n of int_0^1 exp(t ad_X) dt = sum_(n=0)^4 a_n ad_X^n, and their derivatives by y in
+    a[5:].
 
     ad_X obeys (ad^2 + y)^2 ad = 0, so four powers are enough; with dc_k/dy = -(c_(k+1) - k c_(k+2)) / 2.
     """
@@ -75,7 +77,7 @@ def tangent_coefficients(c: Array, a: Array) -> None:
 
 @inner
 def exponential(xi: Array, s: float, c: Array, R: Array, p: Array) -> None:
-    """Write exp(s xi) as rotation R (3, 3) and position p (3,); `c` holds the Stumpff functions of (s |omega|)^2."""
+    """Write exp(s xi) as rotation R (3, 3) and position p (3,); `c`: Stumpff functions of (s |omega|)^2."""
     x, y, z = xi[0], xi[1], xi[2]
     f = s * c[1]
     g = s * s * c[2]
@@ -167,3 +169,10 @@ def compose(R: Array, p: Array, R1: Array, p1: Array) -> None:
         p[i] += a * p1[0] + b * p1[1] + c * p1[2]
         for j in range(3):
             R[i, j] = a * R1[0, j] + b * R1[1, j] + c * R1[2, j]
+
+
+@inner
+def dot6(x: Array, y: Array) -> float:
+    """Inner product of a twist and a wrench."""
+    value: float = x[0] * y[0] + x[1] * y[1] + x[2] * y[2] + x[3] * y[3] + x[4] * y[4] + x[5] * y[5]
+    return value

@@ -1,7 +1,7 @@
 """Small dense algebra that writes into given arrays.
 
-LAPACK's call costs more than the work for a few unknowns; and an array assignment compiles a second of checks of
-its shapes, where a loop compiles none.
+LAPACK's call costs more than the work for a few unknowns; and an array assignment compiles a second of
+checks of its shapes, where a loop compiles none.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def assign_matrix(source: Array, A: Array) -> None:
 
 @inner
 def cholesky_solve(A: Array, x: Array) -> bool:
-    """x <- A^-1 x for a symmetric positive definite A, whose lower triangle is overwritten; False if it is not."""
+    """x <- A^-1 x for a positive definite A, whose lower triangle is overwritten; False if it is not."""
     n = x.shape[0]
     for j in range(n):
         d = A[j, j]

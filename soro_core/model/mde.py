@@ -1,7 +1,9 @@
-"""Kernels of the method `mde`: the matrix differential equation of [C22, 3.25-3.34], explicit second-order Ralston.
+"""Kernels of the method `mde`: the matrix differential equation of [C22, 3.25-3.34], explicit second-order
+Ralston.
 
-The state (Phi, p, B1, B2, M, C, G) is integrated along the backbone with n steps a link; with the corrections of
-theory.md: Jdot keeps the term -ad_V J, G takes the linear rows of the body Jacobian, its sign is that of dU_g/dq.
+The state (Phi, p, B1, B2, M, C, G) is integrated along the backbone with n steps a link; with the
+corrections of theory.md: Jdot keeps the term -ad_V J, G takes the linear rows of the body Jacobian, its
+sign is that of dU_g/dq.
 """
 
 from __future__ import annotations
@@ -12,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.exact import dot6, strain_twist
-from soro_core.model.lie import add_ad, add_coad, to_body, to_parent
+from soro_core.model.lie import add_ad, add_coad, dot6, to_body, to_parent
 from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
+from soro_core.model.link import strain_twist
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -193,6 +195,14 @@ def _ralston(
 
 
 @inner
+def inertia(t: Tables, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
+    """M <- inertia matrix (n_q, n_q)."""
+    n_q = q.shape[0]
+    C, G, J = np.empty((n_q, n_q)), np.empty(n_q), np.empty((n_q, 6))
+    terms(t, mass, tip_mass, t.gravity, q, np.zeros(n_q), M, C, G, J)
+
+
+@inner
 def inverse_dynamics(
     t: Tables,
     mass: Array,
@@ -217,7 +227,7 @@ def inverse_dynamics(
 
 @inner
 def kinematics(t: Tables, q: Array, place: float, R: Array, p: Array, J: Array) -> None:
-    """Pose and body Jacobian, transposed (n_q, 6), at `place`; a last shorter step where it ends inside one."""
+    """Pose and body Jacobian, transposed (n_q, 6), at `place`, with a shorter last step where needed."""
     n_q = q.shape[0]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.model import chambers, dynamics, elasticity, internal
-from soro_core.model.tables import EXACT, MDE, build_tables
+from soro_core.model.tables import build_tables
 from soro_core.robot import Robot
 
 Array: TypeAlias = NDArray[np.float64]
@@ -65,7 +65,7 @@ class SoftArm:
         self.method = method
         self.nodes = nodes if nodes is not None else DEFAULT_NODES
         self.steps = steps if steps is not None else DEFAULT_STEPS
-        self.tables = build_tables(robot, EXACT if method == "exact" else MDE, self.nodes, self.steps)
+        self.tables = build_tables(robot, method, self.nodes, self.steps)
         self.n_q = robot.n_q
         self.n_u = robot.n_u
         self.n_internal = len(self.tables.internal_kind)
@@ -77,7 +77,7 @@ class SoftArm:
         """Inertia matrix M (n_q, n_q), symmetric positive definite [C22, 3.16]."""
         q, _ = self._state(q)
         M = np.empty((self.n_q, self.n_q))
-        dynamics.inertia_matrix(self.tables, self.tables.mass, self.tables.tip_mass, q, M)
+        dynamics.inertia_matrix(self.tables, q, M)
         return M
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
@@ -127,7 +127,7 @@ class SoftArm:
         return np.diag(self.tables.damping)
 
     def actuation_matrix(self, q: ArrayLike | None = None) -> Array:
-        """H (n_q, n_u), generalised force per Pa, default at q = 0; constant for chambers of constant area."""
+        """H (n_q, n_u), generalised force per Pa, default at q = 0; constant without area_slope."""
         if q is None:
             return self.tables.actuation.copy()
         q, _ = self._state(q)
@@ -138,7 +138,7 @@ class SoftArm:
     pressure_matrix = actuation_matrix
 
     def internal_force(self, q: ArrayLike, internal_state: ArrayLike) -> Array:
-        """Force of creep and hysteresis on the left-hand side (n_q,), from the internal states (n_internal,)."""
+        """Force of creep and hysteresis on the left-hand side (n_q,), from the internal states."""
         self._state(q)
         force = np.zeros(self.n_q)
         z = self._vector(internal_state, self.n_internal, "internal")
@@ -207,7 +207,7 @@ class SoftArm:
         return kinetic, potential, elasticity.elastic_energy(self.tables, q)
 
     def mass_regressor(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """M a + C(q, qd) v + G per kg of the tip mass and of each link, (n_q, 1 + n_links) (theory.md section 6)."""
+        """M a + C(q, qd) v + G per kg of the tip mass and of each link, (n_q, 1 + n_links) (section 6)."""
         q, qd = self._state(q, qd)
         n = len(self.robot.links)
         masses, tip_masses = np.zeros((1 + n, n)), np.zeros(1 + n)
@@ -222,7 +222,7 @@ class SoftArm:
         return np.ascontiguousarray(rows.T)
 
     def elastic_regressor(self, q: ArrayLike) -> Array:
-        """dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links); zero columns where a material holds."""
+        """dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links); zeros where a material holds."""
         q, _ = self._state(q)
         Y = np.empty((self.n_q, 4 * len(self.robot.links)))
         elasticity.elastic_regressor(self.tables, q, Y)
@@ -234,7 +234,7 @@ class SoftArm:
         if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
             raise ModelError(f"s = {s!r} m: allowed is 0 to {self.length!r} m")
         R, p, J = np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
-        dynamics.kinematics(self.tables, q, min(max(place, 0.0), self.length), R, p, J)
+        dynamics.pose_and_jacobian(self.tables, q, min(max(place, 0.0), self.length), R, p, J)
         return R, p, J
 
     def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:

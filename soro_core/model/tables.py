@@ -13,11 +13,11 @@ Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
 Booleans: TypeAlias = NDArray[np.bool_]
 
-EXACT, MDE = 0, 1
 DEFORMED, GEOMETRIC = 0, 1
 CREEP, DAHL = 0, 1
 
-# Row of the twist (angular, linear) and sign that one unit of each strain adds: Gamma = (-kappa_y, kappa_x, torsion).
+# Row of the twist (angular, linear) and sign that one unit of each strain adds: Gamma = (-kappa_y,
+# kappa_x, torsion).
 _COLUMN = {
     "torsion": (2, 1.0),
     "bending_x": (1, 1.0),
@@ -31,10 +31,8 @@ _COLUMN = {
 class Tables(NamedTuple):
     """Everything that the kernels know about a robot; n links, n_q coordinates, n_z internal states."""
 
-    method: int
-    """EXACT or MDE."""
     steps: int
-    """Steps a link of MDE."""
+    """Steps a link of the method `mde`."""
     offset: Integers
     """First coordinate of each link, and n_q: (n + 1,)."""
     basis: Array
@@ -76,8 +74,12 @@ class Tables(NamedTuple):
     """Relaxation time [s] of creep, range of hysteresis."""
 
 
-def build_tables(robot: Robot, method: int, nodes: int, steps: int) -> Tables:
-    """Flatten a robot. `nodes` Gauss-Legendre nodes a link, `steps` of MDE a link."""
+class MdeTables(Tables):
+    """The same for the method `mde`: a type of its own, so that only the kernels of one method are compiled."""
+
+
+def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
+    """Flatten a robot. `nodes` Gauss-Legendre nodes a link, `steps` of `mde` a link."""
     links = robot.links
     offset = np.concatenate(([0], np.cumsum([len(link.strains) for link in links]))).astype(np.int64)
     basis = np.zeros((robot.n_q, 6))
@@ -87,8 +89,8 @@ def build_tables(robot: Robot, method: int, nodes: int, steps: int) -> Tables:
     abscissae, weights = np.polynomial.legendre.leggauss(nodes)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
     actuation, axial_gain, runs_along = _chambers(robot, offset)
-    return Tables(
-        method=method,
+    kind = MdeTables if method == "mde" else Tables
+    return kind(
         steps=steps,
         offset=offset,
         basis=basis,
@@ -125,8 +127,8 @@ def build_tables(robot: Robot, method: int, nodes: int, steps: int) -> Tables:
 def _chambers(robot: Robot, offset: Integers) -> tuple[Array, Array, Booleans]:
     """H at q = 0 (n_q, n_u), and the axial gain of each chamber along each link and where it runs (n, n_u).
 
-    A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on every unit
-    of undeformed length that it runs along (theory.md section 3).
+    A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on
+    every unit of undeformed length that it runs along (theory.md section 3).
     """
     H = np.zeros((robot.n_q, robot.n_u))
     axial_gain = np.zeros((len(robot.links), robot.n_u))

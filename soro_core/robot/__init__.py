@@ -1,15 +1,7 @@
 """Frozen description of a robot and its strict loading."""
 
-from soro_core.robot.description import (
-    Calibration,
-    Chamber,
-    Creep,
-    Hysteresis,
-    Link,
-    Material,
-    Robot,
-    StrainField,
-)
+from soro_core.robot.description import Calibration, Robot
+from soro_core.robot.link import Chamber, Creep, Hysteresis, Link, Material, StrainField
 from soro_core.robot.load import load_robot, robot_from_dict
 from soro_core.robot.section import link_damping, link_stiffness, shear_factors
 

@@ -1,235 +1,20 @@
-"""What a robot is: links, strains, stiffness, losses, chambers; frozen and checked. SI units throughout."""
+"""What a robot is: links on a base, and what can be derived from them; frozen and checked. SI units throughout."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
-from soro_core.config import Floats, Strict, parse
-
-Strain: TypeAlias = Literal["torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y"]
-STRAINS: tuple[Strain, ...] = ("torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y")
-DEFAULT_STRAINS: tuple[Strain, ...] = ("elongation", "bending_x", "bending_y")
-
-Vector2 = Annotated[tuple[float, ...], Field(strict=False, min_length=2, max_length=2)]
-Vector3 = Annotated[tuple[float, ...], Field(strict=False, min_length=3, max_length=3)]
-Vector4 = Annotated[tuple[float, ...], Field(strict=False, min_length=4, max_length=4)]
-
-
-class StrainField(Strict):
-    """Shape of one strain along the link."""
-
-    basis: Literal["constant"] = Field(
-        "constant", description="constant along the link; the only basis so far"
-    )
-
-
-class Material(Strict):
-    """Linear elastic, linear viscous material of a solid round section (theory.md section 3)."""
-
-    youngs_modulus: float = Field(gt=0, description="Pa")
-    shear_modulus: float = Field(gt=0, description="Pa")
-    viscosity: float = Field(0.0, ge=0, description="Pa s")
-    shear_factor: float = Field(1.0, gt=0, le=2, description="alpha in alpha G A")
-    shear_correction: bool | None = Field(
-        None,
-        description="one factor on EI for the shear left out; default: where the shear strains are left out",
-    )
-
-
-class Creep(Strict):
-    """One Maxwell branch a coordinate: lambda' = -lambda/tau - qd, force -stiffness * lambda on the left."""
-
-    tau: Annotated[Floats, BeforeValidator(lambda v: _one_or_more(v))] = Field(
-        description="relaxation time [s]: one a coordinate, or one for all"
-    )
-    stiffness: Floats = Field(
-        description="one a coordinate, in units of the generalised force over the coordinate"
-    )
-
-    @field_validator("tau")
-    @classmethod
-    def _tau(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        return _all(value, lambda x: x > 0, "relaxation times above 0 s")
-
-    @field_validator("stiffness")
-    @classmethod
-    def _stiffness(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        return _all(value, lambda x: x >= 0, "stiffnesses of 0 or more")
-
-
-class Hysteresis(Strict):
-    """One Dahl element a coordinate: z' = qd - |qd| z / range, force stiffness * z on the left."""
-
-    stiffness: Floats = Field(
-        description="one a coordinate, in units of the generalised force over the coordinate"
-    )
-    range: Floats = Field(description="one a coordinate, in units of the coordinate")
-
-    @field_validator("stiffness")
-    @classmethod
-    def _stiffness(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        return _all(value, lambda x: x >= 0, "stiffnesses of 0 or more")
-
-    @field_validator("range")
-    @classmethod
-    def _range(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        return _all(value, lambda x: x > 0, "ranges above 0")
-
-
-class Chamber(Strict):
-    """One pressure chamber, by its geometry (area, offset) or by its two gains."""
-
-    angle_rad: float = Field(
-        ge=-4 * math.pi, le=4 * math.pi, description="about the tangent, from the local x axis"
-    )
-    area_m2: float | None = Field(None, gt=0, description="effective area [m^2]")
-    offset_m: float | None = Field(
-        None, ge=0, description="distance from the backbone [m]", validate_default=True
-    )
-    alpha_eps: float | None = Field(
-        None, ge=0, description="generalised force on elongation per pressure [m^3]"
-    )
-    alpha_kappa: float | None = Field(
-        None, ge=0, description="generalised force on curvature per pressure [m^4]", validate_default=True
-    )
-
-    area_slope: float = Field(
-        0.0, ge=-50, le=50, description="the area grows as exp(area_slope * strain of the chamber's fibre)"
-    )
-
-    @field_validator("offset_m")
-    @classmethod
-    def _geometry(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if (value is None) != (info.data.get("area_m2") is None) and "area_m2" in info.data:
-            raise ValueError("area_m2 together with offset_m, or both left out")
-        return value
-
-    @field_validator("alpha_kappa")
-    @classmethod
-    def _one_of_two(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if "area_m2" not in info.data or "alpha_eps" not in info.data:
-            return value  # the key at fault has its own message
-        given = info.data["alpha_eps"] is not None
-        if (value is not None) != given:
-            raise ValueError("alpha_eps together with alpha_kappa, or both left out")
-        if given == (info.data["area_m2"] is not None):
-            raise ValueError("exactly one of the pairs area_m2 with offset_m, or alpha_eps with alpha_kappa")
-        return value
-
-    @field_validator("area_slope")
-    @classmethod
-    def _slope(cls, value: float, info: ValidationInfo) -> float:
-        if value != 0.0 and info.data.get("alpha_eps") == 0.0:
-            raise ValueError("0 where alpha_eps is 0: the strain of the fibre is not known then")
-        return value
-
-
-class Link(Strict):
-    """One link of a constant strain field, round solid section."""
-
-    length: float = Field(gt=0, description="undeformed length [m]")
-    radius: float = Field(gt=0, description="radius of the section [m]")
-    density: float | None = Field(None, gt=0, description="[kg/m^3], instead of mass")
-    mass: float = Field(0.0, ge=0, description="[kg]", validate_default=True)
-    strains: dict[str, StrainField] = Field(
-        default_factory=lambda: {name: StrainField() for name in DEFAULT_STRAINS},
-        description="the strains that are carried, in the order of the coordinates",
-    )
-    material: Material | None = Field(
-        None, description="elastic and viscous constants, instead of k_e and k_b"
-    )
-    k_e: Vector3 | None = Field(
-        None, description="a1, a2 [N/m], a3 [1/m] of the axial law", validate_default=True
-    )
-    k_b: Vector3 | None = Field(
-        None, description="a4, a5 [N m/rad], a6 [1/rad] of the bending law", validate_default=True
-    )
-    damping: Floats | None = Field(
-        None, description="viscous damping of each coordinate, added to that of the material; default 0"
-    )
-    creep: Annotated[tuple[Creep, ...], Field(strict=False)] = ()
-    hysteresis: Annotated[tuple[Hysteresis, ...], Field(strict=False)] = ()
-    chambers: Annotated[tuple[Chamber, ...], Field(strict=False)] = ()
-
-    @field_validator("mass", mode="before")
-    @classmethod
-    def _mass(cls, value: Any, info: ValidationInfo) -> Any:
-        """Mass from density, where that is given; the density is kept for the record (see `_resolved`)."""
-        data = info.data
-        if "density" not in data:
-            return value
-        if data["density"] is not None and "length" in data and "radius" in data:
-            volume = math.pi * data["radius"] ** 2 * data["length"]
-            from_density = data["density"] * volume
-            # A described robot that is read back carries both, equal.
-            if value not in (0.0, None) and value != from_density:
-                raise ValueError("either mass or density, not both")
-            return from_density
-        return value
-
-    @field_validator("mass")
-    @classmethod
-    def _massive(cls, value: float) -> float:
-        if value <= 0:
-            raise ValueError("mass [kg] or density [kg/m^3] above 0")
-        return value
-
-    @field_validator("strains", mode="before")
-    @classmethod
-    def _strains(cls, value: Any) -> Any:
-        if not isinstance(value, Mapping) or not value or not all(name in STRAINS for name in value):
-            raise ValueError(f"a mapping with at least one of {', '.join(STRAINS)}")
-        return value
-
-    @field_validator("k_e")
-    @classmethod
-    def _axial(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
-        return _law(
-            value, info, "a1 > a2 and a1 > 0, so that the axial stiffness is positive at rest"
-        )
-
-    @field_validator("k_b")
-    @classmethod
-    def _bending(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
-        return _law(
-            value, info, "a4 > a5 and a4 > 0, so that the bending stiffness is positive at rest"
-        )
-
-    @field_validator("damping")
-    @classmethod
-    def _damping(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
-        if value is not None and "strains" in info.data:
-            n = len(info.data["strains"])
-            if len(value) != n or min(value, default=0.0) < 0:
-                raise ValueError(
-                    f"{n} values of 0 or more, one for each of {', '.join(info.data['strains'])}"
-                )
-        return value
-
-    @field_validator("creep", "hysteresis")
-    @classmethod
-    def _branches(cls, value: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
-        n = len(info.data.get("strains", ()))
-        for branch in value:
-            for key, entry in branch:
-                if n and len(entry) != n and not (key == "tau" and len(entry) == 1):
-                    raise ValueError(
-                        f"{key} with {n} values, one for each of {', '.join(info.data['strains'])}"
-                    )
-        return value
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates, in order."""
-        return tuple(self.strains)
+from soro_core.config import Strict, parse
+from soro_core.robot.link import Link
+from soro_core.robot.parts import fields, plain, scaled_link, split_link
+from soro_core.robot.vectors import Vector2, Vector3, Vector4
 
 
 class Calibration(Strict):
-    """How a motion-capture frame sits on the robot; used only to compare with measurements, never by a model."""
+    """How a motion-capture frame sits on the robot; used to compare with measurements only."""
 
     frame_rotation_rad: float = Field(
         0.0, description="turns the model's curvature vector into the measured frame"
@@ -325,7 +110,7 @@ class Robot(Strict):
         ConfigError
             If a key is unknown or a value is not allowed.
         """
-        return parse({**_fields(self), **{k: _plain(v) for k, v in changes.items()}}, Robot, where=self.name)
+        return parse({**fields(self), **{k: plain(v) for k, v in changes.items()}}, Robot, where=self.name)
 
     def refine(self, k: int) -> Robot:
         """Split each link into `k` equal links of the same physics; the chambers run along all of them.
@@ -338,7 +123,7 @@ class Robot(Strict):
             raise ValueError(f"refine({k!r}): allowed is a whole number of 1 or more")
         if k == 1:
             return self
-        links = [part for link in self.links for part in _split(link, k)]
+        links = [part for link in self.links for part in split_link(link, k)]
         return self.replace(links=links, refinement=self.refinement * k)
 
     def scaled(self, stiffness: float = 1.0, damping: float = 1.0, gain: float = 1.0) -> Robot:
@@ -353,97 +138,4 @@ class Robot(Strict):
         gain : float
             Factor on the force of all chambers.
         """
-        return self.replace(links=[_scaled(link, stiffness, damping, gain) for link in self.links])
-
-
-def _scaled(link: Link, stiffness: float, damping: float, gain: float) -> dict[str, Any]:
-    def times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:
-        return tuple(factor * value for value in values)
-
-    part = _fields(link)
-    for law in ("k_e", "k_b"):
-        values = getattr(link, law)
-        if values is not None:
-            part[law] = (*times(values[:2], stiffness), values[2])
-    if link.material is not None:
-        part["material"] = {
-            **_fields(link.material),
-            "youngs_modulus": stiffness * link.material.youngs_modulus,
-            "shear_modulus": stiffness * link.material.shear_modulus,
-            "viscosity": damping * link.material.viscosity,
-        }
-    if link.damping is not None:
-        part["damping"] = times(link.damping, damping)
-    part["creep"] = [{"tau": c.tau, "stiffness": times(c.stiffness, damping)} for c in link.creep]
-    part["hysteresis"] = [
-        {"stiffness": times(h.stiffness, damping), "range": h.range} for h in link.hysteresis
-    ]
-    keys = ("area_m2", "alpha_eps", "alpha_kappa")
-    part["chambers"] = [
-        {
-            key: gain * value if key in keys and value is not None else value
-            for key, value in _fields(c).items()
-        }
-        for c in link.chambers
-    ]
-    return part
-
-
-def _split(link: Link, k: int) -> list[dict[str, Any]]:
-    def share(values: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(value / k for value in values)
-
-    part = _fields(link)
-    part.pop("density", None)
-    part.update(length=link.length / k, mass=link.mass / k)
-    for law in ("k_e", "k_b"):
-        values = getattr(link, law)
-        if values is not None:
-            part[law] = tuple(k * value for value in values)
-    if link.damping is not None:
-        part["damping"] = share(link.damping)
-    part["creep"] = [{"tau": c.tau, "stiffness": share(c.stiffness)} for c in link.creep]
-    part["hysteresis"] = [{"stiffness": share(h.stiffness), "range": h.range} for h in link.hysteresis]
-    return [part, *({**part, "chambers": []} for _ in range(k - 1))]
-
-
-def _fields(model: Strict) -> dict[str, Any]:
-    """Keys that are set, as plain values, without those at their default."""
-    return model.model_dump(exclude_unset=True)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Strict):
-        return _fields(value)
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
-
-
-def _one_or_more(value: Any) -> Any:
-    return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
-
-
-def _all(values: tuple[float, ...], good: Any, allowed: str) -> tuple[float, ...]:
-    if not values or not all(good(value) for value in values):
-        raise ValueError(allowed)
-    return values
-
-
-def _law(value: tuple[float, ...] | None, info: ValidationInfo, allowed: str) -> tuple[float, ...] | None:
-    """Check one of k_e, k_b against the material, the strains and the sign of the stiffness."""
-    data = info.data
-    if "material" not in data or "strains" not in data:
-        return value
-    if data["material"] is not None:
-        if value is not None:
-            raise ValueError("either material, or k_e and k_b")
-        return value
-    odd = [name for name in data["strains"] if name in ("torsion", "shear_x", "shear_y")]
-    if odd:
-        raise ValueError(f"a material instead of k_e and k_b where {odd[0]} is carried")
-    if value is None:
-        raise ValueError("three values, or a material")
-    if not (value[0] > value[1] and value[0] > 0):
-        raise ValueError(allowed)
-    return value
+        return self.replace(links=[scaled_link(link, stiffness, damping, gain) for link in self.links])

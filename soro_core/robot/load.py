@@ -36,8 +36,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """Make a robot from a dictionary with the keys of a robot file.
 
-    A complete reference case (the keys of a robot, together with q, qd and all recorded results) is taken as well;
-    its results are left aside.
+    A complete reference case (the keys of a robot, together with q, qd and all recorded results) is taken
+    as well; its results are left aside.
     """
     if data.keys() >= _CASE_KEYS:
         data = {key: value for key, value in data.items() if key not in _CASE_KEYS}

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from soro_core.robot.description import Link, Robot
+from soro_core.robot.description import Robot
+from soro_core.robot.link import Link
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -62,8 +63,8 @@ def link_damping(link: Link) -> Array:
 def shear_factors(robot: Robot) -> Array:
     """Shear correction on EI of each link, shape (n_links,).
 
-    One factor for all links that leave shear out: with it, the first frequency of the chain as a cantilever without
-    shear (rotary inertia kept, tip mass left out) is that of the Timoshenko beam.
+    One factor for all links that leave shear out: with it, the first frequency of the chain as a
+    cantilever without shear (rotary inertia kept, tip mass left out) is that of the Timoshenko beam.
     """
     corrected = np.array([_is_corrected(link) for link in robot.links])
     factors = np.ones(len(robot.links))
@@ -111,7 +112,8 @@ def _shear_compliance(link: Link) -> float:
 
 
 def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array) -> float:
-    """Determinant whose roots are the frequencies [rad/s] of the stepped Timoshenko beam, clamped at its base.
+    """Determinant whose roots are the frequencies [rad/s] of the stepped Timoshenko beam, clamped at its
+    base.
 
     State (deflection, rotation, moment, shear force), made dimensionless with the first link so that the
     determinant is well scaled.
@@ -138,8 +140,8 @@ def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array)
 def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
     """Dunkerley's bound [rad/s], a few per cent below the first frequency: 1 / omega^2 < int flexibility dm.
 
-    The flexibility at x is the deflection there under a unit force there; of rotary inertia, the rotation under a
-    unit moment. They grow along the arm by link (deflection, rotation and coupling of its base).
+    The flexibility at x is the deflection there under a unit force there; of rotary inertia, the rotation
+    under a unit moment. They grow along the arm by link (deflection, rotation and coupling of its base).
     """
     total = 0.0
     deflection = coupling = rotation = 0.0  # of the tip of the links so far: w/F, w/M = phi/F, phi/M

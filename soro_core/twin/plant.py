@@ -7,11 +7,10 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root
 
-from soro_core.errors import ModelError
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model import SoftArm
+from soro_core.model.statics import equilibrium
 from soro_core.robot import Robot
 from soro_core.twin.config import TwinConfig
 
@@ -50,18 +49,8 @@ class Plant:
         ModelError
             If none is found from the straight arm.
         """
-        arm = self.arm
-
-        def residual(q: Array) -> Array:
-            force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ pressure_pa
-            return np.asarray(force)
-
-        # Elongation and curvature differ by orders of magnitude: solve in units of the stiffness at rest.
-        scale = np.sqrt(np.abs(np.diag(_jacobian(residual, np.zeros(arm.n_q)))))
-        solution = root(lambda z: residual(z / scale) / scale, np.zeros(arm.n_q), method="hybr", tol=1e-10)
-        if not solution.success:
-            raise ModelError(f"no equilibrium at rest: {' '.join(str(solution.message).split())}")
-        return State(solution.x / scale, np.zeros(arm.n_q), np.zeros(arm.n_internal))
+        q = equilibrium(self.arm, pressure_pa)
+        return State(q, np.zeros(self.arm.n_q), np.zeros(self.arm.n_internal))
 
     def advance(self, state: State, start_pa: Array, end_pa: Array, dt: float) -> tuple[State, Status]:
         """Advance by `dt` while the pressures (n_u,) [Pa] go in a straight line from start to end."""
@@ -73,11 +62,3 @@ class Plant:
             if not status.ok:
                 break
         return state, status
-
-
-def _jacobian(function: object, at: Array, step: float = 1e-7) -> Array:
-    columns = [
-        (function(at + step * e) - function(at - step * e)) / (2 * step)  # type: ignore[operator]
-        for e in np.eye(at.size)
-    ]
-    return np.column_stack(columns)

@@ -227,11 +227,18 @@ class Player(SoroNode[PlayerConfig]):
                 return
 
     def _await_acknowledgement(self) -> None:
+        """Let readers confirm the last messages: a publisher that ends takes its history along."""
+        limit = time.monotonic() + ACKNOWLEDGE_S
         for publisher in self._published.values():
-            if not publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_S)):
-                self.get_logger().warning(
-                    f"{publisher.topic_name}: a reader did not confirm the last messages"
-                )
+            # In short slices, so that Ctrl-C is heard.
+            while not publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
+                if self._stopping.is_set():
+                    return
+                if time.monotonic() > limit:
+                    self.get_logger().warning(
+                        f"{publisher.topic_name}: a reader did not confirm the last messages"
+                    )
+                    break
 
 
 def _span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:

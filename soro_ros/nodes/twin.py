@@ -68,7 +68,8 @@ class TwinNode(SoroNode[TwinConfig]):
             self._link = PlantLinkClient(config.plant_link)
         else:
             self._measured: tuple[int, np.ndarray] | None = None
-            self.create_subscription(JointState, "chambers/state", self._on_measured, qos.RELIABLE)
+            self._bridged = 0
+            self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
 
     def start(self) -> None:
         if not self._config.paused:
@@ -157,6 +158,9 @@ class TwinNode(SoroNode[TwinConfig]):
             ticks = round((stamp_ns - last_ns) / self._period_ns)
             if ticks < 1:
                 return
+            self._bridged += ticks - 1
+            # Time is the recording's own; its period is never quite the nominal one.
+            self._epoch_ns = stamp_ns - (self._state.tick + ticks) * self._period_ns
             for k in range(1, ticks + 1):
                 self._step(last + (pressure - last) * (k / ticks))
                 self._observe()
@@ -201,6 +205,8 @@ class TwinNode(SoroNode[TwinConfig]):
     def diagnose(self) -> None:
         vented = self._chambers.cause if self._chambers is not None else None
         values = {"tick": self._state.tick, "time_s": self._tick_ns() * 1e-9, "skipped_ticks": self._skipped}
+        if self._config.pressures == "measured":
+            values["bridged_ticks"] = self._bridged
         if vented:
             self.diagnostics.update(ERROR, f"vented: {vented}", values)
         elif self.diagnostics.status.level == OK:

@@ -1,4 +1,4 @@
-"""The CANopen driver on emulated nodes in lockstep: faults as values, latches, vents, scaling, start-up errors."""
+"""The CANopen driver on emulated nodes in lockstep: faults, latches, vents, scaling, start-up errors."""
 
 import can
 import numpy as np
@@ -41,7 +41,7 @@ def set_points(log):
     ]
 
 
-# -- a healthy cycle ------------------------------------------------------------------------------------------
+# -- a healthy cycle ------------------------------------------------------------------------------
 
 
 def test_pressures_follow(bench):
@@ -110,7 +110,7 @@ def test_units_are_read_from_the_device(emulation, canopen, count):
     assert bench.world.nodes[0].valve._limited(32767) * count <= 90e3 + 1e-6
 
 
-# -- refused set points ---------------------------------------------------------------------------------------
+# -- refused set points ---------------------------------------------------------------------------
 
 BAD = {"NaN": np.nan, "inf": np.inf, "-inf": -np.inf, "too high": 90_001.0, "below": -1.0, "huge": 1e300}
 
@@ -153,7 +153,7 @@ def test_wrong_shape(bench):
         bench.driver.exchange(np.zeros(2), 0)
 
 
-# -- faults ---------------------------------------------------------------------------------------------------
+# -- faults ---------------------------------------------------------------------------------------
 
 
 def vents_and_latches(bench, code, source, cycles=3):
@@ -302,7 +302,7 @@ def test_bus_off_stops_everything_until_reset(bench, monkeypatch):
     assert bench.run(5, 20e3).faults == ()
 
 
-# -- venting and closing --------------------------------------------------------------------------------------
+# -- venting and closing --------------------------------------------------------------------------
 
 
 def test_vent_has_no_slew(bench):
@@ -385,7 +385,7 @@ def test_close_when_the_bus_is_gone(bench, monkeypatch):
     bench.driver.close()
 
 
-# -- start-up errors ------------------------------------------------------------------------------------------
+# -- start-up errors ------------------------------------------------------------------------------
 
 QUICK = {"boot_timeout_s": 0.01, "sdo_timeout_s": 0.01, "sdo_retries": 1, "activation_timeout_s": 0.05}
 

@@ -1,4 +1,4 @@
-"""What every family of regulators must do, through the port alone: add a family to `FAMILIES` and it is held to it."""
+"""What every family of regulators must do, through the port alone; a new one is added to `FAMILIES`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -47,7 +47,7 @@ def emergencies(sent):
     return [f"{int.from_bytes(f.data[:2], 'little'):04X}" for f in sent if f.can_id == 0x081]
 
 
-# -- SDO ------------------------------------------------------------------------------------------------------
+# -- SDO ------------------------------------------------------------------------------------------
 
 SDO = {
     "read four bytes": ("40 00 10 00 00 00 00 00", "43 00 10 00 98 01 00 00"),
@@ -103,7 +103,7 @@ def test_dictionary_is_that_of_the_eds():
     assert load_dictionary(5).values[0x1800, 1] == 0x185
 
 
-# -- mapping --------------------------------------------------------------------------------------------------
+# -- mapping --------------------------------------------------------------------------------------
 
 OFF, CLEAR = "23 00 18 01 81 01 00 80", "2F 00 1A 00 00 00 00 00"
 REMAP = {
@@ -154,7 +154,7 @@ def test_every_second_sync(bench):
     assert len([f for f in ticks(bench, 10) if f.can_id == 0x181]) == 5
 
 
-# -- PDO ------------------------------------------------------------------------------------------------------
+# -- PDO ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", [None, NmtCommand.STOP, NmtCommand.PRE_OPERATIONAL])
@@ -218,9 +218,9 @@ def test_limits_of_the_device_hold_whatever_is_sent(running):
     assert int.from_bytes(status, "little") & 1 << 10, "limit touched"
 
 
-# -- the valve ------------------------------------------------------------------------------------------------
+# -- the valve ------------------------------------------------------------------------------------
 
-DEMANDS = {state: None for state in S} | {S.ACTIVE: 50e3, S.HOLD: 3e3, S.FAULT_HOLD: 3e3}
+DEMANDS = dict.fromkeys(S) | {S.ACTIVE: 50e3, S.HOLD: 3e3, S.FAULT_HOLD: 3e3}
 
 
 @pytest.mark.parametrize(("state", "demand"), list(DEMANDS.items()))
@@ -244,7 +244,7 @@ def test_hysteresis_keeps_an_active_valve_off_zero_but_not_a_venting_one(running
     assert running.world.pressure_pa[0] < 1.0
 
 
-# -- watchdogs ------------------------------------------------------------------------------------------------
+# -- watchdogs ------------------------------------------------------------------------------------
 
 
 def test_heartbeat_consumer_starts_with_the_first_heartbeat(bench):
@@ -310,7 +310,7 @@ def test_heartbeats_are_on_their_grid(bench):
     assert sent == ["701 [1] 05"] * 40
 
 
-# -- boot -----------------------------------------------------------------------------------------------------
+# -- boot -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -340,7 +340,7 @@ def test_boot_takes_its_time_in_real_time():
     assert [str(f) for f in heard] == ["701 [1] 00"]
 
 
-# -- the bus --------------------------------------------------------------------------------------------------
+# -- the bus --------------------------------------------------------------------------------------
 
 
 def test_lowest_identifier_first_and_never_to_its_sender():

@@ -43,7 +43,7 @@ def test_lockstep_over_a_pseudo_terminal_is_bit_identical(tmp_path):
             driver(platform(), served.device) as regulator,
         ):
             link = PlantLinkClient(served.plant)
-            # The emulator takes the client in its next turn: before the first SYNC, since start-up comes first.
+            # The emulator takes the client in its next turn, which comes before the first SYNC.
             regulator.configure()
             rows = run_lockstep(regulator, link, 200)
             link.close()
@@ -124,14 +124,16 @@ def wait_for(condition, limit_s=10.0):
 
 
 def test_valves_vent_when_the_driver_is_killed(tmp_path):
-    """SIGKILL: nobody sends anything any more. The devices notice by themselves; a new driver takes them over."""
+    """SIGKILL: nobody sends anything any more. The devices notice; a new driver takes them over."""
     path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 0.2, "rpdo_deadline_s": 0.2})
     with emulator(tmp_path, platform=path) as served:
-        link = PlantLinkClient(served.plant)
         host = subprocess.Popen(
             [sys.executable, "-c", DRIVER, path, str(served.device)], stdout=subprocess.PIPE
         )
         try:
+            for _ in range(20):
+                assert host.stdout.readline() == b"cycle\n"
+            link = PlantLinkClient(served.plant)
             wait_for(lambda: link.receive(5.0).pressures[2] > 50e3)
         finally:
             host.send_signal(signal.SIGKILL)

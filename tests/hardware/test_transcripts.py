@@ -1,4 +1,4 @@
-"""Exact frames, and exact bytes on the line, of start-up, a cycle, a fault, its reset, a vent and the shutdown."""
+"""Exact frames, and bytes on the line, of start-up, a cycle, a fault, its reset, a vent and the shutdown."""
 
 import numpy as np
 import pytest

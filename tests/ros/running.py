@@ -80,7 +80,8 @@ def end(
     process: subprocess.Popen[str], number: int = signal.SIGINT, limit_s: float = 30
 ) -> tuple[int, str, str]:
     """Send a signal and wait for the end."""
-    process.send_signal(number)
+    if process.poll() is None:
+        process.send_signal(number)
     try:
         out, err = process.communicate(timeout=limit_s)
     finally:

@@ -159,7 +159,7 @@ class CanopenRegulator(Regulator):
         self._configured = False
         self._link.close()
 
-    # -- for the shutdown sequence --------------------------------------------------------------------------
+    # -- for the shutdown sequence -----------------------------------------------------------------
 
     def command(self, setpoint_pa: Array, control: Control) -> Array:
         """One cycle with a control word for every node; pressures, NaN where none came."""
@@ -184,7 +184,7 @@ class CanopenRegulator(Regulator):
             if frame is not None:
                 self._on_frame(frame, in_cycle=False)
 
-    # -- a cycle --------------------------------------------------------------------------------------------
+    # -- a cycle -----------------------------------------------------------------------------------
 
     def _cycle(self, setpoint_pa: Array | None) -> list[Fault]:
         """Send set points, or zeros for None, and judge what comes back."""
@@ -292,7 +292,7 @@ class CanopenRegulator(Regulator):
     def _own_heartbeat(self) -> Frame:
         return frames.heartbeat(self.platform.canopen.master_node, NmtState.OPERATIONAL)
 
-    # -- the bus --------------------------------------------------------------------------------------------
+    # -- the bus -----------------------------------------------------------------------------------
 
     def _client(self, node: NodeMonitor) -> SdoClient:
         times = self.platform.canopen

@@ -75,9 +75,8 @@ class World:
         """Take a frame from the host's adapter."""
         self.hub.send(self._host, frame, self.now_ns)
         self.hub.run(self.now_ns)
-        if self._lockstep:
-            if frame.can_id == SYNC_ID and not frame.extended:
-                self._tick(self.now_ns + self._period_ns())
+        if self._lockstep and frame.can_id == SYNC_ID and not frame.extended:
+            self._tick(self.now_ns + self._period_ns())
 
     def run(self, now_ns: int) -> int:
         """Advance to a time, in real time; return how far the world stays behind it [ns].

@@ -1,0 +1,119 @@
+"""One constant-strain link in closed form, seen from the frame b of its base.
+
+With B1(s) = int_0^s Ad_exp(t xi) B dt, the twist of the link's particle at s, expressed in b, is V_b + B1
+qd_i. A slice of mass dm has in b the inertia N = Ad^-T Mcal Ad^-1, which for a round section needs only
+its position and its tangent.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._jit import inner
+from soro_core.model.lie import add_ad
+from soro_core.model.linear import clear
+from soro_core.model.tables import Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@inner
+def strain_twist(t: Tables, i: int, q: Array, xi: Array) -> None:
+    """xi <- xi_0 + B q of link i."""
+    for r in range(6):
+        xi[r] = t.reference[i, r]
+    for c in range(t.offset[i], t.offset[i + 1]):
+        for r in range(6):
+            xi[r] += t.basis[c, r] * q[c]
+
+
+@inner
+def ad_powers(t: Tables, i: int, xi: Array, powers: Array) -> None:
+    """powers[n, j] <- ad_xi^n of column j of B, n = 0 ... 4; shape (5, 6, 6)."""
+    first = t.offset[i]
+    for j in range(t.offset[i + 1] - first):
+        for r in range(6):
+            powers[0, j, r] = t.basis[first + j, r]
+        for n in range(4):
+            clear(powers[n + 1, j])
+            add_ad(xi, powers[n, j], 1.0, powers[n + 1, j])
+
+
+@inner
+def ad_power_rates(m: int, xi: Array, xi_rate: Array, powers: Array, rates: Array) -> None:
+    """rates[n, j] <- d/dt of powers[n, j] along the strain rate; shape (5, 6, 6)."""
+    for j in range(m):
+        clear(rates[0, j])
+        for n in range(4):
+            clear(rates[n + 1, j])
+            add_ad(xi_rate, powers[n, j], 1.0, rates[n + 1, j])
+            if n > 0:
+                add_ad(xi, rates[n, j], 1.0, rates[n + 1, j])
+
+
+@inner
+def columns_at(m: int, s: float, a: Array, powers: Array, B1: Array) -> None:
+    """B1[j] <- column j of int_0^s Ad_exp(t xi) B dt in the frame of the link's base; shape (6, 6)."""
+    f0 = s
+    f1 = a[1] * s * s
+    f2 = a[2] * s * s * s
+    f3 = a[3] * s * s * s * s
+    f4 = a[4] * s * s * s * s * s
+    for j in range(m):
+        for r in range(6):
+            B1[j, r] = (
+                f0 * powers[0, j, r]
+                + f1 * powers[1, j, r]
+                + f2 * powers[2, j, r]
+                + f3 * powers[3, j, r]
+                + f4 * powers[4, j, r]
+            )
+
+
+@inner
+def column_rates_at(
+    m: int, s: float, y_rate: float, a: Array, powers: Array, rates: Array, B1_rate: Array
+) -> None:
+    """B1_rate[j] <- d/dt of B1[j]; y_rate is the rate of y = (s |omega|)^2."""
+    f = s
+    for j in range(m):
+        clear(B1_rate[j])
+    for n in range(1, 5):
+        f *= s
+        f_rate = a[5 + n] * y_rate * f
+        f_value = a[n] * f
+        for j in range(m):
+            for r in range(6):
+                B1_rate[j, r] += f_rate * powers[n, j, r] + f_value * rates[n, j, r]
+
+
+@inner
+def momentum(mass: float, k2: float, R: Array, p: Array, V: Array, h: Array) -> None:
+    """h <- N V: momentum about the frame's origin of a round slice at p with normal R e3.
+
+    `k2` = r^2 / 4: the rotary inertia is mass k2 (I + e3 e3') in the frame of the section.
+    """
+    l0 = mass * (V[3] + V[1] * p[2] - V[2] * p[1])
+    l1 = mass * (V[4] + V[2] * p[0] - V[0] * p[2])
+    l2 = mass * (V[5] + V[0] * p[1] - V[1] * p[0])
+    along = R[0, 2] * V[0] + R[1, 2] * V[1] + R[2, 2] * V[2]
+    i = mass * k2
+    h[0] = i * (V[0] + along * R[0, 2]) + p[1] * l2 - p[2] * l1
+    h[1] = i * (V[1] + along * R[1, 2]) + p[2] * l0 - p[0] * l2
+    h[2] = i * (V[2] + along * R[2, 2]) + p[0] * l1 - p[1] * l0
+    h[3] = l0
+    h[4] = l1
+    h[5] = l2
+
+
+@inner
+def node(t: Tables, i: int, k: int, mass: Array, tip_mass: float) -> tuple[float, float, float]:
+    """Place, mass and squared gyration radius of quadrature node k; the last node is the end of the link."""
+    n = t.nodes.shape[0]
+    if k < n:
+        return t.nodes[k] * t.length[i], t.weights[k] * mass[i], 0.25 * t.radius[i] * t.radius[i]
+    last = i == t.length.shape[0] - 1
+    return t.length[i], tip_mass if last else 0.0, 0.0

@@ -1,0 +1,72 @@
+"""Changed links: parts of a refined one, and one that differs from its file as a real one does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from soro_core.config import Strict
+from soro_core.robot.link import Link
+
+
+def scaled_link(link: Link, stiffness: float, damping: float, gain: float) -> dict[str, Any]:
+    def times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:
+        return tuple(factor * value for value in values)
+
+    part = fields(link)
+    for law in ("k_e", "k_b"):
+        values = getattr(link, law)
+        if values is not None:
+            part[law] = (*times(values[:2], stiffness), values[2])
+    if link.material is not None:
+        part["material"] = {
+            **fields(link.material),
+            "youngs_modulus": stiffness * link.material.youngs_modulus,
+            "shear_modulus": stiffness * link.material.shear_modulus,
+            "viscosity": damping * link.material.viscosity,
+        }
+    if link.damping is not None:
+        part["damping"] = times(link.damping, damping)
+    part["creep"] = [{"tau": c.tau, "stiffness": times(c.stiffness, damping)} for c in link.creep]
+    part["hysteresis"] = [
+        {"stiffness": times(h.stiffness, damping), "range": h.range} for h in link.hysteresis
+    ]
+    keys = ("area_m2", "alpha_eps", "alpha_kappa")
+    part["chambers"] = [
+        {
+            key: gain * value if key in keys and value is not None else value
+            for key, value in fields(c).items()
+        }
+        for c in link.chambers
+    ]
+    return part
+
+
+def split_link(link: Link, k: int) -> list[dict[str, Any]]:
+    def share(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(value / k for value in values)
+
+    part = fields(link)
+    part.pop("density", None)
+    part.update(length=link.length / k, mass=link.mass / k)
+    for law in ("k_e", "k_b"):
+        values = getattr(link, law)
+        if values is not None:
+            part[law] = tuple(k * value for value in values)
+    if link.damping is not None:
+        part["damping"] = share(link.damping)
+    part["creep"] = [{"tau": c.tau, "stiffness": share(c.stiffness)} for c in link.creep]
+    part["hysteresis"] = [{"stiffness": share(h.stiffness), "range": h.range} for h in link.hysteresis]
+    return [part, *({**part, "chambers": []} for _ in range(k - 1))]
+
+
+def fields(model: Strict) -> dict[str, Any]:
+    """Keys that are set, as plain values, without those at their default."""
+    return model.model_dump(exclude_unset=True)
+
+
+def plain(value: Any) -> Any:
+    if isinstance(value, Strict):
+        return fields(value)
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value

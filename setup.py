@@ -21,7 +21,7 @@ def files(folder: str, target: str) -> list[tuple[str, list[str]]]:
 class RosDistribution(Distribution):
     """Editable installs drop data files unless the distribution says that it has them."""
 
-    def has_data_files(self) -> bool:
+    def has_data(self) -> bool:
         return True
 
 

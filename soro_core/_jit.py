@@ -40,8 +40,9 @@ def _cache_folder() -> Path:
     """Return a writable folder for compiled kernels: the user's cache, else one below the temp folder."""
     name = f"kernels-{source_hash()}"
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    # getuid: two users of one machine must not meet in the same temp folder.
-    for root in (Path(user) / "soro", Path(tempfile.gettempdir()) / f"soro-{os.getuid()}"):
+    # Two users of one machine must not meet in the same temp folder.
+    me = os.getuid() if hasattr(os, "getuid") else 0
+    for root in (Path(user) / "soro", Path(tempfile.gettempdir()) / f"soro-{me}"):
         folder = root / name
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -12,6 +12,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from soro_core import safety
+from soro_core.errors import SoroError
 from soro_ros import messages, qos
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ class ChamberInterface:
         The time now on the clock of the message stamps.
     on_command : callable, optional
         Called after each command that arrived, accepted or not.
+    recover : callable, optional
+        Brings the regulators back before the latch opens; raises SoroError if it cannot.
     """
 
     def __init__(
@@ -44,10 +47,11 @@ class ChamberInterface:
         now_ns: Callable[[], int],
         stamp_now_ns: Callable[[], int],
         on_command: Callable[[], None] | None = None,
+        recover: Callable[[], None] | None = None,
     ) -> None:
         self._node, self._names, self._limits, self._now_ns = node, tuple(names), limits, now_ns
         self._stamp_now_ns = stamp_now_ns
-        self._on_command = on_command
+        self._on_command, self._recover = on_command, recover
         self._state = safety.initial_state(len(self._names))
         self._enabled = True
         self.seen_ns = -1
@@ -84,6 +88,8 @@ class ChamberInterface:
 
     def vent(self, cause: str) -> None:
         """Latch with a cause."""
+        if self._state.cause is None:
+            self._node.get_logger().error(f"vented: {cause}")
         self._state = safety.request_vent(self._state, cause)
 
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
@@ -136,6 +142,12 @@ class ChamberInterface:
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._state, refusal = safety.reset(self._limits, self._state, self._now_ns())
+        opened, refusal = safety.reset(self._limits, self._state, self._now_ns())
+        if refusal is None and self._recover is not None:
+            try:
+                self._recover()
+            except SoroError as error:
+                opened, refusal = self._state, str(error)
+        self._state = opened
         response.success, response.message = refusal is None, refusal or "reset"
         return response

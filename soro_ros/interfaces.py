@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -19,6 +20,24 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from soro_core.bag import INFINITE_NS, Definition, Qos, Span, find_definition
+from soro_core.errors import ConfigError
+
+
+def topic_pattern(node: Node, entry: str, key: str) -> str:
+    """Return a parameter's topic name in full; patterns (``*``, ``?``, ``[``) stay as they are.
+
+    Raises
+    ------
+    ConfigError
+        If it is no topic name.
+    """
+    if any(sign in entry for sign in "*?["):
+        return entry
+    try:
+        return str(node.resolve_topic_name(entry, only_expand=True))
+    except Exception:  # rclpy has several
+        where = f"parameters of {node.get_name()}"
+        raise ConfigError(where, key, entry, "a topic name, or a pattern like /arm/*") from None
 
 
 def message_class(type_name: str) -> type[Any] | None:

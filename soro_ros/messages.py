@@ -8,9 +8,9 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import Imu, JointState
 
+from soro_core.estimation.rotation import quaternion_from_matrix
 from soro_core.estimation.samples import ImuSample, PoseSample
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def pose_arrays(message: Pose) -> tuple[Array, Array]:
 
 def pose_of(transform: Array) -> Pose:
     """Homogeneous transform (4, 4) as a Pose."""
-    return pose(transform[:3, 3], Rotation.from_matrix(transform[:3, :3]).as_quat())
+    return pose(transform[:3, 3], quaternion_from_matrix(transform[:3, :3]))
 
 
 def pose_stamped(transform: Array, stamp_ns: int, frame: str) -> PoseStamped:

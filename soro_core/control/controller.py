@@ -186,8 +186,9 @@ class Controller:
         ahead = self.config.pressures.preview_s
         future, moved = state.active.sample(t + ahead), self._within(q + ahead * qd)
         internal = np.asarray(self.arm.internal_force(moved, state.internal))
-        terms = law(self.parameters, self.gains, state.estimate, internal, moved, qd, future)
-        actuation = self.arm.actuation_matrix(moved)
+        desired = self.config.compensation == "reference"
+        terms = law(self.parameters, self.gains, state.estimate, internal, moved, qd, future, desired)
+        actuation = self.arm.actuation_matrix(future.q if desired else moved)
         believed = actuation * self.parameters.gains(state.estimate)
         pressures = self.config.pressures
         wish = allocate(

@@ -32,7 +32,7 @@ class ImuNoise(Strict):
     orientation_std_rad: float = Field(
         0.02, gt=0, le=3, description="noise of the orientation, where it has one"
     )
-    orientation_model_std_rad: float = Field(0.06, ge=0, le=3, description="error of the arm's kinematics")
+    orientation_model_std_rad: float = Field(0.2, ge=0, le=3, description="error of the arm's kinematics")
     acceleration_std_m_s2: float = Field(
         1.5, gt=0, le=100, description="noise of the direction of gravity, the motion of the arm included"
     )
@@ -50,7 +50,7 @@ class ProcessNoise(Strict):
         2.0, ge=0, le=1e6, description="spectral density of the acceleration's error, strain/s^2/sqrt(Hz)"
     )
     curvature_acceleration_per_m: float = Field(
-        20.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
+        40.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
     )
     stretch_disturbance: float = Field(
         1e4,

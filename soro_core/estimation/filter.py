@@ -147,7 +147,7 @@ class Filter:
         noise += (whole * self.process) @ whole.T * (dt / 6.0) + np.diag(self.process * (dt / 6.0))
         spread = whole @ belief.covariance @ whole.T + noise
         if not ok:
-            spread = spread + np.diag(self.initial) * dt
+            spread += np.diag(self.initial) * dt
         q = np.clip(q, -self.limit, self.limit)
         return Belief(q, qd, disturbance, drift, internal, 0.5 * (spread + spread.T)), ok
 
@@ -190,8 +190,9 @@ class Filter:
                 break
         rest = np.eye(size) - gain @ jacobian
         covariance = rest @ belief.covariance @ rest.T + (gain * variance) @ gain.T
-        parts = np.split(mean, [n, 2 * n, 2 * n + self.n_d])
-        updated = Belief(*parts, belief.internal, 0.5 * (covariance + covariance.T))
+        q, qd, disturbance, drift = np.split(mean, [n, 2 * n, 2 * n + self.n_d])
+        symmetric = 0.5 * (covariance + covariance.T)
+        updated = Belief(q, qd, disturbance, drift, belief.internal, symmetric)
         return updated if updated.finite() else None
 
 

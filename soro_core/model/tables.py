@@ -75,7 +75,7 @@ class Tables(NamedTuple):
 
 
 class MdeTables(Tables):
-    """The same for the method `mde`: a type of its own, so that only the kernels of one method are compiled."""
+    """The same for the method `mde`: a type of its own, so that kernels of one method alone are compiled."""
 
 
 def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:

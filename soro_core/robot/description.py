@@ -1,4 +1,4 @@
-"""What a robot is: links on a base, and what can be derived from them; frozen and checked. SI units throughout."""
+"""What a robot is: links on a base, and what follows from them; frozen and checked. SI units."""
 
 from __future__ import annotations
 

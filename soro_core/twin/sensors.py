@@ -8,13 +8,13 @@ from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from soro_core.estimation.rotation import quaternion_from_matrix, rotation_exp
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.twin.config import SensorConfig
 
 Array: TypeAlias = NDArray[np.float64]
-Sample = TypeVar("Sample", PoseSample, ImuSample)
+Sample = TypeVar("Sample", bound=PoseSample | ImuSample)
 
 # How far off an outlier is, in standard deviations: a swapped marker rather than a bad day of the noise.
 OUTLIER_STD = 60.0
@@ -89,8 +89,8 @@ def measure_pose(
     """Pose (4, 4) with noise on position and rotation."""
     scale = OUTLIER_STD if rng.random() < config.outlier else 1.0
     position = transform[:3, 3] + scale * config.position_noise_m * rng.standard_normal(3)
-    noise = Rotation.from_rotvec(scale * config.rotation_noise_rad * rng.standard_normal(3))
-    quaternion = (Rotation.from_matrix(transform[:3, :3]) * noise).as_quat()
+    noise = rotation_exp(scale * config.rotation_noise_rad * rng.standard_normal(3))
+    quaternion = quaternion_from_matrix(transform[:3, :3] @ noise)
     return PoseSample(stamp_s=stamp_s, position=position, quaternion=quaternion, s=s)
 
 
@@ -111,11 +111,11 @@ def measure_imu(
     omega, velocity = motion.twist[:3], motion.twist[3:]
     specific_force = motion.acceleration[3:] + np.cross(omega, velocity) - rotation.T @ gravity
     scale = OUTLIER_STD if rng.random() < config.outlier else 1.0
-    noise = Rotation.from_rotvec(scale * config.rotation_noise_rad * rng.standard_normal(3))
+    noise = rotation_exp(scale * config.rotation_noise_rad * rng.standard_normal(3))
     return ImuSample(
         stamp_s=stamp_s,
         angular_velocity=omega + scale * config.rate_noise_rad_s * rng.standard_normal(3),
         linear_acceleration=specific_force + scale * config.acceleration_noise_m_s2 * rng.standard_normal(3),
-        orientation=(Rotation.from_matrix(rotation) * noise).as_quat(),
+        orientation=quaternion_from_matrix(rotation @ noise),
         s=s,
     )

@@ -57,9 +57,10 @@ def play(
     """
     # Imported here so that `soro --help` works without ROS.
     from soro_core.bag import BagReader
+    from soro_core.bag.config import PlayerConfig
     from soro_core.config import parse
     from soro_ros.lifecycle import run_node
-    from soro_ros.nodes.player import Player, PlayerConfig
+    from soro_ros.nodes.player import Player
     from soro_ros.parameters import overrides
 
     options: dict[str, Any] = {

@@ -134,7 +134,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         )
 
     def _publish_nothing(self, stamp_ns: int) -> None:
-        """No estimate at this tick: silence in real time, an empty message in lockstep: others wait for it."""
+        """No estimate at this tick: silence in real time, an empty message in lockstep, which waits."""
         if self._lockstep:
             nothing = JointState()
             nothing.header.stamp = messages.to_time(stamp_ns)

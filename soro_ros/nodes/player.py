@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
-from pydantic import Field
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from soro_core.bag import BagMessage, BagReader, Topic
-from soro_core.config import Strict, Strings
+from soro_core.bag.config import PlayerConfig
 from soro_core.errors import BagError, ConfigError, SoroError
 from soro_ros import qos
 from soro_ros.diagnostics import ERROR, OK, WARN
-from soro_ros.interfaces import definition, message_class, offer
+from soro_ros.interfaces import definition, message_class, offer, topic_pattern
 from soro_ros.lifecycle import SoroNode, run_node
 
 # History of a publisher whose recorded one is unknown (most middlewares do not report it).
@@ -26,26 +25,6 @@ DEPTH = 1000
 # How long a reader may take to confirm the last messages.
 ACKNOWLEDGE_S = 10.0
 _POLL_S = 0.02
-
-
-class PlayerConfig(Strict):
-    """Parameters of the player."""
-
-    autostart: bool = Field(True, description="configure and activate at start")
-    bag: str = Field("", description="folder of the bag, or an .mcap file")
-    rate: float = Field(
-        1.0, ge=0.0, le=1000.0, description="times faster than recorded; 0: as fast as readers take it"
-    )
-    start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
-    duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
-    topics: Strings = Field((), description="names or patterns (/arm/*) of the topics to play; empty: all")
-    exclude: Strings = Field((), description="names or patterns of topics to leave out")
-    remap: Strings = Field((), description="OLD:=NEW names")
-    loop: bool = Field(False, description="begin again at the end")
-    clock: bool = Field(False, description="publish /clock with the recorded time")
-    clock_hz: float = Field(100.0, gt=0.0, le=10000.0, description="rate of /clock in recorded time")
-    wait_for_subscribers: bool = Field(False, description="begin when every topic has a reader")
-    wait_timeout_s: float = Field(30.0, gt=0.0, le=3600.0, description="how long to wait for readers")
 
 
 class Player(SoroNode[PlayerConfig]):
@@ -119,7 +98,9 @@ class Player(SoroNode[PlayerConfig]):
     # Topics --------------------------------------------------------------------------------------
     def _create_publishers(self) -> None:
         config = self._config
-        renamed = dict(_split_remap(rule, self.resolve_topic_name) for rule in config.remap)
+        renamed = dict(self._split_remap(rule) for rule in config.remap)
+        self._wanted = tuple(topic_pattern(self, name, "topics") for name in config.topics)
+        self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
         for topic in self._reader.topics:
             if not self._is_wanted(topic.name) or not self._is_playable(topic):
                 continue
@@ -135,12 +116,17 @@ class Player(SoroNode[PlayerConfig]):
             self._clock_out = self.create_publisher(Clock, "/clock", qos.RELIABLE)
 
     def _is_wanted(self, name: str) -> bool:
-        config = self._config
-        if config.clock and name == "/clock":
+        if self._config.clock and name == "/clock":
             return False
-        if any(fnmatchcase(name, pattern) for pattern in config.exclude):
+        if any(fnmatchcase(name, pattern) for pattern in self._excluded):
             return False
-        return not config.topics or any(fnmatchcase(name, pattern) for pattern in config.topics)
+        return not self._wanted or any(fnmatchcase(name, pattern) for pattern in self._wanted)
+
+    def _split_remap(self, rule: str) -> tuple[str, str]:
+        old, sign, new = rule.partition(":=")
+        if not (sign and old and new):
+            raise ConfigError("parameters of player", "remap", rule, "OLD:=NEW")
+        return topic_pattern(self, old, "remap"), topic_pattern(self, new, "remap")
 
     def _is_playable(self, topic: Topic) -> bool:
         """Whether the bytes mean here what they meant when they were recorded."""
@@ -249,13 +235,6 @@ def _span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
         raise BagError(f"{config.bag}: nothing to play: {reader.message_count} messages in {length:g} s")
     end = begin + round(config.duration_s * 1e9) if config.duration_s else reader.end_ns
     return begin, end
-
-
-def _split_remap(rule: str, resolve: Callable[[str], str]) -> tuple[str, str]:
-    old, sign, new = rule.partition(":=")
-    if not (sign and old and new):
-        raise ConfigError("parameters of player", "remap", rule, "OLD:=NEW")
-    return resolve(old), new
 
 
 def main() -> None:

@@ -3,50 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import Field
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 
 from soro_core.bag import BackgroundWriter, BagWriter, Qos, Topic
-from soro_core.config import Strict, Strings
+from soro_core.bag.config import RecorderConfig
 from soro_core.errors import ConfigError, SoroError
 from soro_ros.diagnostics import ERROR, OK, WARN
-from soro_ros.interfaces import definition, message_class, offered, request
+from soro_ros.interfaces import definition, message_class, offered, request, topic_pattern
 from soro_ros.lifecycle import SoroNode, run_node
 
 # Most messages a topic that are taken at the end (Fast DDS holds 5000 by default).
 REST = 5000
-
-
-class RecorderConfig(Strict):
-    """Parameters of the recorder."""
-
-    autostart: bool = Field(True, description="Configure and activate by itself")
-    folder: str = Field(
-        "", description="Folder of the new bag; empty: bag-<date>-<time> in the current folder"
-    )
-    topics: Strings = Field(
-        (),
-        description="Names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
-        "'NAME TYPE' is subscribed to before anybody publishes it",
-    )
-    exclude: Strings = Field((), description="Names or patterns of topics to leave out")
-    compression: Literal["zstd", "lz4", "none"] = Field(
-        "zstd", description="Of the chunks: zstd, lz4 or none"
-    )
-    flush_s: float = Field(1.0, ge=0.05, le=60.0, description="What a crash may cost [s]")
-    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="Period of looking for new topics [s]")
-    buffer_bytes: int = Field(
-        2**28, ge=2**16, description="Messages are dropped when more waits for the disk [B]"
-    )
-    notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
 
 
 @dataclass
@@ -69,10 +43,9 @@ class Recorder(SoroNode[RecorderConfig]):
     def setup(self, config: RecorderConfig) -> None:
         self._config = config
         self._notes = dict(_split_note(note) for note in config.notes)
-        self._wanted = dict(_split_topic(entry, self.resolve_topic_name) for entry in config.topics)
-        self._excluded = tuple(
-            self.resolve_topic_name(name) if "*" not in name else name for name in config.exclude
-        )
+        wanted = [_split_topic(entry) for entry in config.topics]
+        self._wanted = {topic_pattern(self, name, "topics"): type_name for name, type_name in wanted}
+        self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
 
     def start(self) -> None:
         self._lost = 0
@@ -89,7 +62,7 @@ class Recorder(SoroNode[RecorderConfig]):
         self._bag = BackgroundWriter(writer, self._config.flush_s, self._config.buffer_bytes)
         self._folder = folder
         for name, type_name in self._wanted.items():
-            if type_name:
+            if type_name and self._is_wanted(name):
                 self._subscribe(name, type_name, ())
         self._discover()
         self.every(self._config.discovery_s, self._discover)
@@ -166,9 +139,11 @@ class Recorder(SoroNode[RecorderConfig]):
     def _is_wanted(self, name: str) -> bool:
         if any(fnmatchcase(name, pattern) for pattern in self._excluded):
             return False
-        if self._wanted:
-            return any(fnmatchcase(name, pattern) for pattern in self._wanted)
-        return not any(token.startswith("_") for token in name.split("/"))
+        if name in self._wanted:
+            return True
+        if any(token.startswith("_") for token in name.split("/")):
+            return False  # hidden: only by its own name
+        return not self._wanted or any(fnmatchcase(name, pattern) for pattern in self._wanted)
 
     def _subscribe(self, name: str, type_name: str, offers: tuple[Qos, ...]) -> None:
         if message_class(type_name) is None:
@@ -248,11 +223,11 @@ def _split_note(note: str) -> tuple[str, str]:
     return key, value
 
 
-def _split_topic(entry: str, resolve: Callable[[str], str]) -> tuple[str, str]:
-    name, *rest = entry.split()
+def _split_topic(entry: str) -> tuple[str, str]:
+    name, *rest = entry.split() or [""]
     if len(rest) > 1:
         raise ConfigError("parameters of recorder", "topics", entry, "NAME or 'NAME TYPE'")
-    return name if "*" in name else resolve(name), rest[0] if rest else ""
+    return name, rest[0] if rest else ""
 
 
 def main() -> None:

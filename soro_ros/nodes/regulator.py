@@ -8,7 +8,7 @@ import numpy as np
 from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
+from soro_core.hardware import Regulator, load_platform, open_regulator
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
@@ -37,10 +37,18 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self.get_logger().info(f"configuring {self._regulator.n_chambers} regulators of {config.platform}")
         self._regulator.configure()
         self._chambers = ChamberInterface(
-            self, self._regulator.chamber_names, config.limits, self._now_ns, self._stamp_ns, self._try_tick
+            self,
+            self._regulator.chamber_names,
+            config.limits,
+            self._now_ns,
+            self._stamp_ns,
+            self._try_tick,
+            self._recover,
         )
         self._timer = LoopTimer(1.0 / config.rate_hz)
-        self._exchange: Exchange | None = None
+        self._vented = False
+        # The driver has to go through its start-up again before it takes set points.
+        self._lost = False
 
     def start(self) -> None:
         if self._lockstep:
@@ -98,23 +106,33 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._timer.tick()
         stamp_ns = self._stamp_ns()
         try:
-            self._exchange = self._regulator.exchange(self._chambers.setpoint_pa, self._now_ns())
+            exchange = self._regulator.exchange(self._chambers.setpoint_pa, self._now_ns())
         except HardwareError as error:
+            self._lost = True
             self._chambers.vent(str(error))
-            self._regulator.vent()
-            self.diagnostics.update(ERROR, f"vented: {error}", self._values())
-            self.get_logger().error(f"vented: {error}", throttle_duration_sec=5.0)
+            self._obey(True)
             return
-        exchange = self._exchange
+        self._lost = self._lost or any(fault.latched for fault in exchange.faults)
         fault = "; ".join(f"{f.code}: {f.source}: {f.message}" for f in exchange.faults) or None
         # A chamber that has not reported yet is not known to be bad; silence trips by its age.
         reading = np.where(exchange.fresh | np.isfinite(exchange.pressure_pa), exchange.pressure_pa, 0.0)
-        was_vented = self._chambers.cause is not None
-        if self._chambers.judge(reading, bool(exchange.fresh.all()), fault) and not was_vented:
-            self._regulator.vent()
-            self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
+        self._obey(self._chambers.judge(reading, bool(exchange.fresh.all()), fault))
         if np.all(np.isfinite(exchange.pressure_pa)):
             self._chambers.publish(exchange.pressure_pa, stamp_ns)
+
+    def _recover(self) -> None:
+        if self._lost and self._regulator is not None:
+            self._regulator.configure()
+            self._lost = False
+
+    def _obey(self, vented: bool) -> None:
+        """Vent when the latch closes, whatever closed it, and say so; say so too when it opens."""
+        if vented and not self._vented:
+            self._regulator.vent()
+            self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
+        elif self._vented and not vented:
+            self.diagnostics.update(OK, "active", self._values())
+        self._vented = vented
 
     def diagnose(self) -> None:
         if self._regulator is None or self._chambers.cause is not None:

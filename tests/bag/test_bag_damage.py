@@ -13,6 +13,8 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from soro_core.bag import BagReader, repair
+from soro_core.bag.mcap_file import McapFile
+from soro_core.bag.part import Attachment
 from soro_core.bag.records import CHUNK, DATA_END, MAGIC, PREFIX
 from soro_core.errors import BagError
 
@@ -210,6 +212,23 @@ def test_a_damaged_chunk_costs_only_itself(tmp_path):
     assert rosbags_messages(bag) == [item.data for item in read]
 
 
+def test_a_chunk_without_checksum_is_checked_by_its_size(tmp_path):
+    """rosbag2 writes no checksums by default."""
+    messages = random_messages(seed=16, count=20)
+    bag = write_bag(tmp_path / "run", messages, compression="none")
+    file = bag / "run_0.mcap"
+    content = bytearray(file.read_bytes())
+    start = next(start for opcode, start, _ in record_places(bytes(content)) if opcode == CHUNK)
+    size, crc = start + PREFIX.size + 16, start + PREFIX.size + 24
+    content[crc : crc + 4] = bytes(4)
+    file.write_bytes(bytes(content))
+    assert read_all(bag) == messages
+    content[size] ^= 1
+    file.write_bytes(bytes(content))
+    with pytest.raises(BagError, match=f"byte {start}: a chunk holds"):
+        read_all(bag)
+
+
 def test_the_first_chunk_with_the_names_of_the_topics_is_damaged(tmp_path):
     """The copies in the index name the topics of all other chunks."""
     messages = random_messages(seed=14, count=200)
@@ -304,6 +323,30 @@ def test_a_single_file_is_repaired_without_metadata(tmp_path, data):
             make_reader(stream, validate_crcs=True).get_summary().statistics.message_count
             == part.message_count
         )
+
+
+def test_profile_and_attachments_of_a_file_are_kept(tmp_path):
+    file = tmp_path / "other.mcap"
+    with file.open("wb") as stream:
+        made = McapFile(stream, "lz4", profile="px4")
+        channel = made.add_topic(TOPICS[0])
+        made.write(channel, b"\0\1\0\0", 7, 6, 5)
+        made.add_attachment(Attachment(7, 8, "camera.yaml", "text/yaml", b"k: 1"))
+        made.add_metadata("setup", {"robot": "six_link"})
+        made.finish()
+    file.write_bytes(file.read_bytes()[:-20])
+    repair(file)
+    with file.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        assert reader.get_header().profile == "px4"
+        assert [
+            (item.log_time, item.create_time, item.name, item.data) for item in reader.iter_attachments()
+        ] == [(7, 8, "camera.yaml", b"k: 1")]
+        assert [(item.name, item.metadata) for item in reader.iter_metadata()] == [
+            ("setup", {"robot": "six_link"})
+        ]
+        ((_, _, message),) = reader.iter_messages()
+        assert (message.log_time, message.publish_time, message.sequence) == (7, 6, 5)
 
 
 # A process that dies ------------------------------------------------------------------------------

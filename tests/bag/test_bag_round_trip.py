@@ -43,7 +43,8 @@ def test_messages_come_in_the_order_of_time_across_chunks(tmp_path):
 def test_reading_a_part(tmp_path):
     messages = random_messages(seed=6, count=300)
     bag = write_bag(tmp_path / "run", messages, chunk_bytes=2000)
-    low, high = messages[100].log_time_ns, messages[200].log_time_ns
+    notes = [item.log_time_ns for item in messages if item.topic == "/notes"]
+    low, high = notes[20], notes[40]
     with BagReader(bag) as reader:
         read = list(reader.messages(topics=["/notes"], start_ns=low, end_ns=high))
     assert read == [item for item in messages if item.topic == "/notes" and low <= item.log_time_ns <= high]

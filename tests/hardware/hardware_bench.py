@@ -20,6 +20,7 @@ import yaml
 
 from soro_core.config import parse
 from soro_core.hardware import Exchange, Platform, open_regulator
+from soro_core.hardware.canopen import frames
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.emulation.inprocess import HubBus
 from soro_core.hardware.emulation.world import World
@@ -154,6 +155,36 @@ class Bench:
         answers = [f.data.hex(" ").upper() for f in self.bus._frames if f.can_id == 0x580 + node]
         self.bus._frames.clear()
         return answers[0] if answers else ""
+
+
+HOST_HEARTBEAT = frames.heartbeat(127, frames.NmtState.OPERATIONAL)
+
+
+def ticks(bench: Bench, count: int, *also: Frame) -> list[Frame]:
+    """SYNCs past the driver, each with some frames before it; everything that the nodes sent."""
+    bench.bus._frames.clear()
+    for _ in range(count):
+        for frame in (*also, frames.SYNC):
+            bench.send(frame)
+    sent = list(bench.bus._frames)
+    bench.bus._frames.clear()
+    return sent
+
+
+def emergencies(sent: list[Frame]) -> list[str]:
+    """Codes of the emergencies of node 1 among some frames."""
+    return [f"{int.from_bytes(f.data[:2], 'little'):04X}" for f in sent if f.can_id == 0x081]
+
+
+def codes(result: Exchange) -> set[tuple[str, str]]:
+    """Code and source of every fault."""
+    return {(fault.code, fault.source) for fault in result.faults}
+
+
+def set_points(log: list[str]) -> list[tuple[int, int, int]]:
+    """Node, control word and set point of every RPDO in a log."""
+    rpdos = [line.split() for line in log if line.startswith("> 20")]
+    return [(int(r[1], 16) - 0x200, int(r[3], 16), int(r[6] + r[5], 16)) for r in rpdos]
 
 
 def transcript(name: str) -> list[str]:

@@ -58,6 +58,7 @@ GARBLED = {
     "NUL": b"\x00\r",
     "unknown letter": b"q\r",
     "line cut off by a refusal": b"t1812A\x07",
+    "whole line, ended by a refusal": b"t1812AABB\x07",
     "overlong line": b"t" * 200 + b"\r",
 }
 
@@ -93,6 +94,15 @@ def test_any_cut_into_chunks_gives_the_same(size):
     expected = whole.feed(stream)
     found = [event for at in range(0, len(stream), size) for event in cut.feed(stream[at : at + size])]
     assert (found, cut.garbled) == (expected, whole.garbled)
+
+
+def test_line_that_never_ends():
+    decoder = Decoder()
+    for _ in range(1000):
+        assert decoder.feed(b"t1812AABB" * 10) == []
+        assert len(decoder._rest) <= 64
+    assert decoder.garbled == 1
+    assert decoder.feed(b"\rt1812AABB\r") == [Frame(0x181, b"\xaa\xbb")]
 
 
 def test_noise():
@@ -238,6 +248,13 @@ def test_frames_before_the_plug_was_pulled_are_still_read(bus, adapter):
 def test_no_port():
     with pytest.raises(HardwareError, match="/dev/none: cannot open"):
         SlcanBus("/dev/none", 1_000_000)
+
+
+def test_adapter_that_refuses_to_open(adapter):
+    with ThreadPoolExecutor() as pool:
+        pool.submit(lambda: adapter.read(7) and adapter.answer(b"\x07"))
+        with pytest.raises(HardwareError, match=r"refused b'S8\\r' \(set the bit rate\)"):
+            SlcanBus(adapter.path, 1_000_000)
 
 
 def test_port_without_adapter(adapter):

@@ -1,4 +1,4 @@
-"""What a person or a fault can do to a running suite: the valves vent, the bag is whole, the cause is named."""
+"""What a person or a fault can do to a running suite: valves vent, the bag is whole, the cause is named."""
 
 import os
 import signal
@@ -70,7 +70,7 @@ def test_ctrl_c_vents_closes_the_bag_and_says_so(running):
 def test_a_killed_controller_vents_the_valves_and_ends_the_run_with_its_cause(running):
     process, folder = running
     os.kill(child(process.pid, "nodes.controller"), signal.SIGKILL)
-    out, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "controller ended with status -9" in err or "command lost" in err
     pressures = true_pressures(only_run(folder) / "bag")

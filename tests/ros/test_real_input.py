@@ -1,4 +1,4 @@
-"""Measured pressures of a real robot, as a bag, through the player into the twin, against measured curvatures."""
+"""Measured pressures of a real robot, as a bag, through player and twin, against measured curvatures."""
 
 import subprocess
 import sys
@@ -99,7 +99,7 @@ def read_curvatures(bag) -> tuple[np.ndarray, np.ndarray]:
     with BagReader(bag) as reader:
         for item in reader.messages({TRUTH}):
             message = deserialize_message(item.data, JointState)
-            at = {name: value for name, value in zip(message.name, message.position, strict=True)}
+            at = dict(zip(message.name, message.position, strict=True))
             stamp = (messages.to_ns(message.header.stamp) - START_NS) * 1e-9
             rows.append((stamp, at["link0/bending_x"], at["link0/bending_y"]))
     table = np.array(rows)

@@ -99,7 +99,7 @@ class CanopenRegulator(Regulator):
         self._link.open()
         for node in self._nodes:
             node.restart()
-        clients = [self._client(node) for node in self._nodes]
+        clients = [self.client(number) for number in range(self.n_chambers)]
         times = self.platform.canopen
         link = self._link
         # A node that runs on from a former session stops exchanging values, and vents.
@@ -145,7 +145,7 @@ class CanopenRegulator(Regulator):
             with contextlib.suppress(HardwareError):
                 self._drain()
             with contextlib.suppress(HardwareError):
-                self._link.send([self._own_heartbeat(), *self._zero_frames(), frames.SYNC])
+                self._link.send([self.own_heartbeat(), *self._zero_frames(), frames.SYNC])
 
     def close(self) -> None:
         if self._closed:
@@ -159,7 +159,7 @@ class CanopenRegulator(Regulator):
         self._configured = False
         self._link.close()
 
-    # -- for the shutdown sequence -----------------------------------------------------------------
+    # -- for start-up and shutdown -----------------------------------------------------------------
 
     def command(self, setpoint_pa: Array, control: Control) -> Array:
         """One cycle with a control word for every node; pressures, NaN where none came."""
@@ -170,7 +170,20 @@ class CanopenRegulator(Regulator):
 
     def client(self, number: int) -> SdoClient:
         """SDO client of one node."""
-        return self._client(self._nodes[number])
+        node, times = self._nodes[number], self.platform.canopen
+        return SdoClient(
+            self._link,
+            node.node,
+            node.source,
+            on_other=lambda frame: self._on_frame(frame, in_cycle=False),
+            clock=self.clock,
+            timeout_s=times.sdo_timeout_s,
+            retries=times.sdo_retries,
+        )
+
+    def own_heartbeat(self) -> Frame:
+        """Heartbeat of the host."""
+        return frames.heartbeat(self.platform.canopen.master_node, NmtState.OPERATIONAL)
 
     def send(self, messages: list[Frame]) -> None:
         """Send frames as they are."""
@@ -178,9 +191,8 @@ class CanopenRegulator(Regulator):
 
     def wait(self, until_s: float) -> None:
         """Take frames until a time of the clock."""
-        link = self._link
         while (left := until_s - self.clock()) > 0:
-            frame = link.receive(left)
+            frame = self._link.receive(left)
             if frame is not None:
                 self._on_frame(frame, in_cycle=False)
 
@@ -189,8 +201,7 @@ class CanopenRegulator(Regulator):
     def _cycle(self, setpoint_pa: Array | None) -> list[Fault]:
         """Send set points, or zeros for None, and judge what comes back."""
         self._cycles += 1
-        link = self._link
-        if self._bus_off is not None or link.is_bus_off:
+        if self._bus_off is not None or self._link.is_bus_off:
             self._bus_off = self._bus_off or Fault(
                 "bus_off", "bus", "the adapter is off the bus", latched=True
             )
@@ -219,7 +230,7 @@ class CanopenRegulator(Regulator):
         period_ns = round(self.platform.canopen.heartbeat_s * 1e9)
         if self._heartbeat_ns is None or self.now_ns - self._heartbeat_ns >= period_ns:
             self._heartbeat_ns = self.now_ns
-            rpdos = [self._own_heartbeat(), *rpdos]
+            rpdos = [self.own_heartbeat(), *rpdos]
         link.send([*rpdos, frames.SYNC])
         start = self.clock()
         while waiting := [node for node in self._nodes if not node.fresh and not node.gone]:
@@ -235,8 +246,7 @@ class CanopenRegulator(Regulator):
         return self.platform.cycle_budget_s
 
     def _drain(self) -> None:
-        link = self._link
-        while (frame := link.receive(0.0)) is not None:
+        while (frame := self._link.receive(0.0)) is not None:
             self._on_frame(frame, in_cycle=False)
 
     def _on_frame(self, frame: Frame, in_cycle: bool) -> None:
@@ -288,20 +298,3 @@ class CanopenRegulator(Regulator):
 
     def _rpdo(self, node: NodeMonitor, control: Control, counts: int) -> Frame:
         return Frame(frames.RPDO_BASES[0] + node.node, startup.RPDO_LAYOUT.pack((control, counts)))
-
-    def _own_heartbeat(self) -> Frame:
-        return frames.heartbeat(self.platform.canopen.master_node, NmtState.OPERATIONAL)
-
-    # -- the bus -----------------------------------------------------------------------------------
-
-    def _client(self, node: NodeMonitor) -> SdoClient:
-        times = self.platform.canopen
-        return SdoClient(
-            self._link,
-            node.node,
-            node.source,
-            on_other=lambda frame: self._on_frame(frame, in_cycle=False),
-            clock=self.clock,
-            timeout_s=times.sdo_timeout_s,
-            retries=times.sdo_retries,
-        )

@@ -52,8 +52,11 @@ def bring_down(driver: CanopenRegulator) -> None:
             break
     for word in (Control.HOLD, Control.DISABLED, Control.INIT):
         cycle(setpoint, word)
+    # The host falls silent here on purpose. Without the next steps every valve would report that as a fault:
+    # the set point deadline ends with OPERATIONAL, the heartbeat consumer is switched off.
+    driver.send([frames.nmt(NmtCommand.PRE_OPERATIONAL, valve.node) for valve in platform.valves])
     for number, valve in enumerate(platform.valves):
-        # The host's heartbeat ends here on purpose: without this every valve would report its loss.
+        driver.send([driver.own_heartbeat()])
         client = driver.client(number)
         with contextlib.suppress(SdoError):
             client.write(CONSUMER_HEARTBEAT, 1, 0, 4)

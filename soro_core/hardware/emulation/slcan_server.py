@@ -7,7 +7,7 @@ from collections.abc import Callable
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.slcan_codec import BEL, CR, LONGEST_LINE, decode_frame, encode
 
-LONGEST_OUTPUT = 65536  # bytes kept for a host that does not read; frames beyond are lost
+LONGEST_OUTPUT = 65536  # bytes kept for a host that does not read; lines beyond are lost
 
 
 class SlcanServer:
@@ -33,16 +33,18 @@ class SlcanServer:
             self._rest = b"?"  # noise: refused as one bad command when its CR comes
         for line in lines:
             if line:  # python-can sends an empty line when it opens; it is no command
-                self.output += self._command(line)
+                self._put(self._command(line))
 
     def deliver(self, frame: Frame) -> None:
         """Take a frame from the bus."""
-        if not self._open:
-            return
+        if self._open:
+            self._put(encode(frame))
+
+    def _put(self, line: bytes) -> None:
         if len(self.output) > LONGEST_OUTPUT:
             self.overruns += 1
         else:
-            self.output += encode(frame)
+            self.output += line
 
     def _command(self, line: bytes) -> bytes:
         kind = line[:1]

@@ -1,0 +1,53 @@
+"""Parameters of the recorder and of the player."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from soro_core.config import Strict, Strings
+
+
+class RecorderConfig(Strict):
+    """Parameters of the recorder."""
+
+    autostart: bool = Field(True, description="Configure and activate by itself")
+    folder: str = Field(
+        "", description="Folder of the new bag; empty: bag-<date>-<time> in the current folder"
+    )
+    topics: Strings = Field(
+        (),
+        description="Names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
+        "'NAME TYPE' is subscribed to before anybody publishes it",
+    )
+    exclude: Strings = Field((), description="Names or patterns of topics to leave out")
+    compression: Literal["zstd", "lz4", "none"] = Field(
+        "zstd", description="Of the chunks: zstd, lz4 or none"
+    )
+    flush_s: float = Field(1.0, ge=0.05, le=60.0, description="What a crash may cost [s]")
+    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="Period of looking for new topics [s]")
+    buffer_bytes: int = Field(
+        2**28, ge=2**16, description="Messages are dropped when more waits for the disk [B]"
+    )
+    notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
+
+
+class PlayerConfig(Strict):
+    """Parameters of the player."""
+
+    autostart: bool = Field(True, description="configure and activate at start")
+    bag: str = Field("", description="folder of the bag, or an .mcap file")
+    rate: float = Field(
+        1.0, ge=0.0, le=1000.0, description="times faster than recorded; 0: as fast as readers take it"
+    )
+    start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
+    duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
+    topics: Strings = Field((), description="names or patterns (/arm/*) of the topics to play; empty: all")
+    exclude: Strings = Field((), description="names or patterns of topics to leave out")
+    remap: Strings = Field((), description="OLD:=NEW names")
+    loop: bool = Field(False, description="begin again at the end")
+    clock: bool = Field(False, description="publish /clock with the recorded time")
+    clock_hz: float = Field(100.0, gt=0.0, le=10000.0, description="rate of /clock in recorded time")
+    wait_for_subscribers: bool = Field(False, description="begin when every topic has a reader")
+    wait_timeout_s: float = Field(30.0, gt=0.0, le=3600.0, description="how long to wait for readers")

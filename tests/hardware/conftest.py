@@ -1,0 +1,31 @@
+"""Benches of emulated devices in the states that the tests start from."""
+
+import pytest
+from hardware_bench import Bench, platform, single
+
+
+@pytest.fixture
+def powered() -> Bench:
+    """One node as it comes from power-on: pre-operational, nothing configured."""
+    return Bench(single())
+
+
+@pytest.fixture
+def running() -> Bench:
+    """One node in ACTIVE at 50 kPa."""
+    bench = Bench(single())
+    bench.driver.configure()
+    bench.run(100, 50e3)
+    bench.bus.take_log()
+    return bench
+
+
+@pytest.fixture
+def arm() -> Bench:
+    """Three valves at 20, 40 and 60 kPa."""
+    bench = Bench(platform())
+    bench.driver.configure()
+    result = bench.run(100, 20e3, 40e3, 60e3)
+    assert result.faults == ()
+    bench.bus.take_log()
+    return bench

@@ -1,0 +1,82 @@
+"""The cache of compiled kernels, and the model without compiling."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from soro_core import _jit
+
+RUN = """
+import json
+import numpy as np
+from soro_core import SoftArm, robot_from_dict, simulate
+
+link = {"length": 0.1, "radius": 0.02, "mass": 0.05, "k_e": [300, 100, 20], "k_b": [0.02, 0.01, 0.5],
+        "damping": [0.1, 1e-6, 1e-6], "creep": [{"tau": 0.1, "stiffness": [1.0, 1e-3, 1e-3]}],
+        "hysteresis": [{"stiffness": [1.0, 1e-3, 1e-3], "range": [0.1, 1.0, 1.0]}],
+        "chambers": [{"angle_rad": 1.0, "area_m2": 1e-4, "offset_m": 0.01, "area_slope": -1.0}]}
+out = []
+for method in ("exact", "mde"):
+    arm = SoftArm(robot_from_dict({"links": [link, link], "tip_mass": 0.01}), method=method, nodes=4, steps=4)
+    q, qd = np.tile([0.1, 5.0, -4.0], 2), np.tile([0.2, 10.0, 20.0], 2)
+    out += [*arm.coriolis_matrix(q, qd).ravel(), *arm.mass_regressor(q, qd, qd, qd).ravel()]
+    out += [*arm.energy(q, qd), *arm.elastic_regressor(q).ravel(), *arm.jacobian(q, 0.15).ravel()]
+    for name in ("trapezoidal", "rk4"):
+        run = simulate(arm, q, qd, t_end=2e-3, dt=1e-3, integrator=name, pressure=[1e4, 2e4])
+        assert run.status.ok, run.status
+        out += [*run.q[-1], *run.qd[-1], *run.internal[-1]]
+print(json.dumps(out))
+"""
+
+
+def values(**environment):
+    done = subprocess.run(
+        [sys.executable, "-c", RUN],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, **environment},
+    )
+    return json.loads(done.stdout)
+
+
+def test_same_results_without_compiling():
+    """Plain Python also checks every index, which compiled code does not."""
+    compiled, plain = values(), values(NUMBA_DISABLE_JIT="1")
+    largest = max(abs(v) for v in compiled)
+    assert len(compiled) > 100
+    assert all(
+        abs(a - b) <= 1e-11 * max(abs(a), 1e-6 * largest) for a, b in zip(compiled, plain, strict=True)
+    )
+
+
+def test_cache_folder_is_named_by_the_sources(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = _jit._cache_folder()
+    assert folder.parent == tmp_path / "soro"
+    assert folder.name == f"kernels-{_jit.source_hash()}"
+
+    # A copy of the package with one changed callee has another folder.
+    package = Path(_jit.__file__).parent
+    copy = tmp_path / "copy"
+    for name in ("_jit.py", "model/lie.py"):
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        (copy / name).write_bytes((package / name).read_bytes())
+    monkeypatch.setattr(_jit, "__file__", str(copy / "_jit.py"))
+    before = _jit.source_hash()
+    assert _jit.source_hash() == before
+    with (copy / "model" / "lie.py").open("a") as file:
+        file.write("# changed\n")
+    assert _jit.source_hash() != before
+
+
+def test_cache_falls_back_where_it_may_not_write(tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("")  # no folder can be made below a file
+    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
+    monkeypatch.setattr(_jit.tempfile, "gettempdir", lambda: str(tmp_path / "temp"))
+    folder = _jit._cache_folder()
+    assert folder.is_dir()
+    assert (tmp_path / "temp") in folder.parents

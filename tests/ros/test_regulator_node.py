@@ -1,0 +1,183 @@
+"""The driver node against emulated valves: commands of any kind on real topics, real frames below."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from soro_core.errors import HardwareError, SoroError
+from soro_core.hardware.plant_link import PlantLinkClient
+from soro_ros import messages, qos
+from soro_ros.diagnostics import ERROR
+from soro_ros.supervisor import Supervisor
+from tests.ros.running import SORO, end, wait_until
+
+NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
+
+
+class Bench:
+    """Emulated valves, a regulator node, and a person who publishes commands at 100 Hz."""
+
+    def __init__(self, folder) -> None:
+        device, self._link_path = folder / "valves.pty", folder / "plant.sock"
+        self._emulate = [*SORO, "emulate", "emulated_canopen"]
+        self._emulate += ["--device-link", device, "--plant-link", self._link_path]
+        self.start_valves()
+        self.supervisor = Supervisor("bench")
+        node = [sys.executable, "-m", "soro_ros.nodes.regulator", "--ros-args", "-r", "__ns:=/bench"]
+        # A loaded test machine may stall the test's own publisher: what is tested is not its punctuality.
+        self.regulator = _start([*node, "-p", f"device:={device}", "-p", "limits.command_age_s:=0.4"])
+        self.node = Node("person", namespace="bench")
+        self.command = self.node.create_publisher(JointState, "chambers/command", qos.RELIABLE)
+        self.array = self.node.create_publisher(Float64MultiArray, "chambers/commands", qos.RELIABLE)
+        self.supervisor._executor.add_node(self.node)
+        self.supervisor.wait(
+            "regulator", lambda: self.supervisor.active("regulator"), lambda: None, limit_s=30
+        )
+        wait_until(lambda: self._spun() and self.command.get_subscription_count() == 1, 10, "discovery")
+
+    def start_valves(self) -> None:
+        """Start the emulated valves, and read their true pressures."""
+        self.valves = _start(self._emulate)
+        wait_until(self._connected, 20, "emulated valves")
+
+    def _connected(self) -> bool:
+        try:
+            self.link = PlantLinkClient(self._link_path)
+        except HardwareError:
+            return False
+        return True
+
+    def _spun(self) -> bool:
+        self.supervisor.spin(0.02)
+        return True
+
+    def send(self, pressure_pa, seconds: float, age_s: float = 0.0) -> None:
+        """Publish one command over and over."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            stamp_ns = self.node.get_clock().now().nanoseconds - round(age_s * 1e9)
+            self.command.publish(messages.chambers(NAMES, np.array(pressure_pa, dtype=float), stamp_ns))
+            self.supervisor.spin(0.01)
+
+    def true_pressure(self) -> np.ndarray:
+        self.link.latest()  # what has piled up while nobody read
+        time.sleep(0.01)
+        return self.link.latest().pressures
+
+    def fault(self) -> str:
+        """Message of the regulator once it reports an error."""
+        wait_until(lambda: self._spun() and self._failed(), 10, "a fault")
+        return self.supervisor.status["regulator"].message
+
+    def _failed(self) -> bool:
+        return "regulator" in self.supervisor.status and self.supervisor.status["regulator"].level == ERROR
+
+    def close(self) -> list[int]:
+        self.node.destroy_node()
+        self.supervisor.__exit__()
+        results = [end(process)[0] for process in (self.regulator, self.valves)]
+        self.link.close()
+        return results
+
+
+def _start(command: list[object]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [str(part) for part in command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+@pytest.fixture
+def bench(domain, tmp_path):
+    it = Bench(tmp_path)
+    yield it
+    assert it.close() == [0, 0]
+
+
+@pytest.mark.timeout(120)
+def test_a_command_arrives_and_silence_vents_and_reset_needs_a_zero_command(bench):
+    bench.send([40e3, 20e3, 0.0], 1.2)
+    assert bench.true_pressure() == pytest.approx([40e3, 20e3, 0.0], abs=1.5e3)
+    assert bench.fault().startswith("vented: command lost")
+    wait_until(lambda: bench.true_pressure().max() < 2e3, 5, "vent")
+    bench.send([30e3] * 3, 0.3)
+    assert bench.true_pressure().max() < 2e3  # latched
+    with pytest.raises(SoroError, match="still asks for pressure"):
+        bench.supervisor.call("regulator/reset")
+    bench.send([0.0] * 3, 0.3)
+    assert bench.supervisor.call("regulator/reset") == "reset"
+    bench.send([30e3] * 3, 1.0)
+    assert bench.true_pressure() == pytest.approx([30e3] * 3, abs=1.5e3)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(
+    ("bad", "age_s", "kind"),
+    [
+        ([float("nan"), 0, 0], 0.0, "not finite"),
+        ([float("inf"), 0, 0], 0.0, "not finite"),
+        ([95e3, 0, 0], 0.0, "out of range"),
+        ([-1e3, 0, 0], 0.0, "out of range"),
+        ([20e3, 0, 0], 1.0, "stale"),
+    ],
+)
+def test_a_stream_of_bad_commands_never_reaches_a_valve_and_vents(bench, bad, age_s, kind):
+    bench.send([30e3] * 3, 1.0)
+    bench.send(bad, 1.0, age_s)
+    assert bench.fault().startswith("vented: command lost")
+    wait_until(lambda: bench.true_pressure().max() < 2e3, 5, "vent")
+    assert int(bench.supervisor.values("regulator")[f"rejected {kind}"]) > 10
+
+
+@pytest.mark.timeout(120)
+def test_vent_service_and_a_second_source(bench):
+    bench.send([30e3] * 3, 0.5)
+    for _ in range(20):
+        bench.array.publish(Float64MultiArray(data=[80e3, 80e3, 80e3]))
+        bench.send([30e3] * 3, 0.03)
+    assert bench.true_pressure().max() < 35e3
+    assert bench.supervisor.call("regulator/vent") == "vented until ~/reset"
+    assert bench.fault() == "vented: vent requested"
+    assert int(bench.supervisor.values("regulator")["rejected second source"]) >= 15
+    wait_until(lambda: bench.true_pressure().max() < 2e3, 5, "vent")
+
+
+@pytest.mark.timeout(120)
+def test_dead_valves_are_a_named_fault_and_come_back_by_reset_only(bench):
+    bench.send([30e3] * 3, 0.5)
+    bench.valves.kill()
+    bench.valves.communicate()
+    assert bench.fault().startswith("vented: ")
+    with pytest.raises(SoroError, match=r"valves\.pty"):
+        bench.supervisor.call("regulator/reset")
+    bench.link.close()
+    bench.start_valves()
+    bench.send([30e3] * 3, 0.5)
+    assert bench.true_pressure().max() < 2e3
+    bench.send([0.0] * 3, 0.3)
+    assert bench.supervisor.call("regulator/reset") == "reset"
+    bench.send([30e3] * 3, 1.0)
+    assert bench.true_pressure() == pytest.approx([30e3] * 3, abs=1.5e3)
+
+
+def test_without_a_device_the_node_says_what_to_do(domain):
+    command = [sys.executable, "-m", "soro_ros.nodes.regulator"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode in (1, 2)
+    assert "Traceback" not in done.stderr
+    assert "device" in done.stderr
+
+
+def test_rclpy_context_is_left_clean():
+    assert not rclpy.ok()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    EventsExecutor()
+    rclpy.shutdown()

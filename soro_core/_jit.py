@@ -7,11 +7,12 @@ kernel is defined.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import platform
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -55,8 +56,25 @@ def _cache_folder() -> Path:
 
 numba_config.CACHE_DIR = str(_cache_folder())
 
+
+@contextlib.contextmanager
+def compiling_once() -> Iterator[None]:
+    """Let one process at a time compile; the others then find its kernels in the cache.
+
+    Several nodes that start together would each compile the same kernels, each slower for the others.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not a POSIX system: compile side by side
+        yield
+        return
+    with (Path(numba_config.CACHE_DIR) / "compiling.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
 # No fast-math: it deletes isnan and reorders sums. error_model="numpy": a division by zero gives inf,
-# which the # checks at the end of a step catch. nogil: the other threads of a node run on.
+# which the checks at the end of a step catch. nogil: the other threads of a node run on.
 _FLAGS = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": True}
 
 

@@ -123,8 +123,17 @@ class Run:
         def ready() -> bool:
             return cancelled() or all(supervisor.active(name) for name in names)
 
+        begin, told = time.monotonic(), False
+
+        def check() -> None:
+            nonlocal told
+            self.check()
+            if not told and time.monotonic() - begin > 5.0:
+                told = True
+                self._say("the first start compiles the model's kernels: half a minute, cached afterwards")
+
         self._say(f"starting {', '.join(names)}")
-        supervisor.wait("answer of all nodes", ready, self.check, START_LIMIT_S)
+        supervisor.wait("answer of all nodes", ready, check, START_LIMIT_S)
 
     def _start_valves(self, device: Path, link: Path) -> None:
         self._say(f"starting emulated valves of {self.scene.platform}")

@@ -7,6 +7,7 @@ import gc
 import os
 import signal
 import sys
+import time
 import traceback
 from collections.abc import Callable
 from types import FrameType
@@ -80,6 +81,16 @@ class SoroNode(LifecycleNode, Generic[Config]):
         timer = self.create_timer(period_s, callback, clock=self.steady_clock)
         self._timers_active.append(timer)
         return timer
+
+    def compile(self, warm_up: Callable[[], None]) -> None:
+        """Run `warm_up`, which calls every kernel once, so that the loop never compiles one."""
+        from soro_core._jit import compiling_once
+
+        begin = time.monotonic()
+        self.get_logger().info("loading the model's kernels; the first start compiles them, up to a minute")
+        with compiling_once():
+            warm_up()
+        self.get_logger().info(f"kernels are ready after {time.monotonic() - begin:.1f} s")
 
     def finish(self) -> None:
         """End the process cleanly: the node's work is done."""

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 # The windows that are compared: what the arm does before the adaptation has learnt, and at the end.
 WINDOW_S = 5.0
-SETTLED_PART_OF_LENGTH = 0.02
+SETTLED_PART_OF_LENGTH = 0.05
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _draw_path(axis: object, recording: Recording, duration_s: float) -> None:
     axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=f"true tip, last {WINDOW_S:g} s")
     axis.set(xlabel="x [mm]", ylabel="y [mm]", title="tip path, seen along the base's axis", aspect="equal")
     axis.grid(alpha=0.3)
-    axis.legend(loc="upper right")
+    axis.legend(loc="center")
 
 
 def _draw_error(axis: object, t: Array, error: Array, recording: Recording) -> None:
@@ -215,11 +215,13 @@ def _draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
 def _draw_estimates(axis: object, recording: Recording) -> None:
     series = recording.estimates
     for k, name in enumerate(series.names):
-        start = series.value[0, k]
-        scale = abs(start) if abs(start) > 1e-9 else float(np.max(np.abs(series.value[:, k]))) or 1.0
-        what = "its start" if abs(start) > 1e-9 else f"its largest value, {scale:.3g}"
-        axis.plot(series.t, series.value[:, k] / scale, lw=1.0, label=f"{name} over {what}")
-    axis.set(ylabel="estimate, scaled", title="parameter estimates")
+        values = series.value[:, k]
+        largest = float(np.max(np.abs(values))) or 1.0
+        # What starts from (almost) nothing, as an unknown load does, is shown against its largest value.
+        scale, what = (abs(values[0]), "start") if abs(values[0]) > 0.01 * largest else (largest, "largest")
+        label = f"{name} / {scale:.3g} ({what}), end {values[-1]:.3g}"
+        axis.plot(series.t, values / scale, lw=1.0, label=label)
+    axis.set(ylabel="estimate, scaled", title="parameter estimates", ylim=(0, None))
     if series.names:
         axis.legend(loc="best")
 

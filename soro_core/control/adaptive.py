@@ -2,18 +2,18 @@
 
 With e = q - q_d, qd_r = qd_d - Lambda e, s = qd - qd_r the force is
 
-    f = M qdd_r + C qd_r + G + f_e + R qd_r + (creep and hysteresis) - K_p e - K_d s     (with estimated parameters)
+    f = M qdd_r + C qd_r + G + f_e + R qd_r + (creep and hysteresis) - K_p e - K_d s
 
-and the estimates follow pi' = -Gamma Y' s, projected. With H p = f exactly, continuous time and the right model
-structure, V = s' M s / 2 + e' K_p e / 2 + (pi - pi*)' Gamma^-1 (pi - pi*) / 2 falls at the rate
-s' (K_d + R) s + e' K_p Lambda e. With sampling, the regulators' lag, saturation or a plant of another structure
-there is no such proof: those cases are measured (tests/loop).
+and the estimates follow pi' = -Gamma Y' s, projected. With H p = f exactly, continuous time and the right
+model structure, V = s' M s / 2 + e' K_p e / 2 + (pi - pi*)' Gamma^-1 (pi - pi*) / 2 falls at the rate
+s' (K_d + R) s + e' K_p Lambda e. With sampling, the regulators' lag, saturation or a plant of another
+structure there is no such proof: those cases are measured (tests/loop).
 
-Desired compensation (Sadegh and Horowitz, 1990) takes the model's forces and Y at the reference instead. The law
-above cancels the arm's own stiffness and puts K_p in its place; through 30 ms of lag and dead time that takes away
-more stability than a small K_p gives back. At the reference nothing is cancelled: the error sees the arm's own
-stiffness and damping and the feedback on top. The proof then needs these to outweigh the slope of the model's
-forces in q, and holds near the reference only; Y carries no noise of the state.
+Desired compensation (Sadegh and Horowitz, 1990) takes the model's forces and Y at the reference instead. The
+law above cancels the arm's own stiffness and puts K_p in its place; through 30 ms of lag and dead time that
+takes away more stability than a small K_p gives back. At the reference nothing is cancelled: the error sees
+the arm's own stiffness and damping and the feedback on top. The proof then needs these to outweigh the slope
+of the model's forces in q, and holds near the reference only; Y carries no noise of the state.
 """
 
 from __future__ import annotations
@@ -110,11 +110,11 @@ def adapt(
     Parameters
     ----------
     dead_zone : ndarray (n_q,) or float
-        Components of s below it do not teach: noise would otherwise drive the estimates (robustness for a bound
-        on the error instead of convergence to zero).
+        Components of s below it do not teach: noise would otherwise drive the estimates (robustness for a
+        bound on the error instead of convergence to zero).
     shortfall : ndarray (n_q,) or None
-        Wished minus made force. Estimates that would lengthen it hold: they would be wound up by an error that
-        the pressures, not the parameters, cause.
+        Wished minus made force. Estimates that would lengthen it hold: they would be wound up by an error
+        that the pressures, not the parameters, cause.
     """
     heard = np.sign(s) * np.maximum(np.abs(s) - dead_zone, 0.0)
     rate = -parameters.polytope.gain * (regressor.T @ heard) - leakage * (estimate - parameters.nominal)

@@ -1,6 +1,6 @@
 """Pressures for a wished generalised force: bounded, weighted least squares.
 
-minimise |W (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum                      (theory.md section 6)
+minimise |W (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum             (theory.md section 6)
 
 Solved by a primal active-set method in scaled pressures. Every iterate is within the bounds, so the answer is
 admissible even where the iterations run out; the problem is strictly convex, so they end.

@@ -24,8 +24,7 @@ ADAPTABLE = (
 class Gains(Strict):
     """Feedback gains: one value a coordinate, or one a strain of a link, repeated for every link."""
 
-    k_p: Floats = Field(
-        (0.2, 5e-6, 5e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
+    k_p: Floats = Field((0.2, 5e-6, 5e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
     k_d: Floats = Field(
         (0.0, 5e-8, 5e-8), min_length=1, description="K_d: J s on stretch, J m^2 s on curvature"
     )
@@ -101,14 +100,14 @@ class Pressures(Strict):
         min_length=1,
         description="weight of each coordinate where not all forces can be made",
     )
-    rise_pa_s: float = Field(200e3, gt=0, le=1e7, description="fastest rise of a set point that the limiter allows")
-    fall_pa_s: float = Field(400e3, gt=0, le=1e7, description="fastest fall of a set point that the limiter allows")
+    rise_pa_s: float = Field(200e3, gt=0, le=1e7, description="fastest rise that the limiter allows")
+    fall_pa_s: float = Field(400e3, gt=0, le=1e7, description="fastest fall that the limiter allows")
     preview_s: float = Field(
         0.033,
         ge=0,
         le=1,
-        description="state and reference are taken this far ahead: until a set point acts (what the lag's inverse "
-        "leaves, dead time, one tick and half a hold)",
+        description="state and reference are taken this far ahead, to when a set point acts: what the lag's "
+        "inverse leaves, dead time, one tick and half a hold",
     )
     lag_s: float = Field(
         0.052, ge=0, le=10, description="time constant of the regulators, inverted; 0 for none"
@@ -163,8 +162,8 @@ class ControllerConfig(Strict):
     law: Literal["adaptive"] = Field("adaptive", description="control law")
     compensation: Literal["reference", "measured"] = Field(
         "reference",
-        description="state at which the model's forces are taken: measured, as the proof wants it, or that of the "
-        "reference, which keeps the arm's own stiffness in the loop and so bears delay and lag",
+        description="state at which the model's forces are taken: measured, as the proof wants it, or "
+        "that of the reference, which keeps the arm's own stiffness in the loop and so bears delay and lag",
     )
     adapt: bool = Field(True, description="false: the same law and gains with the robot file's parameters")
     gains: Gains = Field(Gains(), description="feedback")

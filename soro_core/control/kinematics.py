@@ -1,4 +1,4 @@
-"""From what is wanted of the arm to its coordinates: inverse kinematics, and elongation that pressures can hold."""
+"""From what is wanted of the arm to its coordinates: inverse kinematics, and elongation."""
 
 from __future__ import annotations
 

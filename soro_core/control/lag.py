@@ -1,10 +1,10 @@
 """Feed-forward inverse of the regulators' first-order lag, with their bounds inside.
 
 A regulator answers tau p' = c - p to its command c. To make p follow a wish w with the faster time constant
-tau_f the command is c = m + (tau / tau_f) (w - m), m the pressure that the same model predicts. Without bounds
-this is the lead filter (tau s + 1) / (tau_f s + 1). Cutting c to the bounds before the model sees it is the
-anti-wind-up. It is an open-loop inverse: it adds no feedback and so takes no stability margin, but noise of the
-wish is amplified by tau / tau_f, and a dead time or a wrong tau is not corrected.
+tau_f the command is c = m + (tau / tau_f) (w - m), m the pressure that the same model predicts. Without
+bounds this is the lead filter (tau s + 1) / (tau_f s + 1). Cutting c to the bounds before the model sees it
+is the anti-wind-up. It is an open-loop inverse: it adds no feedback and so takes no stability margin, but
+noise of the wish is amplified by tau / tau_f, and a dead time or a wrong tau is not corrected.
 """
 
 from __future__ import annotations
@@ -21,11 +21,9 @@ Array: TypeAlias = NDArray[np.float64]
 def compensate(
     wish_pa: Array, model_pa: Array, tau_s: float, filter_s: float, minimum_pa: Array, maximum_pa: Array
 ) -> Array:
-    """Return the command (n_u,) [Pa] that makes the pressures follow `wish_pa`; tau_s = 0 returns the wish."""
-    if tau_s <= 0.0:
-        command = wish_pa
-    else:
-        command = model_pa + max(tau_s / filter_s, 1.0) * (wish_pa - model_pa)
+    """Return the command (n_u,) [Pa] that makes the pressures follow `wish_pa`."""
+    lead = max(tau_s / filter_s, 1.0)
+    command = model_pa + lead * (wish_pa - model_pa) if tau_s > 0.0 else wish_pa
     return np.minimum(np.maximum(command, minimum_pa), maximum_pa)
 
 

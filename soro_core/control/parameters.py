@@ -1,7 +1,7 @@
 """The parameters that are adapted: where they stand in the model, their bounds, and their regressor.
 
-Everything is linear in them [C22, 3.1]. Only the adapted subset gets a column; the rest of the model is used as
-the robot file gives it.
+Everything is linear in them [C22, 3.1]. Only the adapted subset gets a column; the rest of the model is used
+as the robot file gives it.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Projection of parameter estimates onto the admissible polytope.
 
 The set is a box with half planes a - b >= margin on disjoint pairs (a1 and a2, a4 and a5 of one link). The
-projection is the nearest point in the metric of the inverse adaptation gains: it then never moves away from any
-admissible point in the norm in which the Lyapunov function measures the estimation error, so it never raises it.
+projection is the nearest point in the metric of the inverse adaptation gains: it then never moves away from
+any admissible point in the norm in which the Lyapunov function measures the estimation error, so it never
+raises it.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Pair:
-    """Constraint value[high] - value[low] >= margin; an index of -1 stands for a constant that is not adapted."""
+    """Constraint value[high] - value[low] >= margin; an index of -1 stands for a constant."""
 
     high: int
     low: int

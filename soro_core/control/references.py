@@ -27,7 +27,7 @@ def strains(robot: Robot) -> list[tuple[int, str]]:
 
 
 def per_coordinate(robot: Robot, values: Sequence[float], key: str, by_kind: bool = False) -> Array:
-    """Spread values over the coordinates: one each, one a strain of a link, or (by_kind) stretch and curvature.
+    """Spread values over the coordinates: one each, one a strain of a link, or by kind.
 
     Raises
     ------

@@ -123,8 +123,8 @@ class Waypoints(Reference):
     """Coordinates at given times, as a JointTrajectory brings them.
 
     Positions alone give a cubic spline that starts and ends at rest (twice continuously differentiable), with
-    velocities a cubic, with accelerations as well a quintic, between neighbours. Before the first and after the
-    last point the ends are held.
+    velocities a cubic, with accelerations as well a quintic, between neighbours. Before the first and after
+    the last point the ends are held.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ class Waypoints(Reference):
 
 
 def smooth_step(x: float) -> tuple[float, float, float]:
-    """Return the quintic from 0 to 1 on [0, 1] with zero rate and acceleration at both ends, and its derivatives."""
+    """Return the quintic from 0 to 1 on [0, 1], flat and uncurved at both ends, and its derivatives."""
     x = min(max(x, 0.0), 1.0)
     rest = 1.0 - x
     return (

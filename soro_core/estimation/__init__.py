@@ -8,8 +8,8 @@ from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
 __all__ = [
     "Counts",
     "Estimate",
-    "EstimatorConfig",
     "Estimator",
+    "EstimatorConfig",
     "EstimatorState",
     "EstimatorStatus",
     "ImuSample",

@@ -19,8 +19,8 @@ class PoseNoise(Strict):
         0.2,
         ge=0,
         le=3,
-        description="error of the arm's kinematics in orientation; a load bends a link unevenly, and a link of "
-        "constant curvature can then match the position of the tip or its orientation, not both",
+        description="error of the arm's kinematics in orientation; a load bends a link unevenly, and a link "
+        "of constant curvature can then match the position of the tip or its orientation, not both",
     )
     max_age_s: float = Field(0.08, gt=0, le=2, description="older samples are stale")
 
@@ -75,7 +75,9 @@ class InitialNoise(Strict):
     stretch_rate_std_per_s: float = Field(1.0, gt=0, le=1e4, description="rate of elongation and shears")
     curvature_rate_std_per_m_s: float = Field(80.0, gt=0, le=1e5, description="rate of curvatures")
     stretch_disturbance_std: float = Field(300.0, ge=0, le=1e6, description="disturbance, strain/s^2")
-    curvature_disturbance_std_per_m: float = Field(3e3, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)")
+    curvature_disturbance_std_per_m: float = Field(
+        3e3, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)"
+    )
 
 
 class EstimatorConfig(Strict):
@@ -96,8 +98,8 @@ class EstimatorConfig(Strict):
         2.0,
         ge=1,
         le=10,
-        description="factor on the covariance for every refused sample: one outlier costs little, a motion that the "
-        "model does not know is caught again within a few samples",
+        description="factor on the covariance for every refused sample: one outlier costs little, a motion "
+        "that the model does not know is caught again within a few samples",
     )
     reacquire_after: int = Field(
         15,

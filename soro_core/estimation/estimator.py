@@ -1,8 +1,8 @@
 """The estimator: a Kalman filter with a short memory, so that a late sample is used at the time it was taken.
 
-The state keeps one segment a step (pressures, linearisation, the belief at its start, the samples fused in it).
-A sample stamped in the past is put into its segment; the filter rolls back to the start of that segment and
-replays what follows, with the linearisations that it has: those change in second order only.
+The state keeps one segment a step (pressures, linearisation, the belief at its start, the samples fused in
+it). A sample stamped in the past is put into its segment; the filter rolls back to the start of that segment
+and replays what follows, with the linearisations that it has: those change in second order only.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class EstimatorState:
     stamps: Mapping[str, float] = field(default_factory=dict)
     refused: Mapping[str, int] = field(default_factory=dict)
     last_s: float = -math.inf
-    counts: Counts = Counts()
+    counts: Counts = field(default_factory=Counts)
 
 
 class Estimator:
@@ -229,7 +229,7 @@ class Estimator:
     def _updated(
         self, belief: Belief, sample: Sample, refused: dict[str, int], gated: bool, counts: Counts
     ) -> tuple[Belief, Counts, bool]:
-        """Fuse one sample; `gated` for one that is seen for the first time (a replay does not judge again)."""
+        """Fuse one sample; `gated` for one seen for the first time (a replay does not judge again)."""
         seen = innovation(self.arm, self.config, sample, belief.q, belief.qd)
         if seen is None:
             return belief, counts, False

@@ -1,8 +1,9 @@
 """Extended Kalman filter on (q, qd, disturbance): prediction with the arm's model, update with a sample.
 
-The disturbance is an acceleration per coordinate that the model does not explain (a payload, a wrong stiffness),
-with its rate: an integrated random walk follows a disturbance that turns with the arm without falling behind, as
-a plain random walk would. Both are forgotten slowly, so that they stay bounded where nothing observes them.
+The disturbance is an acceleration per coordinate that the model does not explain (a payload, a wrong
+stiffness), with its rate: an integrated random walk follows a disturbance that turns with the arm without
+falling behind, as a plain random walk would. Both are forgotten slowly, so that they stay bounded where
+nothing observes them.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Gauss-Newton passes of one update: the measurement is nearly linear over the uncertainty of a running filter,
-# and far from it only at the start and after a re-acquisition.
+# Gauss-Newton passes of one update: the measurement is nearly linear over the uncertainty of a running
+# filter, and far from it only at the start and after a re-acquisition.
 _PASSES = 6
 _CONVERGED = 1e-3
 
 
 @dataclass(frozen=True)
 class Belief:
-    """Mean and covariance of (q, qd, disturbance, its rate), and the internal states of the arm that go with the mean."""
+    """Mean and covariance of (q, qd, disturbance, its rate), and the internal states that go with it."""
 
     q: Array
     qd: Array
@@ -97,10 +98,10 @@ class Filter:
         """Return the system matrix of the linearised dynamics by forward differences, (m, m)."""
         n, arm = self.n, self.arm
         q, qd, internal = belief.q, belief.qd, belief.internal
-        here = arm.forward_dynamics(q, qd, pressure_pa, internal=internal)
         size = 2 * n + 2 * self.n_d
         system = np.zeros((size, size))
         system[:n, n : 2 * n] = np.eye(n)
+        here = arm.forward_dynamics(q, qd, pressure_pa, internal=internal)
         for i in range(n):
             h = self._increment[i]
             moved = q.copy()
@@ -164,10 +165,12 @@ class Filter:
     def update(self, belief: Belief, measure: Callable[[Array, Array], Innovation | None]) -> Belief | None:
         """Fuse one sample (iterated update, Joseph form); None where that gives no finite result."""
         n, size = self.n, belief.covariance.shape[0]
-        prior, mean = belief.mean, belief.mean
+        prior = belief.mean
+        mean: Array = np.array(prior)
         scale = np.sqrt(np.maximum(np.diag(belief.covariance), 1e-300))
-        gain = jacobian = np.zeros((0, 0))
-        variance = np.zeros(0)
+        gain: Array = np.zeros((0, 0))
+        jacobian: Array = gain
+        variance: Array = np.zeros(0)
         for _ in range(_PASSES):
             innovation = measure(mean[:n], mean[n : 2 * n])
             if innovation is None:
@@ -178,13 +181,14 @@ class Filter:
             variance = innovation.variance
             crossed = belief.covariance @ jacobian.T
             try:
-                gain = np.linalg.solve(jacobian @ crossed + np.diag(variance), crossed.T).T
+                solved = np.linalg.solve(jacobian @ crossed + np.diag(variance), crossed.T)
             except np.linalg.LinAlgError:
                 return None
+            gain = np.asarray(solved.T, dtype=np.float64)
             step = prior + gain @ (innovation.residual + jacobian @ (mean - prior)) - mean
             if not np.all(np.isfinite(step)):
                 return None
-            mean = mean + step
+            mean += step
             mean[:n] = np.clip(mean[:n], -self.limit, self.limit)
             if float(np.max(np.abs(step) / scale)) < _CONVERGED:
                 break

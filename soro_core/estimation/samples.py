@@ -95,5 +95,6 @@ def _finite(value: Array, n: int) -> bool:
 
 
 def _is_rotation(quaternion: Array) -> bool:
-    # Wide enough for quaternions of four decimals, narrow enough to refuse the zeros of a driver without a fix.
+    # Wide enough for quaternions of four decimals, narrow enough to refuse the zeros of a driver without a
+    # fix.
     return _finite(quaternion, 4) and abs(float(quaternion @ quaternion) - 1.0) < 0.02

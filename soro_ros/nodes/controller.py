@@ -58,16 +58,13 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             ("reset", self._on_reset),
         ):
             self.create_service(Trigger, f"~/{name}", callback)
-        self._warm_up()
+        self.compile(self._warm_up)
 
     def stop(self) -> None:
         self._states.clear()
 
     def _warm_up(self) -> None:
-        """Compile every kernel now: never in the loop."""
-        self.get_logger().info(
-            "compiling the model's kernels (seconds at the first start, cached afterwards)"
-        )
+        """Do once, unseen, what every tick does."""
         arm = self._controller.arm
         q = np.full(arm.n_q, 1e-3)
         self._controller.step(self._state, q, q, 0.0, 1.0 / self._config.rate_hz, np.zeros(arm.n_u))

@@ -48,17 +48,14 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self.create_subscription(JointState, "chambers/state", self._on_pressures, sensor)
         self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, sensor)
         self.create_subscription(Imu, "sensors/imu0", self._on_imu, sensor)
-        self._warm_up()
+        self.compile(self._warm_up)
 
     def start(self) -> None:
         if self._config.backbone_rate_hz > 0:
             self.every(1.0 / self._config.backbone_rate_hz, self._publish_backbone)
 
     def _warm_up(self) -> None:
-        """Compile every kernel now: never in the loop."""
-        self.get_logger().info(
-            "compiling the model's kernels (seconds at the first start, cached afterwards)"
-        )
+        """Do once, unseen, what every tick does."""
         zero = np.zeros(len(self._names))
         pose = self._estimator.arm.pose(np.zeros(self._estimator.arm.n_q), self._estimator.length)
         sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self._estimator.length)

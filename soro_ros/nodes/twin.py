@@ -33,10 +33,11 @@ class TwinNode(SoroNode[TwinConfig]):
     node_name = "twin"
 
     def setup(self, config: TwinConfig) -> None:
-        robot = load_robot(find_config(config.robot, "robots"))
+        robot = self._robot = load_robot(find_config(config.robot, "robots"))
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._twin = Twin(robot, config)
         self._names, self._true_names = robot.chamber_names, self._twin.plant.arm.robot.coordinate_names
+        self.compile(self._warm_up)
         self._state = self._twin.initial()
         self._period_ns = round(1e9 / config.rate_hz)
         self._epoch_ns = 0
@@ -70,6 +71,12 @@ class TwinNode(SoroNode[TwinConfig]):
             self._measured: tuple[int, np.ndarray] | None = None
             self._bridged = 0
             self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
+
+    def _warm_up(self) -> None:
+        """Do once, unseen, what every tick does."""
+        twin = Twin(self._robot, self._config)
+        state, _ = twin.observe(twin.initial())
+        twin.step_pressures(state, state.air.pressure_pa)
 
     def start(self) -> None:
         if not self._config.paused:

@@ -102,10 +102,8 @@ def test_the_regressor_is_what_a_changed_robot_does(name, seed):
     if name in ("a1", "a2", "a4", "a5"):
         law_name, place = ("k_e", int(name[1]) - 1) if name in ("a1", "a2") else ("k_b", int(name[1]) - 4)
         value = list(LINK[law_name])
-        if place == 1:
-            changed = np.minimum(changed, 0.95 * value[0])
-        else:
-            changed = np.maximum(changed, 1.05 * value[1])
+        low, high = (0.0, 0.95 * value[0]) if place == 1 else (1.05 * value[1], np.inf)
+        changed = np.clip(changed, low, high)
         value[place] = float(changed[0])
         link[law_name] = value
     elif name == "tip_mass":
@@ -125,7 +123,7 @@ def test_the_regressor_is_what_a_changed_robot_does(name, seed):
 
 
 def closed_loop(arm, parameters, k, reference, start, estimate, true_gain, seconds, h):
-    """Ideal actuator, exact structure: law and adaptation inside one RK4 step. Yields (t, V, rate bound, e)."""
+    """Ideal actuator, exact structure: law and adaptation inside one RK4 step. Yields (t, V, -dV/dt, e)."""
     n, metric = arm.n_q, parameters.polytope.gain
     q, qd = start
 

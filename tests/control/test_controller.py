@@ -77,7 +77,7 @@ def test_commands_stay_finite_within_bounds_and_slew(seed):
 
 def test_a_state_that_is_no_state_holds_the_command():
     control = controller()
-    state, good = run(control, 1.0)
+    state, _ = run(control, 1.0)
     for q, qd, t, dt in [
         (np.full(3, np.nan), np.zeros(3), 1.0, DT),
         (np.zeros(3), np.full(3, np.inf), 1.0, DT),

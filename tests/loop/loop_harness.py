@@ -33,9 +33,9 @@ class Setup:
     stiffness: float = 1.0
     gain: float = 1.0
     damping: float = 1.0
-    regulator: RegulatorModel = RegulatorModel()
-    control: ControllerConfig = ControllerConfig()
-    estimation: EstimatorConfig = EstimatorConfig()
+    regulator: RegulatorModel = field(default_factory=RegulatorModel)
+    control: ControllerConfig = field(default_factory=ControllerConfig)
+    estimation: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
 @dataclass

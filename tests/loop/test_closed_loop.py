@@ -28,10 +28,12 @@ def circle(**changes) -> ControllerConfig:
 
 def report(name, record):
     late = record.t > record.t[-1] - 5.0
+    pressure, saturated = record.pressure[late] / 1e3, 100 * record.saturated[late].mean()
     print(
-        f"{name}: tip RMS {1e3 * record.rms():.2f} mm, largest after 3 s {1e3 * record.error()[record.t > 3].max():.2f} mm,"
-        f" estimator {1e3 * record.estimation_rms():.2f} mm, pressures {record.pressure[late].min() / 1e3:.0f} to"
-        f" {record.pressure[late].max() / 1e3:.0f} kPa, saturated {100 * record.saturated[late].mean():.0f} %"
+        f"{name}: tip RMS {1e3 * record.rms():.2f} mm, "
+        f"largest after 3 s {1e3 * record.error()[record.t > 3].max():.2f} mm, "
+        f"estimator {1e3 * record.estimation_rms():.2f} mm, "
+        f"pressures {pressure.min():.0f} to {pressure.max():.0f} kPa, saturated {saturated:.0f} %"
     )
 
 

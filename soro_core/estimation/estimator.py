@@ -109,12 +109,13 @@ class Estimator:
             counts = replace(state.counts, failed=state.counts.failed + 1)
             state = replace(state, counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        state = (
-            self._restarted(state, dt)
-            if dt > self.config.max_gap_s
-            else self._extended(state, dt, chamber_pressure_pa)
-        )
-        state = self._fuse(state, [*state.waiting, *poses, *imus])
+        # Numbers that overflow are caught as what they become; warnings of them would only fill a log.
+        with np.errstate(all="ignore"):
+            if dt > self.config.max_gap_s:
+                state = self._restarted(state, dt)
+            else:
+                state = self._extended(state, dt, chamber_pressure_pa)
+            state = self._fuse(state, [*state.waiting, *poses, *imus])
         return state, self._estimate(state)
 
     def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
@@ -240,11 +241,12 @@ class Estimator:
                 belief = replace(belief, covariance=self.config.outlier_inflation * belief.covariance)
                 return belief, replace(counts, outliers=counts.outliers + 1), False
             # This sensor has disagreed for so long that the state is the likelier to be wrong.
-            belief = self.filter.widen(belief)
+            # From straight, not from where the state strayed to: the update finds its way from there.
+            belief = self.filter.start()
             counts = replace(counts, reacquired=counts.reacquired + 1)
         updated = self.filter.update(belief, lambda q, qd: innovation(self.arm, self.config, sample, q, qd))
         if updated is None:
-            return belief, replace(counts, failed=counts.failed + 1), False
+            return self.filter.start(), replace(counts, failed=counts.failed + 1), False
         if gated:
             refused[name] = 0
             counts = replace(counts, accepted=counts.accepted + 1)

@@ -37,6 +37,8 @@ class ChamberInterface:
         Called after each command that arrived, accepted or not.
     recover : callable, optional
         Brings the regulators back before the latch opens; raises SoroError if it cannot.
+    lockstep : bool
+        Whether a lost message would be a deadlock.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class ChamberInterface:
         stamp_now_ns: Callable[[], int],
         on_command: Callable[[], None] | None = None,
         recover: Callable[[], None] | None = None,
+        lockstep: bool = False,
     ) -> None:
         self._node, self._names, self._limits, self._now_ns = node, tuple(names), limits, now_ns
         self._stamp_now_ns = stamp_now_ns
@@ -56,8 +59,9 @@ class ChamberInterface:
         self._enabled = True
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
-        self._publisher = node.create_publisher(JointState, "chambers/state", qos.RELIABLE)
-        node.create_subscription(JointState, "chambers/command", self._on_joint_state, qos.RELIABLE)
+        loop = qos.loop(lockstep)
+        self._publisher = node.create_publisher(JointState, "chambers/state", loop)
+        node.create_subscription(JointState, "chambers/command", self._on_joint_state, loop)
         node.create_subscription(Float64MultiArray, "chambers/commands", self._on_array, qos.RELIABLE)
         node.create_service(Trigger, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/vent", self._on_vent)

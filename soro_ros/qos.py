@@ -8,12 +8,19 @@ RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 # A replay as fast as its reader takes it: a bounded history would overwrite what has not been read yet.
 REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.RELIABLE)
-# Set once, wanted by late joiners.
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+
+
+# In lockstep a lost message is a deadlock: what was published before a reader was there reaches it as well.
+LOCKSTEP = QoSProfile(
+    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+
+
+def loop(lockstep: bool) -> QoSProfile:
+    """QoS of what belongs to the control loop."""
+    return LOCKSTEP if lockstep else RELIABLE
 
 
 def sensor(lockstep: bool) -> QoSProfile:
     """QoS of a reader of sensors: nothing may be lost in lockstep, nothing may block in real time."""
-    return RELIABLE if lockstep else SENSOR
+    return LOCKSTEP if lockstep else SENSOR

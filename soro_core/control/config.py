@@ -24,11 +24,11 @@ ADAPTABLE = (
 class Gains(Strict):
     """Feedback gains: one value a coordinate, or one a strain of a link, repeated for every link."""
 
-    k_p: Floats = Field((0.2, 5e-6, 5e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
+    k_p: Floats = Field((0.4, 1e-6, 1e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
     k_d: Floats = Field(
-        (0.0, 5e-8, 5e-8), min_length=1, description="K_d: J s on stretch, J m^2 s on curvature"
+        (0.0, 1e-7, 1e-7), min_length=1, description="K_d: J s on stretch, J m^2 s on curvature"
     )
-    lambda_per_s: Floats = Field((5.0, 5.0, 5.0), min_length=1, description="Lambda [1/s]")
+    lambda_per_s: Floats = Field((4.0, 4.0, 4.0), min_length=1, description="Lambda [1/s]")
 
     @model_validator(mode="after")
     def _not_negative(self) -> Gains:
@@ -42,11 +42,11 @@ class Adaptation(Strict):
     """Which parameters are adapted, how fast, and within which bounds; the lists belong together."""
 
     parameters: Strings = Field(
-        ("tip_mass", "a1", "a4"), description=f"adapted parameters, any of {', '.join(ADAPTABLE)}"
+        ("tip_mass",), description=f"adapted parameters, any of {', '.join(ADAPTABLE)}"
     )
-    gain: Floats = Field((0.1, 1e6, 4e-3), description="diagonal of Gamma, one a parameter")
-    lower: Floats = Field((0.0, 100.0, 1e-3), description="lower bounds, in the parameter's unit")
-    upper: Floats = Field((0.06, 2e4, 0.1), description="upper bounds, in the parameter's unit")
+    gain: Floats = Field((0.05,), description="diagonal of Gamma, one a parameter")
+    lower: Floats = Field((0.0,), description="lower bounds, in the parameter's unit")
+    upper: Floats = Field((0.1,), description="upper bounds, in the parameter's unit")
     margin_stretch_n_m: float = Field(10.0, gt=0, le=1e6, description="least a1 - a2")
     margin_bend_n_m_rad: float = Field(1e-4, gt=0, le=1e3, description="least a4 - a5")
     dead_zone_stretch_per_s: float = Field(0.0, ge=0, le=10, description="|s| below which nothing is learnt")
@@ -132,14 +132,14 @@ class ReferenceConfig(Strict):
     start_s: float = Field(
         3.0, gt=0, le=1e3, description="length of the smooth start, and of changes of reference"
     )
-    curvature_per_m: float = Field(7.0, ge=0, le=1e3, description="curvature of every link on the circle")
+    curvature_per_m: float = Field(10.0, ge=0, le=1e3, description="curvature of every link on the circle")
     period_s: float = Field(4.0, gt=0, le=1e4, description="period of the circle")
     elongation: float = Field(0.0, gt=-0.9, le=10, description="elongation of every link on the circle")
     choose_elongation: bool = Field(
         True,
         description="choose the elongation so that the model's mean pressure is mean_pressure_pa instead",
     )
-    mean_pressure_pa: float = Field(40e3, ge=-1e5, le=1e6, description="mean pressure for choose_elongation")
+    mean_pressure_pa: float = Field(45e3, ge=-1e5, le=1e6, description="mean pressure for choose_elongation")
     set_point: Floats = Field((0.0, 0.0, 0.0), description="coordinates, for kind set_point")
     rotation_weight_m: float = Field(
         0.0,

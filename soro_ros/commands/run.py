@@ -19,6 +19,8 @@ from soro_core.hardware import load_platform
 from soro_core.robot import load_robot
 from soro_core.scene import Scene, load_scene
 
+# A lockstep run whose clock does not move any more.
+STALL_S = 30.0
 SCENE_HELP = "Scene file, or the name of a shipped one."
 
 
@@ -101,7 +103,8 @@ def _execute(scene: Scene, folder: Path, console: Console) -> int:
 
 def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], console: Console) -> None:
     """Show progress until the scene's time is over; raises SoroError when something goes wrong."""
-    begun = time.monotonic()
+    begun = moved = time.monotonic()
+    last = 0.0
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -116,6 +119,10 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
             if fault is not None:
                 raise SoroError(fault)
             now = supervisor.clock_s if scene.mode == "lockstep" else time.monotonic() - begun
+            if now > last:
+                last, moved = now, time.monotonic()
+            elif time.monotonic() - moved > STALL_S:
+                raise SoroError(f"time has stood still at {now:.3f} s for {STALL_S:.0f} s")
             progress.update(task, completed=min(now, scene.duration_s))
             if now >= scene.duration_s - 1e-9:
                 return

@@ -42,12 +42,12 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._reference: Reference | None = None
         self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
-        self._command = self.create_publisher(JointState, "chambers/command", qos.RELIABLE)
-        self._desired_tip = self.create_publisher(PoseStamped, "arm/desired/tip", qos.RELIABLE)
-        self._estimates = self.create_publisher(JointState, "controller/estimates", qos.RELIABLE)
-        sensor = qos.sensor(self._lockstep)
+        loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
+        self._command = self.create_publisher(JointState, "chambers/command", loop)
+        self._desired_tip = self.create_publisher(PoseStamped, "arm/desired/tip", loop)
+        self._estimates = self.create_publisher(JointState, "controller/estimates", loop)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
-        self.create_subscription(JointState, "arm/state", self._on_state, qos.RELIABLE)
+        self.create_subscription(JointState, "arm/state", self._on_state, loop)
         self.create_subscription(
             JointTrajectory, "arm/reference/trajectory", self._on_trajectory, qos.RELIABLE
         )

@@ -41,10 +41,10 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             "pose": _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz),
             "imu": _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz),
         }
-        self._arm_state = self.create_publisher(JointState, "arm/state", qos.RELIABLE)
-        self._tip = self.create_publisher(PoseWithCovarianceStamped, "arm/tip", qos.RELIABLE)
+        loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
+        self._arm_state = self.create_publisher(JointState, "arm/state", loop)
+        self._tip = self.create_publisher(PoseWithCovarianceStamped, "arm/tip", loop)
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
-        sensor = qos.sensor(self._lockstep)
         self.create_subscription(JointState, "chambers/state", self._on_pressures, sensor)
         self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, sensor)
         self.create_subscription(Imu, "sensors/imu0", self._on_imu, sensor)

@@ -44,6 +44,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._stamp_ns,
             self._try_tick,
             self._recover,
+            self._lockstep,
         )
         self._timer = LoopTimer(1.0 / config.rate_hz)
         self._vented = False
@@ -52,7 +53,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def start(self) -> None:
         if self._lockstep:
-            self.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
+            self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
             self.every(0.5, self._check_stall)
         else:
             self.every(1.0 / self._config.rate_hz, self._cycle)

@@ -47,13 +47,14 @@ class TwinNode(SoroNode[TwinConfig]):
         self._seen: Observation | None = None
         self._link: PlantLinkClient | None = None
         self._chambers: ChamberInterface | None = None
-        self._pose = self.create_publisher(PoseStamped, "sensors/pose0", qos.RELIABLE)
-        self._imu = self.create_publisher(Imu, "sensors/imu0", qos.RELIABLE)
-        self._true_tip = self.create_publisher(PoseStamped, "truth/tip", qos.RELIABLE)
-        self._true_state = self.create_publisher(JointState, "truth/state", qos.RELIABLE)
-        self._true_air = self.create_publisher(JointState, "truth/chambers", qos.RELIABLE)
+        loop = qos.loop(self._lockstep)
+        self._pose = self.create_publisher(PoseStamped, "sensors/pose0", loop)
+        self._imu = self.create_publisher(Imu, "sensors/imu0", loop)
+        self._true_tip = self.create_publisher(PoseStamped, "truth/tip", loop)
+        self._true_state = self.create_publisher(JointState, "truth/state", loop)
+        self._true_air = self.create_publisher(JointState, "truth/chambers", loop)
         self._clock_publisher = (
-            self.create_publisher(Clock, "/clock", qos.RELIABLE) if self._lockstep else None
+            self.create_publisher(Clock, "/clock", qos.LOCKSTEP) if self._lockstep else None
         )
         self.create_service(Trigger, "~/start", self._on_start)
         if config.pressures == "regulators":
@@ -64,6 +65,7 @@ class TwinNode(SoroNode[TwinConfig]):
                 self._now_ns,
                 self._stamp_now_ns,
                 self._advance_with_commands,
+                lockstep=self._lockstep,
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)

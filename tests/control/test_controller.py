@@ -129,7 +129,7 @@ def test_a_new_reference_is_approached_smoothly_and_kept():
     assert end.reference.q == pytest.approx([0.08, -2.0, 3.0])
     # And back to the configured circle, which went on meanwhile.
     state, back = run(control, 4.0, state=state, start=9.1)
-    assert np.hypot(*back.reference.q[1:]) == pytest.approx(7.0)
+    assert np.hypot(*back.reference.q[1:]) == pytest.approx(10.0)
 
 
 def test_a_trajectory_with_wrong_names_is_refused():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -58,6 +59,8 @@ class Run:
     def __init__(self, scene: Scene, folder: Path, say: Callable[[str], None]) -> None:
         self.scene, self.folder, self._say = scene, folder, say
         self._children: dict[str, Child] = {}
+        # Short, whatever the folder of the run: the path of a socket has at most 107 characters.
+        self._links = tempfile.TemporaryDirectory(prefix="soro-")
         # The supervisor waits for these to be active.
         self.nodes: list[str] = []
 
@@ -71,7 +74,7 @@ class Run:
         from soro_ros.nodes.recorder import RecorderConfig
 
         scene, namespace = self.scene, self.scene.name
-        device, link = self.folder / "valves.pty", self.folder / "plant.sock"
+        device, link = Path(self._links.name) / "valves.pty", Path(self._links.name) / "plant.sock"
         if scene.platform:
             self._start_valves(device, link)
         if scene.recorder.enabled:
@@ -112,6 +115,7 @@ class Run:
             status = processes.stop(child, patience_s=15.0)
             if status != 0:
                 trouble.append(f"{name} ended with status {status}: {child.last_words()}")
+        self._links.cleanup()
         return trouble
 
     def _node(self, name: str, config: object) -> None:

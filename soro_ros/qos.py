@@ -12,7 +12,13 @@ REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=0, reliability=Reliabi
 
 # In lockstep a lost message is a deadlock: what was published before a reader was there reaches it as well.
 LOCKSTEP = QoSProfile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+    depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+
+
+# What a replay makes, possibly much faster than real time.
+REPLAYED = QoSProfile(
+    depth=10000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
 

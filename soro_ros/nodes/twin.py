@@ -47,7 +47,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._seen: Observation | None = None
         self._link: PlantLinkClient | None = None
         self._chambers: ChamberInterface | None = None
-        loop = qos.loop(self._lockstep)
+        loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
         self._pose = self.create_publisher(PoseStamped, "sensors/pose0", loop)
         self._imu = self.create_publisher(Imu, "sensors/imu0", loop)
         self._true_tip = self.create_publisher(PoseStamped, "truth/tip", loop)

@@ -10,7 +10,6 @@ from soro_core.identification import (
     Parameter,
     ReleaseRun,
     curvature_errors,
-    equilibrium,
     fit,
     fit_frame,
     forced_curvature,
@@ -19,6 +18,7 @@ from soro_core.identification import (
     release_bend,
 )
 from soro_core.model import SoftArm
+from soro_core.model.statics import equilibrium
 from soro_core.robot import Robot, load_robot
 
 FRAME_UNTIL_S = 12.0

@@ -1,9 +1,16 @@
 """State estimation: an extended Kalman filter on the arm's model, and the samples that it takes."""
 
-from soro_core.estimation.config import EstimatorConfig
-from soro_core.estimation.estimator import Estimator, EstimatorState
-from soro_core.estimation.samples import ImuSample, PoseSample, Sample
-from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soro_core._lazy import lazy
+
+if TYPE_CHECKING:
+    from soro_core.estimation.config import EstimatorConfig
+    from soro_core.estimation.estimator import Estimator, EstimatorState
+    from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+    from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
 
 __all__ = [
     "Counts",
@@ -16,3 +23,18 @@ __all__ = [
     "PoseSample",
     "Sample",
 ]
+
+__getattr__ = lazy(
+    __name__,
+    {
+        "Counts": "soro_core.estimation.status",
+        "Estimate": "soro_core.estimation.status",
+        "Estimator": "soro_core.estimation.estimator",
+        "EstimatorConfig": "soro_core.estimation.config",
+        "EstimatorState": "soro_core.estimation.estimator",
+        "EstimatorStatus": "soro_core.estimation.status",
+        "ImuSample": "soro_core.estimation.samples",
+        "PoseSample": "soro_core.estimation.samples",
+        "Sample": "soro_core.estimation.samples",
+    },
+)

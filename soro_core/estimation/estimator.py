@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Belief, Filter
@@ -73,7 +73,7 @@ class Estimator:
         self.filter = Filter(self.arm, self.config)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
-        self._gates = {m: float(chi2.ppf(self.config.gate_probability, m)) for m in (3, 6, 9)}
+        self._gates = {m: float(chdtri(m, 1.0 - self.config.gate_probability)) for m in (3, 6, 9)}
 
     def initial_state(
         self, t_s: float = 0.0, q: Array | None = None, pressure_pa: Array | None = None

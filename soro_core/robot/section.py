@@ -8,8 +8,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
-from scipy.optimize import brentq
 
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
@@ -118,6 +116,8 @@ def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array)
     State (deflection, rotation, moment, shear force), made dimensionless with the first link so that the
     determinant is well scaled.
     """
+    from scipy.linalg import expm  # loaded late: most robots need no material
+
     length, stiffness = robot.length, bending[0]
     transfer = np.eye(4)
     known: dict[tuple[float, ...], Array] = {}  # the parts of a refined robot are alike
@@ -159,6 +159,8 @@ def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
 
 def _first_root(function: Callable[[float], float], step: float) -> float:
     """First root above 0 of a function that is positive at 0, searched in steps."""
+    from scipy.optimize import brentq  # loaded late: most robots need no material
+
     low = 0.0
     if function(low) <= 0.0:
         return low

@@ -1,0 +1,124 @@
+"""Each node alone, without parameters, and the controller's reference topics."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from soro_ros import messages, qos
+from soro_ros.supervisor import Supervisor
+from tests.ros.running import end
+
+COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
+CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
+
+
+def start(name: str, *parameters: str) -> subprocess.Popen[str]:
+    options = [option for parameter in parameters for option in ("-p", parameter)]
+    command = [sys.executable, "-m", f"soro_ros.nodes.{name}", "--ros-args", "-r", "__ns:=/alone", *options]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("name", ["estimator", "controller", "twin"])
+def test_a_node_without_parameters_configures_the_default_robot(domain, name):
+    with Supervisor("alone") as supervisor:
+        process = start(name)
+        try:
+            supervisor.wait(name, lambda: supervisor.active(name), lambda: None, 90)
+        finally:
+            status, _, err = end(process)
+    assert status == 0, err
+
+
+class Person:
+    """Publishes a straight arm at rest, and listens to what the controller wants of it."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        self.supervisor = supervisor
+        self.node = Node("person", namespace="alone")
+        self.state = self.node.create_publisher(JointState, "arm/state", qos.RELIABLE)
+        self.reading = self.node.create_publisher(JointState, "chambers/state", qos.RELIABLE)
+        self.trajectory = self.node.create_publisher(
+            JointTrajectory, "arm/reference/trajectory", qos.RELIABLE
+        )
+        self.tip = self.node.create_publisher(PoseStamped, "arm/reference/tip", qos.RELIABLE)
+        self.commands: list[list[float]] = []
+        self.wanted = np.zeros(3)
+        self.node.create_subscription(JointState, "chambers/command", self._on_command, qos.RELIABLE)
+        self.node.create_subscription(PoseStamped, "arm/desired/tip", self._on_wanted, qos.RELIABLE)
+        supervisor._executor.add_node(self.node)
+
+    def _on_command(self, message: JointState) -> None:
+        self.commands.append(list(message.effort))
+
+    def _on_wanted(self, message: PoseStamped) -> None:
+        self.wanted = messages.pose_arrays(message.pose)[0]
+
+    def hold(self, until, limit_s: float) -> None:
+        """Publish the arm's state until something is true."""
+        deadline = time.monotonic() + limit_s
+        while not until():
+            assert time.monotonic() < deadline
+            stamp_ns = self.node.get_clock().now().nanoseconds
+            self.reading.publish(messages.chambers(CHAMBERS, np.zeros(3), stamp_ns))
+            self.state.publish(
+                messages.arm_state(COORDINATES, np.zeros(3), np.zeros(3), np.zeros(3), stamp_ns)
+            )
+            self.supervisor.spin(0.01)
+
+
+@pytest.mark.timeout(150)
+def test_references_come_by_topic_and_wrong_ones_are_refused(domain):
+    with Supervisor("alone") as supervisor:
+        process = start("controller", "control.reference.kind:=hold", "control.reference.start_s:=0.3")
+        try:
+            person = Person(supervisor)
+            supervisor.wait("controller", lambda: supervisor.active("controller"), lambda: None, 90)
+            person.hold(lambda: len(person.commands) > 5, 20)
+            assert person.wanted == pytest.approx([0, 0, 0.064], abs=1e-6)
+
+            points = [([0.05, 0, 0], 0.4), ([0.1, 0, 0], 0.8)]
+            person.trajectory.publish(trajectory(COORDINATES, points))
+            person.hold(lambda: abs(person.wanted[2] - 0.064 * 1.1) < 1e-6, 20)
+
+            person.trajectory.publish(trajectory(("link0/elongation", "link9/bending_x", "x"), points))
+            person.hold(lambda: "reference refused" in supervisor.status["controller"].message, 20)
+            assert person.wanted[2] == pytest.approx(0.064 * 1.1, abs=1e-6)
+
+            person.tip.publish(messages.pose_stamped(tip_pose(0.01, 0.0, 0.066), 0, "world"))
+            person.hold(lambda: np.linalg.norm(person.wanted - [0.01, 0.0, 0.066]) < 1e-3, 20)
+            person.tip.publish(messages.pose_stamped(tip_pose(0.5, 0.0, 0.5), 0, "world"))
+            person.hold(
+                lambda: "a point that the tip can reach" in supervisor.status["controller"].message, 20
+            )
+
+            assert supervisor.call("controller/vent") == "commanding zero until ~/enable"
+            person.commands.clear()
+            person.hold(lambda: len(person.commands) > 10, 20)
+            assert np.all(np.array(person.commands[5:]) == 0.0)
+            person.node.destroy_node()
+        finally:
+            status, _, err = end(process)
+    assert status == 0, err
+
+
+def trajectory(names, points) -> JointTrajectory:
+    rows = [
+        JointTrajectoryPoint(positions=[float(v) for v in q], time_from_start=Duration(seconds=t).to_msg())
+        for q, t in points
+    ]
+    return JointTrajectory(joint_names=list(names), points=rows)
+
+
+def tip_pose(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose

@@ -1,5 +1,6 @@
 """The shipped robot tue_three_bellow against the recordings of the real one."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -39,18 +40,17 @@ def release(data: Path) -> ReleaseRun:
     return read_release(data / "tue_three_bellow" / "release_17deg.csv")
 
 
-def test_forced_curvatures(robot: Robot, forced: ForcedRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_forced_curvatures(robot: Robot, forced: ForcedRun, figure: Callable[[str], None]) -> None:
     """Measured pressures act on the chambers directly; the frame is fitted on the first 12 s only."""
     t, simulated = forced_curvature(SoftArm(robot), forced, dt=4e-3)
     measured = forced.curvature_at(t)
     first = t < FRAME_UNTIL_S
     frame = fit_frame(measured[first], simulated[first])
     rest = curvature_errors(measured[~first], simulated[~first], frame.rotation, frame.offset)
-    with capsys.disabled():
-        print(
-            f"\n  12-24 s: vector RMS {rest.vector:.3f} 1/m, magnitude RMS {rest.magnitude:.3f} 1/m; "
-            f"frame of 0-12 s: {frame.rotation:.4f} rad, ({frame.offset[0]:.3f}, {frame.offset[1]:.3f}) 1/m"
-        )
+    figure(
+        f"simulate, 12-24 s: vector RMS {rest.vector:.3f} 1/m, magnitude RMS {rest.magnitude:.3f} 1/m; "
+        f"frame of 0-12 s: {frame.rotation:.4f} rad, ({frame.offset[0]:.3f}, {frame.offset[1]:.3f}) 1/m"
+    )
     assert rest.vector <= 0.35
     assert rest.magnitude <= 0.21
     # The file tells the frame that this fit finds.
@@ -72,17 +72,16 @@ def test_the_start_straight_makes_no_difference(robot: Robot, forced: ForcedRun)
     assert rest.magnitude <= 0.21
 
 
-def test_release(robot: Robot, release: ReleaseRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_release(robot: Robot, release: ReleaseRun, figure: Callable[[str], None]) -> None:
     t, bend = release_bend(SoftArm(robot), release.bend[0], float(release.t[-1]))
     error = np.degrees(bend - np.interp(t, release.t, release.bend))
     rms = float(np.sqrt(np.mean(error**2)))
     frequency, damping = oscillation(t, bend)
     measured = oscillation(release.t, release.bend)
-    with capsys.disabled():
-        print(
-            f"\n  release: RMS {rms:.3f} deg; {frequency:.2f} Hz (measured {measured[0]:.2f}), "
-            f"damping ratio {damping:.3f} (measured {measured[1]:.3f})"
-        )
+    figure(
+        f"17 degree release: RMS {rms:.3f} deg; {frequency:.2f} Hz (measured {measured[0]:.2f}), "
+        f"damping ratio {damping:.3f} (measured {measured[1]:.3f})"
+    )
     assert rms <= 0.40
     assert frequency == pytest.approx(7.9, rel=0.05)
     assert damping == pytest.approx(0.19, abs=0.04)

@@ -41,7 +41,9 @@ def node(name: str, *parameters: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.timeout(240)
-def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures(domain, data, tmp_path):
+def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures(
+    domain, data, tmp_path, figure
+):
     run = read_forced(data / "tue_three_bellow" / "forced_p123.csv")
     robot = load_robot(find_config("tue_three_bellow", "robots"))
     write_bag(tmp_path / "measured", run, robot.chamber_names)
@@ -87,8 +89,11 @@ def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures
     fitted, held_out = run.t < 12.0, run.t >= 12.0
     frame = fit_frame(run.curvature[fitted], curvature[fitted])
     errors = curvature_errors(run.curvature[held_out], curvature[held_out], frame.rotation, frame.offset)
-    print(f"\nframe fitted on the first 12 s: rotation {frame.rotation:.3f} rad, offset {frame.offset} 1/m")
-    print(f"12 to 24 s: vector RMS {errors.vector:.3f} 1/m, magnitude RMS {errors.magnitude:.3f} 1/m")
+    offset = ", ".join(f"{value:.3f}" for value in frame.offset)
+    figure(f"replay: frame fitted on the first 12 s: rotation {frame.rotation:.3f} rad, offset {offset} 1/m")
+    figure(
+        f"replay, 12 to 24 s: vector RMS {errors.vector:.3f} 1/m, magnitude RMS {errors.magnitude:.3f} 1/m"
+    )
     assert errors.vector <= 0.35
     assert errors.magnitude <= 0.21
 

@@ -80,6 +80,7 @@ class CanopenOptions(Strict):
         0.5, gt=0, le=5, description="time from first set point to state ACTIVE"
     )
     stale_cycles: int = Field(3, ge=1, le=100, description="missed readings in a row that make a fault")
+    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
     vendor_id: int | None = Field(
         None, ge=0, le=0xFFFFFFFF, description="required vendor (1018:1); none for any"
     )

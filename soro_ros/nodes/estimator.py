@@ -34,8 +34,8 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._epoch_ns = 0
         self._malformed = 0
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
-        self._poses: deque[PoseSample] = deque(maxlen=1000)
-        self._imus: deque[ImuSample] = deque(maxlen=1000)
+        self._samples: dict[str, deque] = {"pose": deque(maxlen=1000), "imu": deque(maxlen=1000)}
+        self._taken = {"pose": 0, "imu": 0}
         self._received = {"pose": 0, "imu": 0}
         self._expected = {
             "pose": _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz),
@@ -66,7 +66,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._received["pose"] += 1
         position, quaternion = messages.pose_arrays(message.pose)
         s = self._config.pose_location * self._estimator.length
-        self._poses.append(
+        self._samples["pose"].append(
             PoseSample(self._seconds(messages.to_ns(message.header.stamp)), position, quaternion, s)
         )
         self._process()
@@ -76,7 +76,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         omega, force, quaternion = messages.imu_arrays(message)
         s = self._config.imu_location * self._estimator.length
         stamp_s = self._seconds(messages.to_ns(message.header.stamp))
-        self._imus.append(ImuSample(stamp_s, omega, force, quaternion, s))
+        self._samples["imu"].append(ImuSample(stamp_s, omega, force, quaternion, s))
         self._process()
 
     def _on_pressures(self, message: JointState) -> None:
@@ -95,10 +95,11 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             return  # in real time a sample waits for the next tick
         while self._pressures:
             stamp_ns, pressure = self._pressures[0]
-            if self._lockstep and not self._complete(round(stamp_ns * 1e-9 * self._config.rate_hz)):
+            tick = round(stamp_ns * 1e-9 * self._config.rate_hz)
+            if self._lockstep and not self._complete(tick):
                 return
             self._pressures.popleft()
-            self._step(stamp_ns, pressure)
+            self._step(stamp_ns, pressure, self._due("pose", tick), self._due("imu", tick))
 
     def _complete(self, tick: int) -> bool:
         """Whether every sample that must have been published by `tick` has come."""
@@ -107,16 +108,24 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             for name, clock in self._expected.items()
         )
 
-    def _step(self, stamp_ns: int, pressure: np.ndarray) -> None:
+    def _due(self, name: str, tick: int) -> list[PoseSample] | list[ImuSample]:
+        """Take the samples of this tick: in lockstep not one more, for the twin may be a tick ahead."""
+        queue, clock = self._samples[name], self._expected[name]
+        n = len(queue)
+        if self._lockstep and clock is not None:
+            n = min(n, clock.published_by(tick) - self._taken[name])
+        self._taken[name] += n
+        return [queue.popleft() for _ in range(n)]
+
+    def _step(
+        self, stamp_ns: int, pressure: np.ndarray, poses: list[PoseSample], imus: list[ImuSample]
+    ) -> None:
         if self._state is None:
             self._epoch_ns = 0 if self._lockstep else stamp_ns
             self._state = self._estimator.initial_state(self._seconds(stamp_ns), pressure_pa=pressure)
             self._publish_nothing(stamp_ns)
             return
         dt = self._seconds(stamp_ns) - self._state.t_s
-        poses, imus = list(self._poses), list(self._imus)
-        self._poses.clear()
-        self._imus.clear()
         self._state, estimate = self._estimator.step(self._state, pressure, poses, imus, dt)
         self._estimate = estimate
         self._report(estimate.status.message)

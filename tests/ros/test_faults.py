@@ -5,10 +5,12 @@ import signal
 
 import numpy as np
 import pytest
+import yaml
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
+from soro_core.config import find_config, read_yaml
 from tests.ros.running import alive, child, end, only_run, start_run, wait_until
 
 VENTED_PA = 2e3
@@ -38,11 +40,32 @@ def under_control(process, folder) -> bool:
     return counts.get("/track_circle/arm/desired/tip", 0) > 300
 
 
+def patient_platform(folder):
+    """The emulated platform with time limits that a machine busy with other tests does not break by itself."""
+    platform = read_yaml(find_config("emulated_canopen", "platforms"))
+    platform["canopen"] |= {
+        "heartbeat_consumer_s": 0.5,
+        "rpdo_deadline_s": 0.5,
+        "stale_cycles": 100,
+        "stale_s": 0.5,
+    }
+    file = folder / "patient.yaml"
+    file.write_text(yaml.safe_dump(platform))
+    return file
+
+
 @pytest.fixture
 def running(domain, tmp_path):
     """A real-time run on emulated valves, under control, its folder and its process."""
+    changes = [
+        "mode=real_time",
+        "duration_s=120",
+        "limits.command_age_s=0.5",
+        "limits.reading_age_s=0.5",
+        f"platform={patient_platform(tmp_path)}",
+    ]
     folder = tmp_path / "runs"
-    process = start_run(folder, "mode=real_time", "duration_s=120", "limits.command_age_s=0.3")
+    process = start_run(folder, *changes)
     try:
         wait_until(lambda: under_control(process, folder), 120, "control of the arm")
         yield process, folder

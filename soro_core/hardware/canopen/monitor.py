@@ -13,7 +13,6 @@ from soro_core.hardware.canopen.startup import TPDO_LAYOUT, Scaling
 from soro_core.hardware.platform import Platform
 from soro_core.hardware.port import Fault
 
-_STALE_NS = 50_000_000
 _GONE = frozenset({"rebooted", "left_operational", "heartbeat_lost"})
 
 
@@ -108,7 +107,7 @@ class NodeMonitor:
         if not self.fresh:
             self.missed += 1
             age_ns = now_ns - (self.read_ns or now_ns)
-            if self.missed >= times.stale_cycles or age_ns >= _STALE_NS:
+            if self.missed >= times.stale_cycles or age_ns >= times.stale_s * 1e9:
                 faults.append(Fault("stale_reading", self.source, f"no pressure for {self.missed} cycles"))
         return faults
 

@@ -43,6 +43,8 @@ class Limits(Strict):
     def _ordered(self) -> Limits:
         if self.over_pressure_pa <= self.maximum_pa:
             raise ValueError("over_pressure_pa must be above maximum_pa")
+        if self.burst_pressure_pa < self.over_pressure_pa:
+            raise ValueError("burst_pressure_pa must not be below over_pressure_pa")
         return self
 
 
@@ -103,7 +105,8 @@ def offer(
         counts = {**state.rejected, kind: state.rejected.get(kind, 0) + 1}
         return replace(state, rejected=counts), refusal
     taken = np.array(command_pa, dtype=np.float64)
-    return replace(state, command_pa=taken, command_ns=stamp_ns, command_source=source), None
+    # A clock that runs ahead must not lengthen the watchdog: a command is never younger than now.
+    return replace(state, command_pa=taken, command_ns=min(stamp_ns, now_ns), command_source=source), None
 
 
 def cycle(
@@ -140,9 +143,8 @@ def cycle(
 
 
 def request_vent(state: SafetyState, cause: str) -> SafetyState:
-    """Latch with zero set points; the first cause stays."""
-    zeros = np.zeros_like(state.setpoint_pa)
-    return replace(state, setpoint_pa=zeros, command_pa=zeros, cause=state.cause or cause)
+    """Latch with zero set points; the first cause stays, and the last command, which `reset` looks at."""
+    return replace(state, setpoint_pa=np.zeros_like(state.setpoint_pa), cause=state.cause or cause)
 
 
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:

@@ -116,7 +116,9 @@ class ChamberInterface:
             return
         # Stamps are of the ROS clock, ages of a clock that nobody sets.
         age_ns = self._stamp_now_ns() - stamp_ns
-        self._offer(command, self._now_ns() - age_ns, "chambers/command")
+        # Two programs on one topic are two sources: each gives its name in frame_id, as our controller does.
+        source = f"chambers/command {message.header.frame_id}".rstrip()
+        self._offer(command, self._now_ns() - age_ns, source)
 
     def _on_array(self, message: Float64MultiArray) -> None:
         self._offer(np.array(message.data, dtype=np.float64), self._now_ns(), "chambers/commands")

@@ -63,6 +63,8 @@ class Run:
         self._links = tempfile.TemporaryDirectory(prefix="soro-")
         # The supervisor waits for these to be active.
         self.nodes: list[str] = []
+        # Whether what holds the air was running, and ended cleanly: a node that does has vented.
+        self.vented = False
 
     @property
     def bag(self) -> Path:
@@ -76,7 +78,7 @@ class Run:
         scene, namespace = self.scene, self.scene.name
         device, link = Path(self._links.name) / "valves.pty", Path(self._links.name) / "plant.sock"
         if scene.platform:
-            self._start_valves(device, link)
+            self._start_valves(device, link, cancelled)
         if scene.recorder.enabled:
             record = RecorderConfig(
                 folder=str(self.bag), topics=_topics(namespace, scene), exclude=scene.recorder.exclude
@@ -113,6 +115,7 @@ class Run:
             if child is None:
                 continue
             status = processes.stop(child, patience_s=15.0)
+            self.vented |= status == 0 and name == ("regulator" if self.scene.platform else "twin")
             if status != 0:
                 trouble.append(f"{name} ended with status {status}: {child.last_words()}")
         self._links.cleanup()
@@ -139,7 +142,7 @@ class Run:
         self._say(f"starting {', '.join(names)}")
         supervisor.wait("answer of all nodes", ready, check, START_LIMIT_S)
 
-    def _start_valves(self, device: Path, link: Path) -> None:
+    def _start_valves(self, device: Path, link: Path, cancelled: Callable[[], bool]) -> None:
         self._say(f"starting emulated valves of {self.scene.platform}")
         command = [sys.executable, "-m", "soro_core.hardware.emulation", self.scene.platform]
         command += ["--device-link", str(device), "--plant-link", str(link), "--seed", str(self.scene.seed)]
@@ -149,7 +152,7 @@ class Run:
         priority = 40 if self.scene.mode == "real_time" else 0
         child = self._children["valves"] = processes.start("valves", command, self.folder, priority)
         deadline = time.monotonic() + 20.0
-        while "ready:" not in child.log.read_text(errors="replace"):
+        while "ready:" not in child.log.read_text(errors="replace") and not cancelled():
             self.check()
             if time.monotonic() > deadline:
                 raise SoroError(f"emulated valves are not ready: {child.last_words()}")

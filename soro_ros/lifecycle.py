@@ -33,6 +33,8 @@ Config = TypeVar("Config", bound=Strict)
 
 # rclpy's own spin() of the events executor never returns to Python; a bounded wait lets signals through.
 SPIN_WAIT_S = 0.1
+# Whatever asks a process to end; closing its terminal does too.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class SoroNode(LifecycleNode, Generic[Config]):
@@ -55,6 +57,9 @@ class SoroNode(LifecycleNode, Generic[Config]):
         self.failure: SoroError | None = None
         self.finished = False
         self._timers_active: list[Timer] = []
+        self._configured = False
+        # What the node has before `setup`; everything beyond goes when it is cleaned up.
+        self._kept = self._interfaces()
 
     # What a node overrides -----------------------------------------------------------------------
     def setup(self, config: Config) -> None:
@@ -99,7 +104,9 @@ class SoroNode(LifecycleNode, Generic[Config]):
     # Lifecycle -----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         def configure() -> None:
+            self._kept = self._interfaces()
             self.setup(read(self, self.config_model))
+            self._configured = True
 
         return self._transition(configure, "inactive")
 
@@ -114,7 +121,10 @@ class SoroNode(LifecycleNode, Generic[Config]):
         return result
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        return self._transition(self.teardown, "unconfigured")
+        self._configured = False
+        result = self._transition(self.teardown, "unconfigured")
+        self._destroy_interfaces()
+        return result
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.make_safe()
@@ -142,6 +152,22 @@ class SoroNode(LifecycleNode, Generic[Config]):
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS
 
+    def _interfaces(self) -> list[object]:
+        return [*self.publishers, *self.subscriptions, *self.services, *self.clients, *self.timers]
+
+    def _destroy_interfaces(self) -> None:
+        """Destroy what `setup` created: a second configuration must not leave two of anything alive."""
+        kept = {id(item) for item in self._kept}
+        for items, destroy in (
+            (self.publishers, self.destroy_publisher),
+            (self.subscriptions, self.destroy_subscription),
+            (self.services, self.destroy_service),
+            (self.clients, self.destroy_client),
+            (self.timers, self.destroy_timer),
+        ):
+            for item in [item for item in items if id(item) not in kept]:
+                destroy(item)
+
     def _stop_timers(self) -> None:
         for timer in self._timers_active:
             timer.cancel()
@@ -149,7 +175,8 @@ class SoroNode(LifecycleNode, Generic[Config]):
         self._timers_active.clear()
 
     def _publish_diagnostics(self) -> None:
-        self.diagnose()
+        if self._configured:
+            self.diagnose()
         self.diagnostics.publish()
 
 
@@ -168,21 +195,17 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
             # Nothing looks at the list while kernels are compiled or devices configured.
             raise KeyboardInterrupt
 
-    previous = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     node: SoroNode[Config] | None = None
     status = 0
     try:
-        node = node_class()
+        node = _make(node_class)
         _start(node)
         starting = False
         _spin(node, stopping)
         status = 0 if node.failure is None else 2 if isinstance(node.failure, ConfigError) else 1
-    except (
-        ConfigError,
-        InvalidParameterValueException,
-        ValueError,
-    ) as error:  # rclpy: ValueError for `a:=[]`
+    except ConfigError as error:
         print(f"{node_class.node_name}: {error}", file=sys.stderr)
         status = 2
     except (ExternalShutdownException, KeyboardInterrupt):
@@ -190,7 +213,11 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
     finally:
         starting = False
         if node is not None:
-            node.make_safe()
+            try:
+                node.make_safe()
+            except Exception:  # what comes after must still be done
+                node.get_logger().error(traceback.format_exc())
+                status = status or 1
             with contextlib.suppress(RCLError):  # interrupted within a transition: there is none from there
                 node.trigger_shutdown()
             node.diagnostics.publish()
@@ -199,6 +226,15 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
         for number, handler in previous.items():
             signal.signal(number, handler)
     raise SystemExit(status)
+
+
+def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:
+    try:
+        return node_class()
+    except (InvalidParameterValueException, ValueError) as error:  # rclpy: ValueError for `a:=[]`
+        raise ConfigError(
+            f"parameters of {node_class.node_name}", "", str(error), "values with a type"
+        ) from None
 
 
 def _start(node: SoroNode[Config]) -> None:

@@ -20,6 +20,7 @@ from soro_core.errors import SoroError
 from soro_ros.parameters import overrides
 
 _PR_SET_PDEATHSIG = 1
+_PRCTL = ctypes.CDLL(None).prctl
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Chi
     """
     log = folder / "log" / f"{name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
+    parent = os.getpid()
     with log.open("wb") as sink:
         process = subprocess.Popen(
             command,
@@ -51,7 +53,7 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Chi
             stdout=sink,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            preexec_fn=lambda: _prepare(priority),
+            preexec_fn=lambda: _prepare(parent, priority),
             env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
     return Child(name, process, log)
@@ -92,8 +94,11 @@ def check(children: list[Child]) -> None:
             raise SoroError(f"{child.name} ended with status {status}: {child.last_words()}")
 
 
-def _prepare(priority: int) -> None:
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+def _prepare(parent: int, priority: int) -> None:
+    """Between fork and exec: only what needs no lock that another thread may have held at the fork."""
+    _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # it died before the request
+        os._exit(1)
     if priority > 0:
         with contextlib.suppress(OSError):  # without the right to it; the nodes say so
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

@@ -196,10 +196,17 @@ class Controller:
         Raises
         ------
         ConfigError
-            If names, times or numbers are wrong.
+            If names, times or numbers are wrong, or a position is beyond `limit`.
         """
         return Waypoints(
-            self.robot.coordinate_names, names, times_s, positions, velocities, accelerations, start_s=t
+            self.robot.coordinate_names,
+            names,
+            times_s,
+            positions,
+            velocities,
+            accelerations,
+            start_s=t,
+            limit=self.limit,
         )
 
     def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:

@@ -138,11 +138,13 @@ class Waypoints(Reference):
         Columns in the order of `names`; the last two may be None.
     start_s : float
         Time that ``times_s`` counts from.
+    limit : ndarray (n_q,) or None
+        Largest absolute positions, in the order of `coordinates`.
 
     Raises
     ------
     ConfigError
-        If names, times or numbers are not as above.
+        If names, times or numbers are not as above, or a position is beyond its limit.
     """
 
     def __init__(
@@ -154,6 +156,7 @@ class Waypoints(Reference):
         velocities: Array | Sequence[Sequence[float]] | None = None,
         accelerations: Array | Sequence[Sequence[float]] | None = None,
         start_s: float = 0.0,
+        limit: Array | None = None,
     ) -> None:
         if sorted(names) != sorted(coordinates):
             raise ConfigError(
@@ -174,6 +177,8 @@ class Waypoints(Reference):
             raise ConfigError("trajectory", "time_from_start", float(times[0]), "times from 0 s on")
         shape = (times.size, len(coordinates))
         q = _table("positions", positions, shape)[:, order]
+        if limit is not None:
+            _check_limit(coordinates, q, limit)
         qd = None if velocities is None else _table("velocities", velocities, shape)[:, order]
         qdd = None if accelerations is None else _table("accelerations", accelerations, shape)[:, order]
         if qdd is not None and qd is None:
@@ -205,6 +210,12 @@ def smooth_step(x: float) -> tuple[float, float, float]:
         30.0 * x * x * rest * rest,
         60.0 * x * rest * (1.0 - 2.0 * x),
     )
+
+
+def _check_limit(coordinates: Sequence[str], q: Array, limit: Array) -> None:
+    for row, column in np.argwhere(np.abs(q) > limit)[:1]:
+        key, most = f"positions of {coordinates[column]}", float(limit[column])
+        raise ConfigError("trajectory", key, float(q[row, column]), f"{-most:g} to {most:g}")
 
 
 def _table(key: str, rows: Array | Sequence[Sequence[float]], shape: tuple[int, int]) -> Array:

@@ -32,7 +32,10 @@ def play(
     topic: Annotated[
         list[str] | None,
         typer.Option(
-            "--topic", "-t", metavar="NAME", help="Play only this topic or pattern ('/arm/*'); repeatable."
+            "--topic",
+            "-t",
+            metavar="NAME",
+            help="Play only this topic or pattern ('/arm/*'); repeatable. Commands are played only so.",
         ),
     ] = None,
     exclude: Annotated[
@@ -54,6 +57,8 @@ def play(
     """Publish the messages of BAG again, byte for byte, with their types and quality of service.
 
     Topics whose type is not installed, or was defined otherwise when it was recorded, are named and left out.
+    So are topics that end in /chambers/command or /chambers/commands, which would drive valves, unless
+    --topic names or matches them.
     """
     # Imported here so that `soro --help` works without ROS.
     from soro_core.bag import BagReader

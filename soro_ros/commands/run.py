@@ -66,12 +66,12 @@ def run(
 def _execute(scene: Scene, folder: Path, console: Console) -> int:
     """Run the processes to their end; returns the exit status."""
     from soro_ros.compose import Run
+    from soro_ros.lifecycle import SIGNALS
     from soro_ros.supervisor import Supervisor
 
     interrupted: list[int] = []
     previous = {
-        number: signal.signal(number, lambda number, _: interrupted.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        number: signal.signal(number, lambda number, _: interrupted.append(number)) for number in SIGNALS
     }
     run = Run(scene, folder, say=lambda line: console.print(f"[dim]{line}[/dim]"))
     status = 0
@@ -93,7 +93,8 @@ def _execute(scene: Scene, folder: Path, console: Console) -> int:
             console.print(f"[red]{line}[/red]", soft_wrap=True)
             status = status or 1
         if interrupted:
-            console.print("vented; bag closed" if not trouble else "ended with trouble: see above")
+            said = "vented; bag closed" if run.vented else "ended before the valves were opened; bag closed"
+            console.print(said if not trouble else "ended with trouble: see above")
     finally:
         run.end()
         for number, handler in previous.items():

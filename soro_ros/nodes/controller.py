@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -37,8 +39,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._names, self._coordinates = robot.chamber_names, robot.coordinate_names
         self._controller = Controller(robot, config.control)
         self._enabled = config.enabled
+        # By this the limiter tells two controllers apart; in lockstep a run must be the same to the bit.
+        self._source = self.get_fully_qualified_name() + ("" if self._lockstep else f" #{os.getpid()}")
         self._forget()
-        self._trouble = ""
+        self._trouble, self._refused = "", ""
         self._reference: Reference | None = None
         self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
@@ -112,13 +116,18 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         position, quaternion = messages.pose_arrays(message.pose)
         self._follow(lambda t: self._controller.tip(self._state, position, quaternion))
 
-    def _follow(self, make: object) -> None:
+    def _follow(self, make: Callable[[float], Reference]) -> None:
         t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
         try:
-            self._reference = make(t)  # type: ignore[operator]
+            self._reference = make(t)
         except ConfigError as error:
-            self.get_logger().error(f"reference refused: {error}")
-            self.diagnostics.update(WARN, f"reference refused: {error}")
+            refused = f"reference refused: {error}"
+            self.get_logger().error(refused)
+        else:
+            refused = ""
+        if refused != self._refused:
+            self._refused = refused
+            self._report()
 
     # One tick --------------------------------------------------------------------------------------
     def _process(self) -> None:
@@ -176,12 +185,18 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     def _publish(self, setpoint_pa: np.ndarray, stamp_ns: int) -> None:
         names = self._names if setpoint_pa.size else ()
-        self._command.publish(messages.chambers(names, setpoint_pa, stamp_ns))
+        message = messages.chambers(names, setpoint_pa, stamp_ns)
+        message.header.frame_id = self._source
+        self._command.publish(message)
 
     def _note(self, trouble: str) -> None:
         if trouble != self._trouble:
             self._trouble = trouble
-            self.diagnostics.update(WARN if trouble else OK, trouble or "active")
+            self._report()
+
+    def _report(self) -> None:
+        problems = "; ".join(text for text in (self._trouble, self._refused) if text)
+        self.diagnostics.update(WARN if problems else OK, problems or "active")
 
     # Services --------------------------------------------------------------------------------------
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

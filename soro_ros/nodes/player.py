@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
+from pydantic import Field
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.time import Time
@@ -14,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 
 from soro_core.bag import BagMessage, BagReader, Topic
 from soro_core.bag.config import PlayerConfig
+from soro_core.config import Strings
 from soro_core.errors import BagError, ConfigError, SoroError
 from soro_ros import qos
 from soro_ros.diagnostics import ERROR, OK, WARN
@@ -25,17 +28,29 @@ DEPTH = 1000
 # How long a reader may take to confirm the last messages.
 ACKNOWLEDGE_S = 10.0
 _POLL_S = 0.02
+# Topics that end so drive valves: a bag must not do that by accident.
+COMMANDS = ("/chambers/command", "/chambers/commands")
 
 
-class Player(SoroNode[PlayerConfig]):
+class PlayerParameters(PlayerConfig):
+    """Parameters of the node, which plays commands only when it is told to."""
+
+    topics: Strings = Field(
+        (),
+        description="names or patterns (/arm/*) of the topics to play; empty: all but those that end in "
+        f"{' or '.join(COMMANDS)} and would drive valves",
+    )
+
+
+class Player(SoroNode[PlayerParameters]):
     """Plays a bag from a thread of its own; ends the process when the bag ends."""
 
-    config_model = PlayerConfig
+    config_model = PlayerParameters
     node_name = "player"
     _reader: BagReader | None = None
     _thread: threading.Thread | None = None
 
-    def setup(self, config: PlayerConfig) -> None:
+    def setup(self, config: PlayerParameters) -> None:
         if not config.bag:
             raise ConfigError(
                 "parameters of player", "bag", config.bag, "the folder of a bag, or an .mcap file"
@@ -101,8 +116,13 @@ class Player(SoroNode[PlayerConfig]):
         renamed = dict(self._split_remap(rule) for rule in config.remap)
         self._wanted = tuple(topic_pattern(self, name, "topics") for name in config.topics)
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
-        for topic in self._reader.topics:
-            if not self._is_wanted(topic.name) or not self._is_playable(topic):
+        wanted = [topic for topic in self._reader.topics if self._is_wanted(topic.name)]
+        commands = [] if self._wanted else [topic for topic in wanted if topic.name.endswith(COMMANDS)]
+        if commands:
+            names = ", ".join(sorted({topic.name for topic in commands}))
+            self.get_logger().warning(f"left out: {names} (would drive valves; played when named in topics)")
+        for topic in wanted:
+            if topic in commands or not self._is_playable(topic):
                 continue
             if topic.name in self._published:
                 raise BagError(f"{config.bag}: topic {topic.name} has several types; exclude it")
@@ -156,11 +176,14 @@ class Player(SoroNode[PlayerConfig]):
             if not self._stopping.is_set():
                 self._await_acknowledgement()
                 self.get_logger().info(f"played {self._count} messages")
-        except SoroError as error:
-            self.failure = error
-            self.get_logger().error(str(error))
-        self._phase = "finished"
-        self.finish()
+        except Exception as error:
+            # Nobody looks at a thread that dies: the middleware's errors end the process as well.
+            known = isinstance(error, SoroError)
+            self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
+            self.get_logger().error(str(error) if known else traceback.format_exc())
+        finally:
+            self._phase = "finished"
+            self.finish()
 
     def _wait_for_subscribers(self) -> None:
         limit = time.monotonic() + self._config.wait_timeout_s

@@ -7,7 +7,7 @@ import time
 import numpy as np
 from rosgraph_msgs.msg import Clock
 
-from soro_core.errors import HardwareError
+from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import Regulator, load_platform, open_regulator
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
@@ -29,6 +29,10 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def setup(self, config: RegulatorNodeConfig) -> None:
         platform = load_platform(config.platform).at_rate(config.rate_hz)
+        if not (config.device or platform.transport.device):
+            emulator = f"`soro emulate {config.platform}`"
+            allowed = f"the path of the adapter, or of the pseudo-terminal that {emulator} prints"
+            raise ConfigError("parameters of regulator", "device", "", allowed)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._period_ns = round(1e9 / config.rate_hz)
         self._tick_ns: int | None = None
@@ -46,20 +50,28 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._recover,
             self._lockstep,
         )
+        if self._lockstep:
+            self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
+        self._active = False
         self._timer = LoopTimer(1.0 / config.rate_hz)
         self._vented = False
         # The driver has to go through its start-up again before it takes set points.
         self._lost = False
 
     def start(self) -> None:
+        self._active = True
         if self._lockstep:
-            self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
+            self._last_tick_wall = time.monotonic()
             self.every(0.5, self._check_stall)
         else:
             self.every(1.0 / self._config.rate_hz, self._cycle)
 
     def stop(self) -> None:
-        self.make_safe()
+        self._active = False
+        # Vented and latched: active again, it needs ~/reset like after any other vent.
+        if self._regulator is not None:
+            self._chambers.vent("deactivated")
+            self._obey(True)
 
     def teardown(self) -> None:
         self.make_safe()
@@ -68,8 +80,10 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         """Vent and shut the devices down over the bus; ROS is not needed for it."""
         regulator, self._regulator = self._regulator, None
         if regulator is not None:
-            regulator.vent()
-            regulator.close()
+            try:
+                regulator.vent()
+            finally:
+                regulator.close()
 
     def _now_ns(self) -> int:
         if self._lockstep:
@@ -81,6 +95,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     # Lockstep: tick k needs the command that answers tick k - 1 ------------------------------------
     def _on_clock(self, message: Clock) -> None:
+        if not self._active:
+            return
         self._tick_ns = messages.to_ns(message.clock)
         self._last_tick_wall = time.monotonic()
         self._pending = True
@@ -98,7 +114,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         silent = time.monotonic() - self._last_tick_wall
         if silent > self._config.lockstep_timeout_s and self._regulator is not None:
             self._chambers.vent(f"lockstep stalled: no tick or command for {silent:.0f} s")
-            self.make_safe()
+            self._obey(True)
 
     # One cycle ------------------------------------------------------------------------------------
     def _cycle(self) -> None:
@@ -118,7 +134,9 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         # A chamber that has not reported yet is not known to be bad; silence trips by its age.
         reading = np.where(exchange.fresh | np.isfinite(exchange.pressure_pa), exchange.pressure_pa, 0.0)
         self._obey(self._chambers.judge(reading, bool(exchange.fresh.all()), fault))
-        if np.all(np.isfinite(exchange.pressure_pa)):
+        # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
+        whole = exchange.fresh.all() or self._lockstep
+        if whole and np.all(np.isfinite(exchange.pressure_pa)):
             self._chambers.publish(exchange.pressure_pa, stamp_ns)
 
     def _recover(self) -> None:

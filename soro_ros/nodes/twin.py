@@ -109,8 +109,10 @@ class TwinNode(SoroNode[TwinConfig]):
             else:
                 self._advance_with_commands()
         else:
-            self._epoch_ns = self.get_clock().now().nanoseconds
-            self._begun = time.perf_counter()
+            # Time goes on from the tick at which it stood.
+            self._epoch_ns = self.get_clock().now().nanoseconds - self._tick_ns()
+            self._begun = time.perf_counter() - self._state.tick / self._config.rate_hz
+            self._skipped = 0
             self.every(1.0 / self._config.rate_hz, self._advance_real_time)
 
     # Time -----------------------------------------------------------------------------------------
@@ -157,7 +159,12 @@ class TwinNode(SoroNode[TwinConfig]):
         """Replay: advance to the stamp of measured pressures, which go in straight lines between samples."""
         if not self._running:
             return
-        pressure, stamp_ns = messages.pressures(message, self._names), messages.to_ns(message.header.stamp)
+        try:
+            pressure = messages.pressures(message, self._names)
+        except ValueError as error:
+            self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
+            return
+        stamp_ns = messages.to_ns(message.header.stamp)
         if self._measured is None:
             self._epoch_ns = stamp_ns
             self._state = self._twin.initial(pressure)
@@ -189,7 +196,10 @@ class TwinNode(SoroNode[TwinConfig]):
             raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {self._state.status}")
 
     def _observe(self) -> None:
-        """Publish what is seen at this tick."""
+        """Publish what is seen at this tick, once."""
+        if self._state.tick == self._observed:
+            return
+        self._observed = self._state.tick
         self._state, seen = self._twin.observe(self._state)
         self._seen = seen
         stamp_ns = self._epoch_ns + self._tick_ns() + self._skipped * self._period_ns
@@ -218,7 +228,7 @@ class TwinNode(SoroNode[TwinConfig]):
             values["bridged_ticks"] = self._bridged
         if vented:
             self.diagnostics.update(ERROR, f"vented: {vented}", values)
-        elif self.diagnostics.status.level == OK:
+        else:
             self.diagnostics.update(OK, "active" if self._running else "paused", values)
 
 

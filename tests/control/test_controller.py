@@ -137,6 +137,29 @@ def test_a_trajectory_with_wrong_names_is_refused():
         controller().trajectory(0.0, ["a", "b", "c"], [0.0], [[0.0, 0.0, 0.0]])
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("link0/bending_x", 1e30, "-46.875 to 46.875"),
+        ("link0/bending_y", -47.0, "-46.875 to 46.875"),
+        ("link0/elongation", 0.61, "-0.6 to 0.6"),
+    ],
+)
+def test_a_trajectory_beyond_the_limits_is_refused_by_coordinate(name, value, allowed):
+    control = controller()
+    names = list(reversed(control.robot.coordinate_names))
+    point = [value if other == name else 0.0 for other in names]
+    with pytest.raises(ConfigError) as caught:
+        control.trajectory(0.0, names, [0.0, 1.0], [[0.0, 0.0, 0.0], point])
+    assert str(caught.value) == f"trajectory: positions of {name}: got {value}; allowed: {allowed}"
+
+
+def test_a_trajectory_may_reach_its_limits():
+    control = controller()
+    reference = control.trajectory(0.0, control.robot.coordinate_names, [0.0], [control.limit])
+    assert reference.sample(0.0).q.tolist() == control.limit.tolist()
+
+
 def test_the_chosen_elongation_takes_the_wished_pressure():
     arm = SoftArm(robot_from_dict(ROBOT))
     low, high = np.zeros(3), np.full(3, 90e3)

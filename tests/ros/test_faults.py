@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
 from soro_core.config import find_config, read_yaml
-from tests.ros.running import alive, child, end, only_run, start_run, wait_until
+from tests.ros.running import alive, child, end, only_run, run, start_run, wait_until
 
 VENTED_PA = 2e3
 
@@ -41,7 +41,7 @@ def under_control(process, folder) -> bool:
 
 
 def patient_platform(folder):
-    """The emulated platform with time limits that a machine busy with other tests does not break by itself."""
+    """The emulated platform with time limits that a machine busy with other tests does not break."""
     platform = read_yaml(find_config("emulated_canopen", "platforms"))
     platform["canopen"] |= {
         "heartbeat_consumer_s": 0.5,
@@ -72,6 +72,15 @@ def running(domain, tmp_path):
     finally:
         if process.poll() is None:
             end(process)
+
+
+@pytest.mark.timeout(240)
+def test_the_watchdog_vents_100_ms_after_the_last_command_as_shipped(domain, tmp_path):
+    """In lockstep, with the shipped limits: the estimator loses its sensor, so no more commands come."""
+    status, output, folder = run(tmp_path, "mode=lockstep", "twin.pose.drop=0.999")
+    assert status == 1, output
+    assert "regulator: vented: command lost: last one 105 ms old" in " ".join(output.split())
+    assert true_pressures(folder / "bag")[-1].max() < VENTED_PA
 
 
 @pytest.mark.timeout(240)

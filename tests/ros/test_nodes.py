@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -14,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_ros import messages, qos
 from soro_ros.supervisor import Supervisor
-from tests.ros.running import end
+from tests.ros.running import SORO, end, wait_until
 
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -35,6 +37,58 @@ def test_a_node_without_parameters_configures_the_default_robot(domain, name):
             supervisor.wait(name, lambda: supervisor.active(name), lambda: None, 90)
         finally:
             status, _, err = end(process)
+    assert status == 0, err
+
+
+def change(supervisor: Supervisor, name: str, transition: int) -> bool:
+    """Ask for a lifecycle transition."""
+    client = supervisor._node.create_client(ChangeState, f"{name}/change_state")
+    assert client.wait_for_service(timeout_sec=10)
+    request = ChangeState.Request(transition=Transition(id=transition))
+    future = client.call_async(request)
+    deadline = time.monotonic() + 60
+    while not future.done():
+        supervisor.spin(0.02)
+        assert time.monotonic() < deadline
+    supervisor._node.destroy_client(client)
+    return bool(future.result().success)
+
+
+@pytest.mark.timeout(200)
+@pytest.mark.parametrize("name", ["estimator", "controller", "twin", "regulator", "recorder"])
+def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
+    parameters, valves = ["autostart:=false"], None
+    if name == "regulator":
+        device = tmp_path / "valves.pty"
+        command = [*SORO, "emulate", "emulated_canopen", "--device-link", str(device)]
+        valves = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        wait_until(device.exists, 20, "emulated valves")
+        parameters.append(f"device:={device}")
+    if name == "recorder":
+        parameters.append(f"folder:={tmp_path / 'bag'}")
+    with Supervisor("alone") as supervisor:
+        process = start(name, *parameters)
+        try:
+            supervisor.wait(name, lambda: name in supervisor.status, lambda: None, 30)
+            supervisor.spin(1.5)  # two rounds of diagnostics before anything is configured
+            assert process.poll() is None, process.communicate()
+            steps = [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]
+            if name != "recorder":  # a bag is written once
+                steps += [Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE]
+                steps += [Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP]
+                steps += [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]
+            for step in steps:
+                assert change(supervisor, name, step), step
+            supervisor.wait(name, lambda: supervisor.active(name), lambda: None, 20)
+            services = dict(supervisor._node.get_service_names_and_types_by_node(name, "/alone"))
+            assert len(services) == len(set(services))
+            if name == "regulator":
+                assert supervisor.call("regulator/vent") == "vented until ~/reset"
+                assert supervisor.call("regulator/reset") == "reset"
+        finally:
+            status, _, err = end(process)
+            if valves is not None:
+                end(valves)
     assert status == 0, err
 
 

@@ -30,6 +30,7 @@ from std_msgs.msg import Float64MultiArray, String
 
 from soro_core.bag import BagReader, BagWriter, Qos, Topic, repair
 from soro_ros.interfaces import definition
+from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
 
 # The parser that comes with the message packages imports a module that Python has deprecated.
@@ -197,7 +198,13 @@ def test_recorder_player_recorder(start, node, tmp_path):
 
     node.destroy_node()  # its latched messages would be recorded again
     second = record(start, tmp_path / "second", f"topics:={list(TYPES)}")
-    player = start("player", f"bag:={tmp_path / 'first'}", "rate:=0.0", "wait_for_subscribers:=true")
+    player = start(
+        "player",
+        f"bag:={tmp_path / 'first'}",
+        "rate:=0.0",
+        "wait_for_subscribers:=true",
+        f"topics:={list(TYPES)}",  # commands are played only by name
+    )
     assert player.end() == 0, player.output()
     assert f"played {len(messages)} messages" in player.output()
     assert second.end(signal.SIGTERM) == 0
@@ -518,6 +525,50 @@ def test_player_leaves_out_what_means_something_else_here(start, tmp_path):
         "/other: not played: serialised",
     ):
         assert name in player.output()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "played", "left_out"),
+    [
+        ([], 1, ["/arm/chambers/command", "/arm/chambers/commands"]),
+        (["exclude:=['*/commands']"], 1, ["/arm/chambers/command"]),
+        (["topics:=['/arm/chambers/command']"], 1, []),
+        (["topics:=['/arm/*']"], 3, []),
+    ],
+)
+def test_player_drives_valves_only_when_told_to(start, tmp_path, arguments, played, left_out):
+    names = [f"/arm/chambers/{name}" for name in ("state", "command", "commands")]
+    with BagWriter(tmp_path / "bag") as writer:
+        about = definition("std_msgs/msg/String")
+        for name in names:
+            writer.add_topic(Topic(name, "std_msgs/msg/String", about.text, about.encoding, about.type_hash))
+            writer.write(name, serialize_message(String(data="a")), 1)
+    player = start("player", f"bag:={tmp_path / 'bag'}", "rate:=0.0", *arguments)
+    assert player.end() == 0, player.output()
+    assert f"played {played} messages" in player.output()
+    lines = [line for line in player.output().splitlines() if "left out" in line]
+    assert len(lines) == bool(left_out)
+    assert all(f"left out: {', '.join(left_out)} (" in line for line in lines)
+
+
+def test_player_says_that_commands_are_left_out():
+    for text in (soro("play", "--help").stdout, Player.config_model.model_fields["topics"].description):
+        assert "/chambers/command or /chambers/commands" in text
+
+
+def test_player_fails_when_its_thread_does(domain, tmp_path):
+    """A middleware that refuses a message raises RuntimeError, which is no SoroError."""
+    bag = clock_bag(tmp_path / "bag", seconds=0.1)
+    code = (
+        "from soro_ros.nodes import player\n"
+        "def send(*_): raise RuntimeError('cannot publish')\n"
+        "player.Player._send = send\n"
+        "player.main()"
+    )
+    command = [sys.executable, "-c", code, "--ros-args", "-p", f"bag:={bag}", "-p", "rate:=1.0"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == 1, done.stderr
+    assert "RuntimeError: cannot publish" in done.stderr
 
 
 @pytest.mark.parametrize(

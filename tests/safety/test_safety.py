@@ -147,6 +147,28 @@ def test_reset_needs_a_zero_command_and_starts_afresh():
     assert np.array_equal(state.setpoint_pa, COLD)
 
 
+def test_reset_right_after_a_vent_is_refused_while_somebody_asks_for_pressure():
+    state, _ = commanded([80e3] * 3)
+    state = request_vent(run(state, 0, 5), "vent requested")
+    state, refusal = reset(LIMITS, state, 10 * MS)
+    assert refusal == "command still asks for pressure: the command must be zero"
+    assert state.vented
+
+
+def test_a_stamp_ahead_of_time_does_not_lengthen_the_watchdog():
+    state, refusal = offer(LIMITS, initial_state(3), np.full(3, 50e3), 90 * MS, 0)
+    assert refusal is None
+    assert not run(state, 0, 100).vented
+    assert run(state, 0, 105).cause == "command lost: last one 105 ms old"
+
+
+def test_limits_that_contradict_each_other_are_refused():
+    with pytest.raises(ConfigError, match="over_pressure_pa must be above maximum_pa"):
+        parse({"maximum_pa": 95e3, "over_pressure_pa": 94e3}, Limits, "f.yaml")
+    with pytest.raises(ConfigError, match="burst_pressure_pa must not be below"):
+        parse({"burst_pressure_pa": 50.0}, Limits, "f.yaml")
+
+
 def test_reset_is_refused_while_the_pressure_is_high():
     state = run(initial_state(3), 0, 30, reading=np.full(3, 105e3))
     _, refusal = reset(LIMITS, state, 35 * MS)

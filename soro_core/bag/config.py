@@ -43,7 +43,11 @@ class PlayerConfig(Strict):
     )
     start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
     duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
-    topics: Strings = Field((), description="names or patterns (/arm/*) of the topics to play; empty: all")
+    topics: Strings = Field(
+        (),
+        description="names or patterns (/arm/*) of the topics to play; empty: all but chambers/command and "
+        "chambers/commands, which would drive valves",
+    )
     exclude: Strings = Field((), description="names or patterns of topics to leave out")
     remap: Strings = Field((), description="OLD:=NEW names")
     loop: bool = Field(False, description="begin again at the end")

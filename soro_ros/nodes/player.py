@@ -8,7 +8,6 @@ import traceback
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
-from pydantic import Field
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.time import Time
@@ -16,7 +15,6 @@ from rosgraph_msgs.msg import Clock
 
 from soro_core.bag import BagMessage, BagReader, Topic
 from soro_core.bag.config import PlayerConfig
-from soro_core.config import Strings
 from soro_core.errors import BagError, ConfigError, SoroError
 from soro_ros import qos
 from soro_ros.diagnostics import ERROR, OK, WARN
@@ -32,25 +30,15 @@ _POLL_S = 0.02
 COMMANDS = ("/chambers/command", "/chambers/commands")
 
 
-class PlayerParameters(PlayerConfig):
-    """Parameters of the node, which plays commands only when it is told to."""
-
-    topics: Strings = Field(
-        (),
-        description="names or patterns (/arm/*) of the topics to play; empty: all but those that end in "
-        f"{' or '.join(COMMANDS)} and would drive valves",
-    )
-
-
-class Player(SoroNode[PlayerParameters]):
+class Player(SoroNode[PlayerConfig]):
     """Plays a bag from a thread of its own; ends the process when the bag ends."""
 
-    config_model = PlayerParameters
+    config_model = PlayerConfig
     node_name = "player"
     _reader: BagReader | None = None
     _thread: threading.Thread | None = None
 
-    def setup(self, config: PlayerParameters) -> None:
+    def setup(self, config: PlayerConfig) -> None:
         if not config.bag:
             raise ConfigError(
                 "parameters of player", "bag", config.bag, "the folder of a bag, or an .mcap file"

@@ -154,7 +154,10 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._vented = vented
 
     def diagnose(self) -> None:
-        if self._regulator is None or self._chambers.cause is not None:
+        if self._regulator is None:
+            return
+        if self._chambers.cause is not None:
+            self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
             return
         level = WARN if self._chambers.rejected else OK
         self.diagnostics.update(

@@ -1,6 +1,7 @@
 """A ROS domain of its own for every test that starts nodes."""
 
 import fcntl
+import itertools
 import os
 import tempfile
 from collections.abc import Iterator
@@ -10,14 +11,24 @@ import pytest
 
 pytest.importorskip("rclpy", reason="the ROS part is not installed on this platform")
 
-# Domains above 101 collide with Linux's ephemeral ports.
-DOMAINS = range(20, 100)
+# Domains above 101 collide with Linux's ephemeral ports. Each worker goes through a range of its own, so that
+# a domain rests before it is used again: participants that were killed linger for some seconds.
+FIRST, LAST = 2, 100
+_taken = itertools.count()
+
+
+def _candidates() -> list[int]:
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    mine = range(FIRST + int(worker), LAST, workers)
+    start = next(_taken) % len(mine)
+    return [*mine[start:], *mine[:start]]
 
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A domain that no other test, process or worker uses meanwhile, set in the environment."""
-    for number in DOMAINS:
+    for number in _candidates():
         lock = (Path(tempfile.gettempdir()) / f"soro-test-domain-{number}.lock").open("w")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -30,4 +41,4 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield number
         lock.close()
         return
-    pytest.fail(f"no free ROS domain among {DOMAINS}; is a test run left over? ({os.getpid()})")
+    pytest.fail("no free ROS domain; is a test run left over?")

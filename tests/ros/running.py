@@ -11,7 +11,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import yaml
+
 from soro_core.bag import BagReader
+from soro_core.config import find_config, read_yaml
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]
 SCENE = "track_circle"
@@ -96,3 +99,17 @@ def alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def patient_platform(folder: Path) -> Path:
+    """The emulated platform with time limits that a machine busy with other tests does not break."""
+    platform = read_yaml(find_config("emulated_canopen", "platforms"))
+    platform["canopen"] |= {
+        "heartbeat_consumer_s": 0.5,
+        "rpdo_deadline_s": 0.5,
+        "stale_cycles": 100,
+        "stale_s": 0.5,
+    }
+    file = folder / "patient.yaml"
+    file.write_text(yaml.safe_dump(platform))
+    return file

@@ -5,13 +5,11 @@ import signal
 
 import numpy as np
 import pytest
-import yaml
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
-from soro_core.config import find_config, read_yaml
-from tests.ros.running import alive, child, end, only_run, run, start_run, wait_until
+from tests.ros.running import alive, child, end, only_run, patient_platform, run, start_run, wait_until
 
 VENTED_PA = 2e3
 
@@ -38,20 +36,6 @@ def under_control(process, folder) -> bool:
     with BagReader(runs[0] / "bag", index=False) as reader:
         counts = {t.name: n for t, n in zip(reader.topics, reader.counts, strict=True)}
     return counts.get("/track_circle/arm/desired/tip", 0) > 300
-
-
-def patient_platform(folder):
-    """The emulated platform with time limits that a machine busy with other tests does not break."""
-    platform = read_yaml(find_config("emulated_canopen", "platforms"))
-    platform["canopen"] |= {
-        "heartbeat_consumer_s": 0.5,
-        "rpdo_deadline_s": 0.5,
-        "stale_cycles": 100,
-        "stale_s": 0.5,
-    }
-    file = folder / "patient.yaml"
-    file.write_text(yaml.safe_dump(platform))
-    return file
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from soro_core.hardware.plant_link import PlantLinkClient
 from soro_ros import messages, qos
 from soro_ros.diagnostics import ERROR
 from soro_ros.supervisor import Supervisor
-from tests.ros.running import SORO, end, wait_until
+from tests.ros.running import SORO, end, patient_platform, wait_until
 
 NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 
@@ -36,14 +36,18 @@ class Bench:
             raise
 
     def _open(self, folder) -> None:
+        platform = patient_platform(folder)
         device, self._link_path = folder / "valves.pty", folder / "plant.sock"
-        self._emulate = [*SORO, "emulate", "emulated_canopen"]
+        self._emulate = [*SORO, "emulate", platform]
         self._emulate += ["--device-link", device, "--plant-link", self._link_path]
         self.start_valves()
         self.supervisor = Supervisor("bench")
         node = [sys.executable, "-m", "soro_ros.nodes.regulator", "--ros-args", "-r", "__ns:=/bench"]
         # A loaded test machine may stall the test's own publisher: what is tested is not its punctuality.
-        self.regulator = self._start([*node, "-p", f"device:={device}", "-p", "limits.command_age_s:=0.5"])
+        settings = {"device": device, "platform": platform}
+        settings |= {"limits.command_age_s": 0.5, "limits.reading_age_s": 0.5}
+        parameters = [part for key, value in settings.items() for part in ("-p", f"{key}:={value}")]
+        self.regulator = self._start([*node, *parameters])
         self.node = Node("person", namespace="bench")
         self.command = self.node.create_publisher(JointState, "chambers/command", qos.RELIABLE)
         self.array = self.node.create_publisher(Float64MultiArray, "chambers/commands", qos.RELIABLE)

@@ -45,8 +45,8 @@ class PlayerConfig(Strict):
     duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
     topics: Strings = Field(
         (),
-        description="names or patterns (/arm/*) of the topics to play; empty: all but chambers/command and "
-        "chambers/commands, which would drive valves",
+        description="names or patterns (/arm/*) of the topics to play; empty: all but those that end in "
+        "/chambers/command or /chambers/commands and would drive valves",
     )
     exclude: Strings = Field((), description="names or patterns of topics to leave out")
     remap: Strings = Field((), description="OLD:=NEW names")

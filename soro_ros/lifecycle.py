@@ -152,12 +152,13 @@ class SoroNode(LifecycleNode, Generic[Config]):
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS
 
-    def _interfaces(self) -> list[object]:
-        return [*self.publishers, *self.subscriptions, *self.services, *self.clients, *self.timers]
+    def _interfaces(self) -> set[int]:
+        """Identities only: a reference would keep handles alive beyond the node that they belong to."""
+        owned = (self.publishers, self.subscriptions, self.services, self.clients, self.timers)
+        return {id(item) for items in owned for item in items}
 
     def _destroy_interfaces(self) -> None:
         """Destroy what `setup` created: a second configuration must not leave two of anything alive."""
-        kept = {id(item) for item in self._kept}
         for items, destroy in (
             (self.publishers, self.destroy_publisher),
             (self.subscriptions, self.destroy_subscription),
@@ -165,7 +166,7 @@ class SoroNode(LifecycleNode, Generic[Config]):
             (self.clients, self.destroy_client),
             (self.timers, self.destroy_timer),
         ):
-            for item in [item for item in items if id(item) not in kept]:
+            for item in [item for item in items if id(item) not in self._kept]:
                 destroy(item)
 
     def _stop_timers(self) -> None:

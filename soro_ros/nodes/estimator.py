@@ -127,7 +127,6 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             return
         dt = self._seconds(stamp_ns) - self._state.t_s
         self._state, estimate = self._estimator.step(self._state, pressure, poses, imus, dt)
-        self._estimate = estimate
         self._report(estimate.status.message)
         if not estimate.status.ok:
             self._publish_nothing(stamp_ns)

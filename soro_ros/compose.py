@@ -20,7 +20,7 @@ START_LIMIT_S = 180.0
 END_ORDER = ("regulator", "controller", "estimator", "twin", "recorder", "valves")
 
 
-# Named with their types, so that the recorder hears them from the first message on.
+# Of the control loop. Named with their types, so that the recorder hears them from the first message on.
 _TOPICS = (
     ("chambers/command", "sensor_msgs/msg/JointState"),
     ("chambers/state", "sensor_msgs/msg/JointState"),
@@ -28,19 +28,22 @@ _TOPICS = (
     ("sensors/imu0", "sensor_msgs/msg/Imu"),
     ("arm/state", "sensor_msgs/msg/JointState"),
     ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
-    ("arm/backbone", "geometry_msgs/msg/PoseArray"),
     ("arm/desired/tip", "geometry_msgs/msg/PoseStamped"),
     ("controller/estimates", "sensor_msgs/msg/JointState"),
     ("truth/tip", "geometry_msgs/msg/PoseStamped"),
     ("truth/state", "sensor_msgs/msg/JointState"),
     ("truth/chambers", "sensor_msgs/msg/JointState"),
 )
+_BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
 
 
 def _topics(namespace: str, scene: Scene) -> tuple[str, ...]:
-    named = [f"/{namespace}/{topic} {kind}" for topic, kind in _TOPICS]
-    clock = ["/clock rosgraph_msgs/msg/Clock"] if scene.mode == "lockstep" else []
-    return (*named, *clock, "/diagnostics diagnostic_msgs/msg/DiagnosticArray", f"/{namespace}/*")
+    lockstep = scene.mode == "lockstep"
+    kept = " transient_local" if lockstep else ""  # as qos.loop() has it
+    named = [f"/{namespace}/{topic} {kind}{kept}" for topic, kind in _TOPICS]
+    clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
+    others = (f"/{namespace}/arm/backbone {_BACKBONE}", f"/diagnostics {_DIAGNOSTICS}", f"/{namespace}/*")
+    return (*named, *clock, *others)
 
 
 class Run:

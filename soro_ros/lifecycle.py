@@ -19,11 +19,11 @@ from rclpy.exceptions import InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError, SoroError
+from soro_ros import middleware
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.parameters import declare, read
 
@@ -197,7 +197,7 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
             raise KeyboardInterrupt
 
     previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    middleware.init(args)
     node: SoroNode[Config] | None = None
     status = 0
     try:

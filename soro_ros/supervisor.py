@@ -9,12 +9,11 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
-from soro_ros import messages, qos
+from soro_ros import messages, middleware, qos
 from soro_ros.diagnostics import ERROR
 
 
@@ -28,7 +27,7 @@ class Supervisor:
     """
 
     def __init__(self, namespace: str) -> None:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        middleware.init()
         self._node = Node("supervisor", namespace=namespace)
         self._prefix = f"/{namespace}/"
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)

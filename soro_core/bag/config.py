@@ -19,7 +19,8 @@ class RecorderConfig(Strict):
     topics: Strings = Field(
         (),
         description="Names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
-        "'NAME TYPE' is subscribed to before anybody publishes it",
+        "'NAME TYPE' is subscribed to before anybody publishes it, 'NAME TYPE transient_local' so that "
+        "what is published before the recorder is discovered still reaches it",
     )
     exclude: Strings = Field((), description="Names or patterns of topics to leave out")
     compression: Literal["zstd", "lz4", "none"] = Field(

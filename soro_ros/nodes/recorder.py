@@ -21,6 +21,8 @@ from soro_ros.lifecycle import SoroNode, run_node
 
 # Most messages a topic that are taken at the end (Fast DDS holds 5000 by default).
 REST = 5000
+# What a publisher to come is known to offer: renewing a subscription would lose or repeat messages.
+LATCHED = Qos(reliability="reliable", durability="transient_local")
 
 
 @dataclass
@@ -44,7 +46,7 @@ class Recorder(SoroNode[RecorderConfig]):
         self._config = config
         self._notes = dict(_split_note(note) for note in config.notes)
         wanted = [_split_topic(entry) for entry in config.topics]
-        self._wanted = {topic_pattern(self, name, "topics"): type_name for name, type_name in wanted}
+        self._wanted = {topic_pattern(self, name, "topics"): first for name, *first in wanted}
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
 
     def start(self) -> None:
@@ -61,9 +63,9 @@ class Recorder(SoroNode[RecorderConfig]):
         )
         self._bag = BackgroundWriter(writer, self._config.flush_s, self._config.buffer_bytes)
         self._folder = folder
-        for name, type_name in self._wanted.items():
+        for name, (type_name, latched) in self._wanted.items():
             if type_name and self._is_wanted(name):
-                self._subscribe(name, type_name, ())
+                self._subscribe(name, type_name, (LATCHED,) if latched else ())
         self._discover()
         self.every(self._config.discovery_s, self._discover)
         self.get_logger().info(f"recording in {folder}")
@@ -223,11 +225,13 @@ def _split_note(note: str) -> tuple[str, str]:
     return key, value
 
 
-def _split_topic(entry: str) -> tuple[str, str]:
+def _split_topic(entry: str) -> tuple[str, str, bool]:
     name, *rest = entry.split() or [""]
-    if len(rest) > 1:
-        raise ConfigError("parameters of recorder", "topics", entry, "NAME or 'NAME TYPE'")
-    return name, rest[0] if rest else ""
+    if len(rest) > 2 or rest[1:] not in ([], ["transient_local"]):
+        raise ConfigError(
+            "parameters of recorder", "topics", entry, "NAME, 'NAME TYPE' or 'NAME TYPE transient_local'"
+        )
+    return name, rest[0] if rest else "", len(rest) > 1
 
 
 def main() -> None:

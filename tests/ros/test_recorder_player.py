@@ -583,7 +583,7 @@ def test_player_fails_when_its_thread_does(domain, tmp_path):
             "exclude: got 'a-b'; allowed: a topic name, or a pattern",
         ),
         (["folder:={tmp}/bag", "topics:=['']"], 2, "topics: got ''; allowed: a topic name"),
-        (["folder:={tmp}/bag", "topics:=['a b c']"], 2, "topics: got 'a b c'; allowed: NAME or 'NAME TYPE'"),
+        (["folder:={tmp}/bag", "topics:=['a b c']"], 2, "topics: got 'a b c'; allowed: NAME, 'NAME TYPE' or"),
     ],
 )
 def test_recorder_names_what_is_wrong(start, tmp_path, arguments, status, words):

@@ -269,10 +269,15 @@ def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
 
 
 def _prioritise(node: SoroNode[Config], priority: int) -> None:
-    """Ask for a real-time priority; without the right to it the node runs on, and says so once."""
+    """Ask for a real-time priority; without the right to it the node runs on, and says so once.
+
+    For every thread: messages come through those of the middleware, which were there before.
+    """
     if priority == 0:
         return
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        for thread in os.listdir("/proc/self/task"):
+            with contextlib.suppress(ProcessLookupError):  # it ended meanwhile
+                os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
     except (AttributeError, OSError) as error:
         node.get_logger().warning(f"no real-time priority ({error}): see docs/real_time.md")

@@ -9,7 +9,6 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.subscription import Subscription
 
 from soro_core.bag import BackgroundWriter, BagWriter, Qos, Topic
@@ -50,7 +49,6 @@ class Recorder(SoroNode[RecorderConfig]):
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
 
     def start(self) -> None:
-        self._lost = 0
         self._last_ns = 0
         self._streams: dict[str, _Stream] = {}
         self._refused: set[str] = set()
@@ -96,12 +94,11 @@ class Recorder(SoroNode[RecorderConfig]):
             "bytes": bag.byte_count,
             "waiting_bytes": bag.waiting_bytes,
             "dropped": bag.dropped,
-            "lost_before": self._lost,
         }
         if bag.failure is not None:
             self.failure = bag.failure
             self.diagnostics.update(ERROR, str(bag.failure), values)
-        elif bag.dropped or self._lost:
+        elif bag.dropped:
             self.diagnostics.update(WARN, "messages were lost", values)
         else:
             self.diagnostics.update(OK, "recording", values)
@@ -112,7 +109,7 @@ class Recorder(SoroNode[RecorderConfig]):
             return
         self._bag = None
         bag.close()
-        lost = f", {bag.dropped + self._lost} lost" if bag.dropped + self._lost else ""
+        lost = f", {bag.dropped} lost" if bag.dropped else ""
         self.get_logger().info(
             f"recorded {bag.message_count} messages, {bag.byte_count} bytes in {self._folder}{lost}"
         )
@@ -158,13 +155,14 @@ class Recorder(SoroNode[RecorderConfig]):
         self, name: str, type_name: str, offers: tuple[Qos, ...]
     ) -> tuple[Subscription, tuple[object, object]]:
         profile = request(offers)
+        # Without the callback for lost messages: taking that event deadlocks with the thread of Fast DDS
+        # that reports it (reader's lock against event's lock), and the recorder would never end.
         subscription = self.create_subscription(
             message_class(type_name),
             name,
             lambda data: self._take(name, data),
             profile,
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=self._on_lost),
         )
         return subscription, _essence(profile)
 
@@ -209,9 +207,6 @@ class Recorder(SoroNode[RecorderConfig]):
                 if taken is None:
                     break
                 self._take(name, taken[0])
-
-    def _on_lost(self, event: Any) -> None:
-        self._lost += event.total_count_change
 
 
 def _essence(profile: Any) -> tuple[object, object]:

@@ -42,3 +42,11 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         lock.close()
         return
     pytest.fail("no free ROS domain; is a test run left over?")
+
+
+@pytest.fixture
+def alone() -> Iterator[None]:
+    """Held by one test at a time, of whatever worker: two real-time runs are more than two cores can do."""
+    with (Path(tempfile.gettempdir()) / "soro-test-real-time.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

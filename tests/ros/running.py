@@ -59,12 +59,12 @@ def payloads(bag: Path, without: tuple[str, ...] = ()) -> dict[str, list[bytes]]
     return found
 
 
-def wait_until(condition: Callable[[], bool], limit_s: float, what: str) -> None:
+def wait_until(condition: Callable[[], bool], limit_s: float, what: str, every_s: float = 0.02) -> None:
     """Poll with a limit."""
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline, f"{what} not within {limit_s} s"
-        time.sleep(0.02)
+        time.sleep(every_s)
 
 
 def child(parent: int, word: str) -> int | None:

@@ -11,6 +11,7 @@ from soro_core._jit import inner, kernel
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
 from soro_core.model.internal import internal_rate
 from soro_core.model.linear import assign
+from soro_core.model.method import make_work
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -31,6 +32,7 @@ def rk4_step(
 ) -> int:
     """One step; `pressure` (3, n_u) at its start, middle and end. Writes the new state, says how it went."""
     n_q, n_z = q0.shape[0], z0.shape[0]
+    work = make_work(t)
     q, v, z = q0.copy(), v0.copy(), z0.copy()
     a, rate = np.empty(n_q), np.empty(n_z)
     if not (finite(pressure[0]) and finite(pressure[1]) and finite(pressure[2]) and finite(wrench)):
@@ -39,7 +41,7 @@ def rk4_step(
     assign(v0, v1)
     assign(z0, z1)
     for stage in range(4):
-        code = forward_dynamics(t, q, v, z, pressure[(stage + 1) // 2], wrench, a)
+        code = forward_dynamics(t, work, q, v, z, pressure[(stage + 1) // 2], wrench, a)
         if code != GOOD:
             return code
         internal_rate(t, v, z, rate)

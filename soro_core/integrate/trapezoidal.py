@@ -29,9 +29,9 @@ from soro_core.model.dynamics import (
 )
 from soro_core.model.elasticity import add_stiffness
 from soro_core.model.internal import advance_internal
-from soro_core.model.linear import lu_factor, lu_solve
-from soro_core.model.method import inertia, inverse_dynamics
+from soro_core.model.method import factor_system, inverse_dynamics, make_work, solve_system
 from soro_core.model.tables import Tables
+from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -43,17 +43,19 @@ SLOW = 0.2
 
 
 @inner
-def jacobian(t: Tables, q: Array, pressure: Array, h: float, tangent: Array, A: Array) -> None:
-    """A <- 2/h M + R + h/2 d2U_e/dq2 + tangent of the internal states: derivative of the residual by v1."""
-    inertia(t, t.mass, t.tip_mass, q, A)
+def jacobian(t: Tables, w: Work, q: Array, pressure: Array, h: float, tangent: Array) -> bool:
+    """Factor M + h/2 R + h^2/4 d2U_e/dq2 + h/2 tangent."""
     for b in range(q.shape[0]):
-        for d in range(q.shape[0]):
-            A[b, d] *= 2.0 / h
-        A[b, b] += t.damping[b]
-    add_stiffness(t, q, 0.5 * h, A)
-    add_pressure_stiffness(t, q, pressure, 0.5 * h, A)
-    for j in range(tangent.shape[0]):
-        A[t.internal_coordinate[j], t.internal_coordinate[j]] += tangent[j]
+        for d in range(w.block.shape[1]):
+            w.block[b, d] = 0.5 * h * t.damping[b, d]
+    add_stiffness(t, q, 0.25 * h * h, w.block)
+    add_pressure_stiffness(t, q, pressure, 0.25 * h * h, w.block)
+    for i in range(t.length.shape[0]):
+        for j in range(tangent.shape[0]):
+            c = t.internal_coordinate[j]
+            if t.offset[i] <= c < t.offset[i + 1]:
+                w.block[c, c - t.offset[i]] += 0.5 * h * tangent[j]
+    return factor_system(t, w, q)
 
 
 @inner
@@ -72,11 +74,11 @@ def trapezoidal_step(
     """One step; `pressure` (3, n_u) at start, middle (unused) and end. Writes the new state, gives a code."""
     n_q = q0.shape[0]
     a0, a1, r, f = np.empty(n_q), np.empty(n_q), np.empty(n_q), np.empty(n_q)
-    A, pivots = np.empty((n_q, n_q)), np.empty(n_q, dtype=np.int64)
+    w = make_work(t)
     tangent = np.empty(z0.shape[0])
     if not (finite(pressure[0]) and finite(pressure[2]) and finite(wrench)):
         return BAD_INPUT
-    code = forward_dynamics(t, q0, v0, z0, pressure[0], wrench, a0)
+    code = forward_dynamics(t, w, q0, v0, z0, pressure[0], wrench, a0)
     if code != GOOD:
         return code
     for b in range(n_q):
@@ -91,16 +93,17 @@ def trapezoidal_step(
         if code != GOOD:
             return code
         advance_internal(t, z0, v0, v1, h, z1, tangent)
-        inverse_dynamics(t, t.mass, t.tip_mass, t.gravity, wrench, q1, v1, v1, a1, r)
+        inverse_dynamics(t, w, t.mass, t.tip_mass, t.gravity, wrench, q1, v1, v1, a1, r)
         applied_force(t, q1, v1, z1, pressure[2], f)
         for b in range(n_q):
             r[b] = f[b] - r[b]
         if not factored:
-            jacobian(t, q1, pressure[2], h, tangent, A)
-            if not lu_factor(A, pivots):
+            if not jacobian(t, w, q1, pressure[2], h, tangent):
                 return SINGULAR
             factored = True
-        lu_solve(A, pivots, r)
+        for b in range(n_q):
+            r[b] *= 0.5 * h
+        solve_system(t, w, r)
         if not finite(r):
             return NOT_FINITE
         change = 0.0

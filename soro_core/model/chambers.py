@@ -54,11 +54,11 @@ def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> No
 
 @inner
 def add_pressure_stiffness(t: Tables, q: Array, pressure: Array, factor: float, K: Array) -> None:
-    """K -= factor * d(H(q) p)/dq, what the pressures add to the stiffness; nothing for constant areas."""
+    """K -= factor * d(H(q) p)/dq, the block of each link (n_q, width); nothing for constant areas."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
             if t.runs_along[i, u] and t.area_slope[u] != 0.0:
                 scaled = factor * pressure[u] * area_factor(t, i, u, q) * t.area_slope[u] / t.axial_gain[i, u]
                 for c in range(t.offset[i], t.offset[i + 1]):
                     for d in range(t.offset[i], t.offset[i + 1]):
-                        K[c, d] -= scaled * t.actuation[c, u] * t.actuation[d, u]
+                        K[c, d - t.offset[i]] -= scaled * t.actuation[c, u] * t.actuation[d, u]

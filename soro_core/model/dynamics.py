@@ -8,13 +8,21 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner, kernel
+from soro_core._jit import Box, entry, inner, kernel
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.elasticity import elastic_force
 from soro_core.model.internal import add_internal_force
-from soro_core.model.linear import cholesky_solve
-from soro_core.model.method import inertia, inverse_dynamics, kinematics, potential
-from soro_core.model.tables import Tables
+from soro_core.model.linear import clear
+from soro_core.model.method import (
+    acceleration,
+    inertia,
+    inverse_dynamics,
+    kinematics,
+    make_work,
+    potential,
+)
+from soro_core.model.tables import Site, Tables
+from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -29,9 +37,15 @@ def check(t: Tables, q: Array, qd: Array) -> int:
         if not (math.isfinite(q[c]) and math.isfinite(qd[c])):
             return NOT_FINITE
     for i in range(t.length.shape[0]):
-        column = t.columns[i, 0]
-        if column >= 0 and q[column] <= -1.0:
-            return COLLAPSED
+        first, behind = t.columns[i, 0, 0], t.columns[i, 0, 1]
+        if first == behind:
+            continue
+        for k in range(t.nodes.shape[0] if t.varying[i] else 1):
+            stretch = 1.0
+            for c in range(first, behind):
+                stretch += t.shape_node[c, k] * q[c]
+            if not stretch > 0.0:
+                return COLLAPSED
     return GOOD
 
 
@@ -45,14 +59,21 @@ def finite(x: Array) -> bool:
 
 
 @kernel
-def inertia_matrix(t: Tables, q: Array, M: Array) -> None:
+def make_box(t: Tables) -> Box:
+    """Tables and workspace of an arm for the entries below: one object instead of forty arrays a call."""
+    return Box(t, make_work(t))
+
+
+@entry
+def inertia_matrix(box: Box, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
-    inertia(t, t.mass, t.tip_mass, q, M)
+    t, w = box.tables, box.work
+    inertia(t, w, t.mass, t.tip_mass, q, M)
 
 
-@kernel
+@entry
 def inertial_forces(
-    t: Tables,
+    box: Box,
     masses: Array,
     tip_masses: Array,
     gravity: Array,
@@ -66,21 +87,45 @@ def inertial_forces(
 
     One entry for everything linear: C by unit velocities without gravity, regressors by unit masses.
     """
+    t, w = box.tables, box.work
     none = np.zeros(6)
     for k in range(forces.shape[0]):
-        inverse_dynamics(t, masses[k], tip_masses[k], gravity, none, q, qd, v[k], a[k], forces[k])
+        inverse_dynamics(t, w, masses[k], tip_masses[k], gravity, none, q, qd, v[k], a[k], forces[k])
 
 
-@kernel
-def pose_and_jacobian(t: Tables, q: Array, place: float, R: Array, p: Array, J: Array) -> None:
+@entry
+def pose_and_jacobian(box: Box, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
     """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6)."""
-    kinematics(t, q, place, R, p, J)
+    kinematics(box.tables, box.work, site, q, R, p, J)
+
+
+@entry
+def gravitational_energy(box: Box, q: Array) -> float:
+    """U_g [J], zero at the world's origin."""
+    return potential(box.tables, box.work, q)
+
+
+@entry
+def accelerations(box: Box, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array) -> int:
+    """`forward_dynamics` for a caller in Python."""
+    return forward_dynamics(box.tables, box.work, q, qd, z, pressure, wrench, qdd)
+
+
+@inner
+def add_damping_force(t: Tables, qd: Array, force: Array) -> None:
+    """force += R qd."""
+    for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        for c in range(first, t.offset[i + 1]):
+            for d in range(t.offset[i + 1] - first):
+                force[c] += t.damping[c, d] * qd[first + d]
 
 
 @kernel
-def gravitational_energy(t: Tables, q: Array) -> float:
-    """U_g [J], zero at the world's origin."""
-    return potential(t, q)
+def damping_force(t: Tables, qd: Array, force: Array) -> None:
+    """force <- R qd."""
+    clear(force)
+    add_damping_force(t, qd, force)
 
 
 @inner
@@ -88,27 +133,22 @@ def applied_force(t: Tables, q: Array, qd: Array, z: Array, pressure: Array, for
     """force <- H(q) p - dU_e/dq - R qd - internal."""
     elastic_force(t, q, force)
     add_internal_force(t, z, force)
+    add_damping_force(t, qd, force)
     for b in range(q.shape[0]):
-        force[b] = -force[b] - t.damping[b] * qd[b]
+        force[b] = -force[b]
     add_pressure_force(t, q, pressure, force)
 
 
-@kernel
+@inner
 def forward_dynamics(
-    t: Tables, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array
+    t: Tables, w: Work, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array
 ) -> int:
     """qdd <- M^-1 (H p + J_tip' wrench - C qd - G - dU_e/dq - R qd - internal); gives a code."""
     code = check(t, q, qd)
     if code != GOOD:
         return code
-    n_q = q.shape[0]
-    M, bias = np.empty((n_q, n_q)), np.empty(n_q)
-    zero = np.zeros(n_q)
-    inertia(t, t.mass, t.tip_mass, q, M)
-    inverse_dynamics(t, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, zero, bias)
-    applied_force(t, q, qd, z, pressure, qdd)
-    for b in range(n_q):
-        qdd[b] -= bias[b]
-    if not cholesky_solve(M, qdd):
+    force = w.rows[2]
+    applied_force(t, q, qd, z, pressure, force)
+    if not acceleration(t, w, wrench, q, qd, force, qdd):
         return SINGULAR
     return GOOD if finite(qdd) else NOT_FINITE

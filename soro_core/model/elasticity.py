@@ -48,11 +48,18 @@ def _law_energy(a1: float, a2: float, a3: float, s: float) -> float:
 
 
 @inner
-def _bend(t: Tables, i: int, q: Array, local: Array) -> None:
-    """local <- eps, kx, ky, w = beta^2 / 2, dw/d(eps, kx, ky), L; absent strains are 0."""
+def _looks(t: Tables, i: int) -> int:
+    """At how many nodes the law of link i is taken: a constant strain is the same everywhere."""
+    return t.nodes.shape[0] if t.varying[i] else 1
+
+
+@inner
+def _bend(t: Tables, i: int, k: int, q: Array, local: Array) -> float:
+    """local <- eps, kx, ky, w = beta^2 / 2, dw/d(eps, kx, ky), L at node k; gives the weight of the node."""
     for r in range(3):
-        column = t.columns[i, r]
-        local[r] = q[column] if column >= 0 else 0.0
+        local[r] = 0.0
+        for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
+            local[r] += t.shape_node[c, k] * q[c]
     eps, kx, ky = local[0], local[1], local[2]
     L = t.length[i]
     stretch = 1.0 + eps if t.bend_angle == DEFORMED else 1.0
@@ -62,26 +69,31 @@ def _bend(t: Tables, i: int, q: Array, local: Array) -> None:
     local[5] = kx * L * L * stretch * stretch
     local[6] = ky * L * L * stretch * stretch
     local[7] = L
+    return t.weights[k] if t.varying[i] else 1.0
 
 
 @kernel
 def elastic_force(t: Tables, q: Array, force: Array) -> None:
     """force <- dU_e/dq (n_q,)."""
     local = np.empty(8)
-    for c in range(q.shape[0]):
-        force[c] = t.stiffness[c] * q[c]
     for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        for c in range(first, t.offset[i + 1]):
+            force[c] = 0.0
+            for d in range(first, t.offset[i + 1]):
+                force[c] += t.stiffness[c, d - first] * q[d]
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        _bend(t, i, q, local)
-        x = local[0] * local[7]
-        k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * local[3]))
-        if t.columns[i, 0] >= 0:
-            force[t.columns[i, 0]] += _secant(law[0], law[1], law[2], x) * x * local[7]
-        for r in range(3):
-            if t.columns[i, r] >= 0:
-                force[t.columns[i, r]] += k_b * local[4 + r]
+        for k in range(_looks(t, i)):
+            weight = _bend(t, i, k, q, local)
+            x = local[0] * local[7]
+            k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * local[3]))
+            axial = _secant(law[0], law[1], law[2], x) * x * local[7]
+            for r in range(3):
+                f = weight * (k_b * local[4 + r] + (axial if r == 0 else 0.0))
+                for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
+                    force[c] += f * t.shape_node[c, k]
 
 
 @kernel
@@ -89,52 +101,66 @@ def elastic_energy(t: Tables, q: Array) -> float:
     """U_e [J]."""
     local = np.empty(8)
     energy = 0.0
-    for c in range(q.shape[0]):
-        energy += 0.5 * t.stiffness[c] * q[c] * q[c]
     for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        for c in range(first, t.offset[i + 1]):
+            for d in range(first, t.offset[i + 1]):
+                energy += 0.5 * q[c] * t.stiffness[c, d - first] * q[d]
         law = t.law[i]
-        _bend(t, i, q, local)
-        energy += _law_energy(law[0], law[1], law[2], local[0] * local[7])
-        energy += _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * local[3]))
+        for k in range(_looks(t, i)):
+            weight = _bend(t, i, k, q, local)
+            energy += weight * _law_energy(law[0], law[1], law[2], local[0] * local[7])
+            energy += weight * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * local[3]))
     return energy
+
+
+@inner
+def _law_hessian(t: Tables, law: Array, local: Array, hessian: Array) -> None:
+    """hessian <- second derivatives of the laws by (eps, kx, ky) at a node, (3, 3)."""
+    L = local[7]
+    x = local[0] * L
+    beta = math.sqrt(2.0 * local[3])
+    k_b = _secant(law[3], law[4], law[5], beta)
+    slope = _secant_slope(law[4], law[5], beta)
+    stretch = 1.0
+    clear_matrix(hessian)
+    if t.bend_angle == DEFORMED:
+        stretch = 1.0 + local[0]
+        hessian[0, 0] = k_b * (local[1] * local[1] + local[2] * local[2]) * L * L
+        for r in range(1, 3):
+            hessian[0, r] = k_b * 2.0 * local[r] * L * L * stretch
+            hessian[r, 0] = hessian[0, r]
+    hessian[1, 1] = k_b * L * L * stretch * stretch
+    hessian[2, 2] = hessian[1, 1]
+    for r in range(3):
+        for d in range(3):
+            hessian[r, d] += slope * local[4 + r] * local[4 + d]
+    k_e = _secant(law[0], law[1], law[2], x)
+    hessian[0, 0] += (k_e + x * x * _secant_slope(law[1], law[2], x)) * L * L
 
 
 @kernel
 def add_stiffness(t: Tables, q: Array, factor: float, K: Array) -> None:
-    """K += factor * d2U_e/dq2 (n_q, n_q)."""
+    """K += factor * d2U_e/dq2, the block of each link: row of a coordinate, (n_q, width)."""
     local = np.empty(8)
     hessian = np.empty((3, 3))
-    for c in range(q.shape[0]):
-        K[c, c] += factor * t.stiffness[c]
     for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        for c in range(first, t.offset[i + 1]):
+            for d in range(t.offset[i + 1] - first):
+                K[c, d] += factor * t.stiffness[c, d]
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        _bend(t, i, q, local)
-        L = local[7]
-        x = local[0] * L
-        beta = math.sqrt(2.0 * local[3])
-        k_b = _secant(law[3], law[4], law[5], beta)
-        slope = _secant_slope(law[4], law[5], beta)
-        stretch = 1.0
-        clear_matrix(hessian)
-        if t.bend_angle == DEFORMED:
-            stretch = 1.0 + local[0]
-            hessian[0, 0] = k_b * (local[1] * local[1] + local[2] * local[2]) * L * L
-            for r in range(1, 3):
-                hessian[0, r] = k_b * 2.0 * local[r] * L * L * stretch
-                hessian[r, 0] = hessian[0, r]
-        hessian[1, 1] = k_b * L * L * stretch * stretch
-        hessian[2, 2] = hessian[1, 1]
-        for r in range(3):
-            for d in range(3):
-                hessian[r, d] += slope * local[4 + r] * local[4 + d]
-        k_e = _secant(law[0], law[1], law[2], x)
-        hessian[0, 0] += (k_e + x * x * _secant_slope(law[1], law[2], x)) * L * L
-        for r in range(3):
-            for d in range(3):
-                if t.columns[i, r] >= 0 and t.columns[i, d] >= 0:
-                    K[t.columns[i, r], t.columns[i, d]] += factor * hessian[r, d]
+        for k in range(_looks(t, i)):
+            weight = factor * _bend(t, i, k, q, local)
+            _law_hessian(t, law, local, hessian)
+            for r in range(3):
+                for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
+                    row = weight * t.shape_node[c, k]
+                    for e in range(3):
+                        for d in range(t.columns[i, e, 0], t.columns[i, e, 1]):
+                            K[c, d - first] += row * hessian[r, e] * t.shape_node[d, k]
 
 
 @kernel
@@ -146,13 +172,16 @@ def elastic_regressor(t: Tables, q: Array, Y: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        _bend(t, i, q, local)
-        x = local[0] * local[7]
-        if t.columns[i, 0] >= 0:
-            Y[t.columns[i, 0], 4 * i] = x * local[7]
-            Y[t.columns[i, 0], 4 * i + 1] = _secant(0.0, 1.0, law[2], x) * x * local[7]
-        feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * local[3]))
-        for r in range(3):
-            if t.columns[i, r] >= 0:
-                Y[t.columns[i, r], 4 * i + 2] = local[4 + r]
-                Y[t.columns[i, r], 4 * i + 3] = feature * local[4 + r]
+        for k in range(_looks(t, i)):
+            weight = _bend(t, i, k, q, local)
+            x = local[0] * local[7]
+            axial = _secant(0.0, 1.0, law[2], x) * x * local[7]
+            feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * local[3]))
+            for r in range(3):
+                for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
+                    f = weight * t.shape_node[c, k]
+                    if r == 0:
+                        Y[c, 4 * i] += f * x * local[7]
+                        Y[c, 4 * i + 1] += f * axial
+                    Y[c, 4 * i + 2] += f * local[4 + r]
+                    Y[c, 4 * i + 3] += f * feature * local[4 + r]

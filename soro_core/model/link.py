@@ -1,4 +1,4 @@
-"""One constant-strain link in closed form, seen from the frame b of its base.
+"""A link of constant strain in closed form, seen from the frame b of its base.
 
 With B1(s) = int_0^s Ad_exp(t xi) B dt, the twist of the link's particle at s, expressed in b, is V_b + B1
 qd_i. A slice of mass dm has in b the inertia N = Ad^-T Mcal Ad^-1, which for a round section needs only
@@ -32,7 +32,7 @@ def strain_twist(t: Tables, i: int, q: Array, xi: Array) -> None:
 
 @inner
 def ad_powers(t: Tables, i: int, xi: Array, powers: Array) -> None:
-    """powers[n, j] <- ad_xi^n of column j of B, n = 0 ... 4; shape (5, 6, 6)."""
+    """powers[n, j] <- ad_xi^n of column j of B, n = 0 ... 4; shape (5, m, 6)."""
     first = t.offset[i]
     for j in range(t.offset[i + 1] - first):
         for r in range(6):
@@ -43,20 +43,25 @@ def ad_powers(t: Tables, i: int, xi: Array, powers: Array) -> None:
 
 
 @inner
-def ad_power_rates(m: int, xi: Array, xi_rate: Array, powers: Array, rates: Array) -> None:
-    """rates[n, j] <- d/dt of powers[n, j] along the strain rate; shape (5, 6, 6)."""
-    for j in range(m):
-        clear(rates[0, j])
-        for n in range(4):
-            clear(rates[n + 1, j])
-            add_ad(xi_rate, powers[n, j], 1.0, rates[n + 1, j])
-            if n > 0:
-                add_ad(xi, rates[n, j], 1.0, rates[n + 1, j])
+def chain_powers(
+    m: int, xi: Array, xi_rate: Array, v: Array, first: int, powers: Array, chain: Array
+) -> None:
+    """chain[0, n] <- ad_xi^n B v, chain[1, n] <- its rate along the strain rate; shape (2, 5, 6)."""
+    for n in range(5):
+        for r in range(6):
+            x = 0.0
+            for j in range(m):
+                x += powers[n, j, r] * v[first + j]
+            chain[0, n, r] = x
+            chain[1, n, r] = 0.0
+        if n > 0:
+            add_ad(xi_rate, chain[0, n - 1], 1.0, chain[1, n])
+            add_ad(xi, chain[1, n - 1], 1.0, chain[1, n])
 
 
 @inner
 def columns_at(m: int, s: float, a: Array, powers: Array, B1: Array) -> None:
-    """B1[j] <- column j of int_0^s Ad_exp(t xi) B dt in the frame of the link's base; shape (6, 6)."""
+    """B1[j] <- column j of int_0^s Ad_exp(t xi) B dt in the frame of the link's base; shape (m, 6)."""
     f0 = s
     f1 = a[1] * s * s
     f2 = a[2] * s * s * s
@@ -74,20 +79,16 @@ def columns_at(m: int, s: float, a: Array, powers: Array, B1: Array) -> None:
 
 
 @inner
-def column_rates_at(
-    m: int, s: float, y_rate: float, a: Array, powers: Array, rates: Array, B1_rate: Array
-) -> None:
-    """B1_rate[j] <- d/dt of B1[j]; y_rate is the rate of y = (s |omega|)^2."""
+def chain_rate_at(s: float, y_rate: float, a: Array, chain: Array, rate: Array) -> None:
+    """rate <- d/dt(B1) v at s; y_rate is the rate of y = (s |omega|)^2."""
     f = s
-    for j in range(m):
-        clear(B1_rate[j])
+    clear(rate)
     for n in range(1, 5):
         f *= s
         f_rate = a[5 + n] * y_rate * f
         f_value = a[n] * f
-        for j in range(m):
-            for r in range(6):
-                B1_rate[j, r] += f_rate * powers[n, j, r] + f_value * rates[n, j, r]
+        for r in range(6):
+            rate[r] += f_rate * chain[0, n, r] + f_value * chain[1, n, r]
 
 
 @inner

@@ -15,9 +15,18 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.lie import add_ad, add_coad, dot6, to_body, to_parent
-from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.link import strain_twist
-from soro_core.model.tables import Tables
+from soro_core.model.linear import (
+    assign,
+    assign_matrix,
+    cholesky_solve,
+    clear,
+    clear_matrix,
+    lu_factor,
+    lu_solve,
+)
+from soro_core.model.magnus import strain_at
+from soro_core.model.tables import Site, Tables
+from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -108,32 +117,40 @@ def terms(
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     B1, B2, Jd = np.zeros((n_q, 6)), np.zeros((n_q, 6)), np.zeros((n_q, 6))
-    V, xi, work = np.empty(6), np.empty(6), np.zeros((3, 6))
+    V, work = np.empty(6), np.zeros((3, 6))
     clear_matrix(M)
     clear_matrix(C)
     clear(G)
     clear_matrix(J)
     for i in range(t.length.shape[0]):
-        strain_twist(t, i, q, xi)
         h = t.length[i] / t.steps
         dm = mass[i] / t.steps
         k2 = 0.25 * t.radius[i] * t.radius[i]
-        for _ in range(t.steps):
-            _ralston(t, i, xi, h, dm, k2, gravity, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
+        for k in range(t.steps):
+            _ralston(t, i, t.shape[k], h, dm, k2, gravity, q, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
     _body_columns(n_q, qd, R, p, B1, B2, J, Jd, V)
     if tip_mass > 0.0:
         _accumulate(n_q, tip_mass, 0.0, gravity, R, J, Jd, V, work, M, C, G)
 
 
 @inner
+def _strain(t: Tables, i: int, shape: Array, point: int, q: Array, xi: Array) -> None:
+    """xi <- xi_0 + B q of link i at one of the two points of a step."""
+    for r in range(6):
+        xi[r] = t.reference[i, r]
+    strain_at(t, i, shape, point, q, xi)
+
+
+@inner
 def _ralston(
     t: Tables,
     i: int,
-    xi: Array,
+    shape: Array,
     h: float,
     dm: float,
     k2: float,
     gravity: Array,
+    q: Array,
     qd: Array,
     R: Array,
     p: Array,
@@ -151,7 +168,7 @@ def _ralston(
     n = t.offset[i + 1]
     first = t.offset[i]
     R1, p1, R_mid, p_mid = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
-    column = np.empty(6)
+    column, xi = np.empty(6), np.empty(6)
     start1, start2 = np.empty((n - first, 6)), np.empty((n - first, 6))
     for stage in range(2):
         weight = 0.25 if stage == 0 else 0.75
@@ -160,10 +177,12 @@ def _ralston(
             assign(p, p_mid)
         _body_columns(n, qd, R_mid, p_mid, B1, B2, J, Jd, V)
         _accumulate(n, weight * dm, k2, gravity, R_mid, J, Jd, V, work, M, C, G)
+        _strain(t, i, shape, stage, q, xi)
         _frame_rates(xi, R_mid, R1, p1)
         # Only the columns of this link change along it: B1' = Ad_g B, B2' = Ad_g ad_V B.
         for b in range(first, n):
-            assign(t.basis[b], column)
+            for r in range(6):
+                column[r] = shape[b, stage] * t.basis[b, r]
             to_parent(R_mid, p_mid, column)
             for r in range(6):
                 if stage == 0:
@@ -172,7 +191,7 @@ def _ralston(
                 else:
                     B1[b, r] = start1[b - first, r] + 0.75 * h * column[r]
             clear(column)
-            add_ad(V, t.basis[b], 1.0, column)
+            add_ad(V, t.basis[b], shape[b, stage], column)
             to_parent(R_mid, p_mid, column)
             for r in range(6):
                 if stage == 0:
@@ -195,16 +214,15 @@ def _ralston(
 
 
 @inner
-def inertia(t: Tables, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
+def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
-    n_q = q.shape[0]
-    C, G, J = np.empty((n_q, n_q)), np.empty(n_q), np.empty((n_q, 6))
-    terms(t, mass, tip_mass, t.gravity, q, np.zeros(n_q), M, C, G, J)
+    terms(t, mass, tip_mass, t.gravity, q, w.rows[0], M, w.matrix[1], w.rows[1], w.dense[0])
 
 
 @inner
 def inverse_dynamics(
     t: Tables,
+    w: Work,
     mass: Array,
     tip_mass: float,
     gravity: Array,
@@ -216,38 +234,64 @@ def inverse_dynamics(
     tau: Array,
 ) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench."""
-    n_q = q.shape[0]
-    M, C, J = np.empty((n_q, n_q)), np.empty((n_q, n_q)), np.empty((n_q, 6))
+    M, C, J = w.matrix[0], w.matrix[1], w.dense[0]
     terms(t, mass, tip_mass, gravity, q, qd, M, C, tau, J)
-    for b in range(n_q):
+    for b in range(q.shape[0]):
         tau[b] -= dot6(J[b], wrench)
-        for d in range(n_q):
+        for d in range(q.shape[0]):
             tau[b] += M[b, d] * a[d] + C[b, d] * v[d]
 
 
 @inner
-def kinematics(t: Tables, q: Array, place: float, R: Array, p: Array, J: Array) -> None:
-    """Pose and body Jacobian, transposed (n_q, 6), at `place`, with a shorter last step where needed."""
+def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
+    """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
+    inverse_dynamics(t, w, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, w.rows[0], w.rows[1])
+    for b in range(q.shape[0]):
+        qdd[b] = force[b] - w.rows[1][b]
+    return cholesky_solve(w.matrix[0], qdd)
+
+
+@inner
+def factor_system(t: Tables, w: Work, q: Array) -> bool:
+    """Factor M(q) + w.block for `solve`; False if it is singular."""
+    A = w.matrix[2]
+    inertia(t, w, t.mass, t.tip_mass, q, A)
+    for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        for c in range(first, t.offset[i + 1]):
+            for j in range(t.offset[i + 1] - first):
+                A[c, first + j] += w.block[c, j]
+    return lu_factor(A, w.pivots)
+
+
+@inner
+def solve(t: Tables, w: Work, x: Array) -> None:
+    """x <- (M + block)^-1 x with the factors of `factor_system`."""
+    lu_solve(w.matrix[2], w.pivots, x)
+
+
+@inner
+def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
+    """Pose and body Jacobian, transposed (n_q, 6), at a place, with a shorter last step where needed."""
     n_q = q.shape[0]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     B1, B2, Jd = np.zeros((n_q, 6)), np.zeros((n_q, 6)), np.zeros((n_q, 6))
-    V, xi, work = np.empty(6), np.empty(6), np.zeros((3, 6))
-    M, C, G, qd = np.zeros((n_q, n_q)), np.zeros((n_q, n_q)), np.zeros(n_q), np.zeros(n_q)
-    clear_matrix(J)
-    for i in range(t.length.shape[0]):
-        strain_twist(t, i, q, xi)
-        whole = t.length[i] / t.steps
-        for _ in range(t.steps):
-            h = min(whole, place)
-            if h > 0.0:
-                _ralston(t, i, xi, h, 0.0, 0.0, t.gravity, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
-            place -= whole
+    V, work = np.empty(6), np.zeros((3, 6))
+    M, C, G, qd = w.matrix[0], w.matrix[1], w.rows[1], w.rows[0]
+    g = t.gravity
+    for i in range(site.link + 1):
+        last = i == site.link
+        h = t.length[i] / t.steps
+        for k in range(site.whole if last else t.steps):
+            _ralston(t, i, t.shape[k], h, 0.0, 0.0, g, q, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
+        if last and site.step > 0.0:
+            _ralston(t, i, site.shape, site.step, 0.0, 0.0, g, q, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
     _body_columns(n_q, qd, R, p, B1, B2, J, Jd, V)
 
 
 @inner
-def potential(t: Tables, q: Array) -> float:
+def potential(t: Tables, w: Work, q: Array) -> float:
     """Gravitational energy [J], integrated with the same steps as the frame."""
     R, p = np.empty((3, 3)), np.empty(3)
     assign_matrix(t.base_rotation, R)
@@ -256,15 +300,16 @@ def potential(t: Tables, q: Array) -> float:
     xi, at, R_mid = np.empty(6), np.empty(3), np.empty((3, 3))
     energy = 0.0
     for i in range(t.length.shape[0]):
-        strain_twist(t, i, q, xi)
         h = t.length[i] / t.steps
         dm = t.mass[i] / t.steps
-        for _ in range(t.steps):
+        for k in range(t.steps):
+            _strain(t, i, t.shape[k], 0, q, xi)
             _frame_rates(xi, R, R1, p1)
             for r in range(3):
                 at[r] = p[r] + h * 2.0 / 3.0 * p1[r]
                 for d in range(3):
                     R_mid[r, d] = R[r, d] + h * 2.0 / 3.0 * R1[r, d]
+            _strain(t, i, t.shape[k], 1, q, xi)
             _frame_rates(xi, R_mid, R2, p2)
             for r in range(3):
                 energy -= dm * t.gravity[r] * (0.25 * p[r] + 0.75 * at[r])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.model import chambers, dynamics, elasticity, internal
-from soro_core.model.tables import build_tables
+from soro_core.model.build import build_site, build_tables
 from soro_core.robot import Robot
 
 Array: TypeAlias = NDArray[np.float64]
@@ -66,6 +67,8 @@ class SoftArm:
         self.nodes = nodes if nodes is not None else DEFAULT_NODES
         self.steps = steps if steps is not None else DEFAULT_STEPS
         self.tables = build_tables(robot, method, self.nodes, self.steps)
+        self._box = dynamics.make_box(self.tables)
+        self._site = lru_cache(maxsize=64)(lambda s: build_site(self.robot, self.tables, s))
         self.n_q = robot.n_q
         self.n_u = robot.n_u
         self.n_internal = len(self.tables.internal_kind)
@@ -77,7 +80,7 @@ class SoftArm:
         """Inertia matrix M (n_q, n_q), symmetric positive definite [C22, 3.16]."""
         q, _ = self._state(q)
         M = np.empty((self.n_q, self.n_q))
-        dynamics.inertia_matrix(self.tables, q, M)
+        dynamics.inertia_matrix(self._box, q, M)
         return M
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
@@ -113,18 +116,20 @@ class SoftArm:
     def stiffness_matrix(self, q: ArrayLike) -> Array:
         """d2U_e/dq2 (n_q, n_q)."""
         q, _ = self._state(q)
-        K = np.zeros((self.n_q, self.n_q))
+        K = np.zeros_like(self.tables.stiffness)
         elasticity.add_stiffness(self.tables, q, 1.0, K)
-        return K
+        return self._assemble(K)
 
     def damping_force(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """R qd (n_q,); creep and hysteresis are in `internal_force`."""
         q, qd = self._state(q, qd)
-        return self.tables.damping * qd
+        force = np.empty(self.n_q)
+        dynamics.damping_force(self.tables, qd, force)
+        return force
 
     def damping_matrix(self) -> Array:
         """R (n_q, n_q)."""
-        return np.diag(self.tables.damping)
+        return self._assemble(self.tables.damping)
 
     def actuation_matrix(self, q: ArrayLike | None = None) -> Array:
         """H (n_q, n_u), generalised force per Pa, default at q = 0; constant without area_slope."""
@@ -194,7 +199,7 @@ class SoftArm:
             else self._vector(internal, self.n_internal, "internal")
         )
         qdd = np.empty(self.n_q)
-        code = dynamics.forward_dynamics(self.tables, q, qd, z, p, w, qdd)
+        code = dynamics.accelerations(self._box, q, qd, z, p, w, qdd)
         if code != dynamics.GOOD:
             raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
         return qdd
@@ -203,7 +208,7 @@ class SoftArm:
         """Kinetic, gravitational (zero at the world's origin) and elastic energy [J]."""
         q, qd = self._state(q, qd)
         kinetic = 0.5 * float(qd @ self.inertia_matrix(q) @ qd)
-        potential = dynamics.gravitational_energy(self.tables, q)
+        potential = dynamics.gravitational_energy(self._box, q)
         return kinetic, potential, elasticity.elastic_energy(self.tables, q)
 
     def mass_regressor(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
@@ -217,7 +222,7 @@ class SoftArm:
         rows = np.empty((1 + n, self.n_q))
         velocities, accelerations = np.tile(v, (1 + n, 1)), np.tile(a, (1 + n, 1))
         dynamics.inertial_forces(
-            self.tables, masses, tip_masses, self.tables.gravity, q, qd, velocities, accelerations, rows
+            self._box, masses, tip_masses, self.tables.gravity, q, qd, velocities, accelerations, rows
         )
         return np.ascontiguousarray(rows.T)
 
@@ -234,7 +239,7 @@ class SoftArm:
         if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
             raise ModelError(f"s = {s!r} m: allowed is 0 to {self.length!r} m")
         R, p, J = np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
-        dynamics.pose_and_jacobian(self.tables, q, min(max(place, 0.0), self.length), R, p, J)
+        dynamics.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
         return R, p, J
 
     def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
@@ -246,8 +251,15 @@ class SoftArm:
         masses = np.empty((len(v), len(t.mass)))
         masses[:] = t.mass
         forces = np.empty_like(v)
-        dynamics.inertial_forces(t, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
+        dynamics.inertial_forces(self._box, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
         return forces
+
+    def _assemble(self, blocks: Array) -> Array:
+        """Matrix (n_q, n_q) of the links' blocks (n_q, width)."""
+        matrix = np.zeros((self.n_q, self.n_q))
+        for first, behind in zip(self.tables.offset, self.tables.offset[1:], strict=False):
+            matrix[first:behind, first:behind] = blocks[first:behind, : behind - first]
+        return matrix
 
     def _state(self, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[Array, Array]:
         q = self._shaped(q, self.n_q, "q")

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from soro_core.config import Strict, parse
 from soro_core.robot.link import Link
-from soro_core.robot.parts import fields, plain, scaled_link, split_link
+from soro_core.robot.parts import check_split, fields, plain, scaled_link, split_link
 from soro_core.robot.vectors import Vector2, Vector3, Vector4
 
 
@@ -76,7 +76,7 @@ class Robot(Strict):
     @property
     def n_q(self) -> int:
         """Number of coordinates."""
-        return sum(len(link.strains) for link in self.links)
+        return sum(link.n_q for link in self.links)
 
     @property
     def n_u(self) -> int:
@@ -90,8 +90,8 @@ class Robot(Strict):
 
     @property
     def coordinate_names(self) -> tuple[str, ...]:
-        """``link0/elongation``, ``link0/bending_x``, ..."""
-        return tuple(f"link{i}/{name}" for i, link in enumerate(self.links) for name in link.strains)
+        """``link0/elongation``, ``link0/bending_x``, ...; of varying strain ``link0/bending_x_0``, ..."""
+        return tuple(f"link{i}/{name}" for i, link in enumerate(self.links) for name in link.coordinates)
 
     @property
     def chamber_names(self) -> tuple[str, ...]:
@@ -118,11 +118,23 @@ class Robot(Strict):
         A uniform strain costs the same energy and dissipates the same power before and after: the laws act on
         x = eps L and beta = kappa L (1 + eps), which a part of length L / k sees k times smaller, so
         k_part(x) = k k_e(k x), and damping, creep and hysteresis share out in k equal parts.
+
+        Each part gets the polynomials of the original, on its own length. What is given along the whole
+        link cannot be split: modes, and losses given for each coordinate of a varying strain.
+
+        Raises
+        ------
+        ValueError
+            If `k` is no whole number of 1 or more.
+        ConfigError
+            If a link cannot be split.
         """
         if not isinstance(k, int) or k < 1:
             raise ValueError(f"refine({k!r}): allowed is a whole number of 1 or more")
         if k == 1:
             return self
+        for i, link in enumerate(self.links):
+            check_split(link, f"{self.name}: refine({k})", f"links[{i}]")
         links = [part for link in self.links for part in split_link(link, k)]
         return self.replace(links=links, refinement=self.refinement * k)
 

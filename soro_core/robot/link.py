@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from soro_core.config import Floats, Strict
+from soro_core.robot.strain import DEFAULT_STRAINS, STRAINS, StrainField, coordinate_names
 from soro_core.robot.vectors import Vector3
-
-Strain: TypeAlias = Literal["torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y"]
-STRAINS: tuple[Strain, ...] = ("torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y")
-DEFAULT_STRAINS: tuple[str, ...] = ("elongation", "bending_x", "bending_y")
-
-
-class StrainField(Strict):
-    """Shape of one strain along the link."""
-
-    basis: Literal["constant"] = Field(
-        "constant", description="constant along the link; the only basis so far"
-    )
 
 
 class Material(Strict):
@@ -126,7 +115,7 @@ class Chamber(Strict):
 
 
 class Link(Strict):
-    """One link of a constant strain field, round solid section."""
+    """One link, of round solid section, with a field for each strain that it carries."""
 
     length: float = Field(gt=0, description="undeformed length [m]")
     radius: float = Field(gt=0, description="radius of the section [m]")
@@ -196,29 +185,31 @@ class Link(Strict):
     @classmethod
     def _damping(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
         if value is not None and "strains" in info.data:
-            n = len(info.data["strains"])
-            if len(value) != n or min(value, default=0.0) < 0:
-                raise ValueError(
-                    f"{n} values of 0 or more, one for each of {', '.join(info.data['strains'])}"
-                )
+            names = coordinate_names(info.data["strains"])
+            if len(value) != len(names) or min(value, default=0.0) < 0:
+                raise ValueError(f"{len(names)} values of 0 or more, one for each of {', '.join(names)}")
         return value
 
     @field_validator("creep", "hysteresis")
     @classmethod
     def _branches(cls, value: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
-        n = len(info.data.get("strains", ()))
+        names = coordinate_names(info.data.get("strains", {}))
+        n = len(names)
         for branch in value:
             for key, entry in branch:
                 if n and len(entry) != n and not (key == "tau" and len(entry) == 1):
-                    raise ValueError(
-                        f"{key} with {n} values, one for each of {', '.join(info.data['strains'])}"
-                    )
+                    raise ValueError(f"{key} with {n} values, one for each of {', '.join(names)}")
         return value
 
     @property
+    def n_q(self) -> int:
+        """Number of coordinates."""
+        return sum(field.size for field in self.strains.values())
+
+    @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates, in order."""
-        return tuple(self.strains)
+        """Names of the coordinates, in order: ``bending_x`` of a constant field, else ``bending_x_0``, ..."""
+        return coordinate_names(self.strains)
 
 
 def _one_or_more(value: Any) -> Any:

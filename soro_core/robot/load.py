@@ -8,6 +8,7 @@ from typing import Any
 
 from soro_core.config import find_config, parse, read_yaml
 from soro_core.robot.description import Robot
+from soro_core.robot.mode_files import with_samples
 
 # What a reference case (a robot with a state and the right answers) holds besides the robot.
 _CASE_KEYS = frozenset(
@@ -17,6 +18,8 @@ _CASE_KEYS = frozenset(
 
 def load_robot(name_or_path: str | Path) -> Robot:
     """Read a robot file, or a shipped robot by its name.
+
+    Files of modes (basis pod) are read with it, relative to its folder.
 
     Parameters
     ----------
@@ -30,6 +33,7 @@ def load_robot(name_or_path: str | Path) -> Robot:
     """
     path = find_config(name_or_path, "robots")
     data = read_yaml(path)
+    data = with_samples(data, path.parent, str(path))
     return parse({"name": path.stem, **data}, Robot, where=str(path))
 
 
@@ -37,8 +41,9 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """Make a robot from a dictionary with the keys of a robot file.
 
     A complete reference case (the keys of a robot, together with q, qd and all recorded results) is taken
-    as well; its results are left aside.
+    as well; its results are left aside. Modes (basis pod) stand in `samples`, or in a `file` relative to the
+    working directory.
     """
     if data.keys() >= _CASE_KEYS:
         data = {key: value for key, value in data.items() if key not in _CASE_KEYS}
-    return parse(data, Robot, where=where)
+    return parse(with_samples(data, Path(), where), Robot, where=where)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from soro_core.config import Strict
+from soro_core.errors import ConfigError
 from soro_core.robot.link import Link
 
 
@@ -39,6 +40,27 @@ def scaled_link(link: Link, stiffness: float, damping: float, gain: float) -> di
         for c in link.chambers
     ]
     return part
+
+
+def check_split(link: Link, where: str, key: str) -> None:
+    """Refuse a link whose parts would not have its physics.
+
+    Raises
+    ------
+    ConfigError
+        If a strain has modes (they run along the whole link), or a strain varies and losses are given for
+        each coordinate (that of P_1, say, has no counterpart in the parts).
+    """
+    for name, field in link.strains.items():
+        if field.basis == "pod":
+            raise ConfigError(where, f"{key}.strains.{name}.basis", "pod", "constant, legendre or chebyshev")
+    if any(field.basis != "constant" for field in link.strains.values()):
+        for name in ("damping", "creep", "hysteresis"):
+            values = getattr(link, name)
+            if values:
+                raise ConfigError(
+                    where, f"{key}.{name}", plain(values), "none where a strain is not constant"
+                )
 
 
 def split_link(link: Link, k: int) -> list[dict[str, Any]]:

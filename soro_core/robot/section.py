@@ -9,62 +9,86 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.robot.basis import shape_integrals, strain_rows
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
 
 Array: TypeAlias = NDArray[np.float64]
 
 
-def link_stiffness(link: Link, factor: float = 1.0) -> Array:
-    """Stiffness of each coordinate, integrated over the undeformed length; zeros where k_e and k_b hold.
+def link_stiffness(link: Link, factor: float | Array = 1.0) -> Array:
+    """Stiffness matrix: integrals of stiffness phi_a phi_b over the undeformed length, for equal strains.
 
     Parameters
     ----------
-    factor : float
-        Shear correction on EI.
+    link : Link
+    factor : float or array of shape (2,)
+        Shear correction on EI: of bending_x and bending_y, or one for both (a row of `shear_factors`).
 
     Returns
     -------
-    Array of shape (n,)
+    Array of shape (n_q, n_q)
+        In units of the generalised force over the coordinate; zeros where k_e and k_b hold.
     """
     if link.material is None:
-        return np.zeros(len(link.strains))
+        return np.zeros((link.n_q, link.n_q))
     m, area, inertia = link.material, *_section(link)
-    per_length = {
-        "torsion": m.shear_modulus * 2 * inertia,
-        "bending_x": m.youngs_modulus * inertia * factor,
-        "bending_y": m.youngs_modulus * inertia * factor,
-        "elongation": m.youngs_modulus * area,
-        "shear_x": m.shear_factor * m.shear_modulus * area,
-        "shear_y": m.shear_factor * m.shear_modulus * area,
-    }
-    return np.array([per_length[name] for name in link.strains]) * link.length
+    factor_x, factor_y = np.broadcast_to(factor, 2)
+    return _integrated(
+        link,
+        {
+            "torsion": m.shear_modulus * 2 * inertia,
+            "bending_x": m.youngs_modulus * inertia * factor_x,
+            "bending_y": m.youngs_modulus * inertia * factor_y,
+            "elongation": m.youngs_modulus * area,
+            "shear_x": m.shear_factor * m.shear_modulus * area,
+            "shear_y": m.shear_factor * m.shear_modulus * area,
+        },
+    )
 
 
 def link_damping(link: Link) -> Array:
-    """Viscous damping of each coordinate: that of the material plus that given, shape (n,)."""
-    given = np.array(link.damping if link.damping is not None else [0.0] * len(link.strains))
+    """Viscous damping matrix: that of the material, integrated as the stiffness, plus that given (diagonal).
+
+    Returns
+    -------
+    Array of shape (n_q, n_q)
+        In units of the generalised force over the rate of the coordinate.
+    """
+    given = np.diag(link.damping if link.damping is not None else np.zeros(link.n_q))
     if link.material is None:
         return given
     eta, area, inertia = link.material.viscosity, *_section(link)
-    per_length = {
-        "torsion": eta * 2 * inertia,
-        "bending_x": 3 * eta * inertia,
-        "bending_y": 3 * eta * inertia,
-        "elongation": 3 * eta * area,
-        "shear_x": eta * area,
-        "shear_y": eta * area,
-    }
-    return given + np.array([per_length[name] for name in link.strains]) * link.length
+    return given + _integrated(
+        link,
+        {
+            "torsion": eta * 2 * inertia,
+            "bending_x": 3 * eta * inertia,
+            "bending_y": 3 * eta * inertia,
+            "elongation": 3 * eta * area,
+            "shear_x": eta * area,
+            "shear_y": eta * area,
+        },
+    )
 
 
 def shear_factors(robot: Robot) -> Array:
-    """Shear correction on EI of each link, shape (n_links,).
+    """Shear correction on EI of each link, shape (n_links, 2): of bending_x and of bending_y.
 
-    One factor for all links that leave shear out: with it, the first frequency of the chain as a
-    cantilever without shear (rotary inertia kept, tip mass left out) is that of the Timoshenko beam.
+    In each of the two planes one factor for all links that bend in it and leave its shear out (shear_x of
+    bending_x, shear_y of bending_y): with it, the first frequency of the chain as a cantilever without shear
+    (rotary inertia kept, tip mass left out) is that of the Timoshenko beam. It is a property of the beam,
+    whatever the shape functions.
     """
-    corrected = np.array([_is_corrected(link) for link in robot.links])
+    planes = [
+        tuple(_is_corrected(link, f"bending_{axis}", f"shear_{axis}") for link in robot.links)
+        for axis in "xy"
+    ]
+    known = {plane: _plane_factors(robot, np.array(plane)) for plane in planes}  # mostly both are alike
+    return np.stack([known[plane] for plane in planes], axis=1)
+
+
+def _plane_factors(robot: Robot, corrected: NDArray[np.bool_]) -> Array:
     factors = np.ones(len(robot.links))
     if not corrected.any():
         return factors
@@ -83,12 +107,16 @@ def shear_factors(robot: Robot) -> Array:
     return factors
 
 
-def _is_corrected(link: Link) -> bool:
-    if link.material is None or not any(name.startswith("bending") for name in link.strains):
+def _integrated(link: Link, per_length: dict[str, float]) -> Array:
+    values = np.array([per_length[name] for name in strain_rows(link)])
+    return values[:, None] * shape_integrals(link)
+
+
+def _is_corrected(link: Link, bending: str, shear: str) -> bool:
+    if link.material is None or bending not in link.strains:
         return False
-    left_out = not any(name.startswith("shear") for name in link.strains)
     wanted = link.material.shear_correction
-    return left_out if wanted is None else wanted
+    return shear not in link.strains if wanted is None else wanted
 
 
 def _section(link: Link) -> tuple[float, float]:

@@ -177,6 +177,6 @@ def test_regressors_are_the_change_with_each_parameter(seed):
     np.testing.assert_allclose(arm.inverse_dynamics(q, qd, v, a), want, rtol=1e-9, atol=1e-11)
 
     Y = arm.elastic_regressor(q)
-    known = arm.tables.stiffness * q
+    known = arm._assemble(arm.tables.stiffness) @ q
     pi = np.concatenate([[law[0], law[1], law[3], law[4]] for law in arm.tables.law])
     np.testing.assert_allclose(Y @ pi + known, arm.elastic_force(q), rtol=1e-10, atol=1e-14)

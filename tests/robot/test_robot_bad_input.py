@@ -2,6 +2,7 @@
 
 import copy
 
+import numpy as np
 import pytest
 import yaml
 
@@ -26,6 +27,7 @@ GOOD = {
 }
 MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 1.7e5, "viscosity": 300.0}
 REMOVED = object()
+SQUARE = [[1.0, -1.0], [1.0, -0.4], [1.0, 0.4], [1.0, 1.0]]
 
 # (path of the key, new value, key named in the line, words in what was found, words in what is allowed)
 BAD = [
@@ -76,13 +78,6 @@ BAD = [
         "[300.0",
         "a material instead",
     ),
-    (
-        ("links", 0, "strains"),
-        {"bending_x": {"basis": "legendre", "order": 2}},
-        "links[0].strains.bending_x.basis",
-        "legendre",
-        "'constant'",
-    ),
     (("links", 0, "chambers", 0, "angle_rad"), 90.0, "links[0].chambers[0].angle_rad", "90.0", "less than"),
     (
         ("links", 0, "chambers", 0, "offset_m"),
@@ -116,6 +111,72 @@ BAD = [
 ]
 
 
+# (keys of the field of bending_x, key named in the line, words in what was found, words in what is allowed)
+BAD_FIELDS = [
+    ("cubic", "", "cubic", "a valid dictionary"),
+    ({"basis": "fourier", "order": 2}, "basis", "fourier", "'constant', 'legendre', 'chebyshev' or 'pod'"),
+    ({"basis": 1}, "basis", "1", "'constant', 'legendre', 'chebyshev' or 'pod'"),
+    ({"basis": "legendre"}, "order", "None", "a polynomial degree from 0 to 12 for basis legendre"),
+    ({"basis": "chebyshev"}, "order", "None", "a polynomial degree from 0 to 12 for basis chebyshev"),
+    ({"basis": "constant", "order": 0}, "order", "0", "no order with basis constant"),
+    ({"order": 2}, "order", "2", "no order with basis constant"),
+    ({"basis": "legendre", "order": -1}, "order", "-1", "greater than or equal to 0"),
+    ({"basis": "legendre", "order": 13}, "order", "13", "less than or equal to 12"),
+    ({"basis": "legendre", "order": 2.5}, "order", "2.5", "integer"),
+    ({"basis": "legendre", "order": True}, "order", "True", "integer"),
+    ({"basis": "legendre", "order": float("nan")}, "order", "nan", "integer"),
+    ({"basis": "legendre", "order": 2, "degree": 2}, "degree", "an unknown key", "basis, order, modes"),
+    ({"basis": "legendre", "order": 2, "modes": 2}, "modes", "2", "no modes with basis legendre"),
+    ({"basis": "constant", "samples": SQUARE}, "samples", "[[1.0", "no samples with basis constant"),
+    ({"basis": "chebyshev", "order": 1, "file": "m.npy"}, "file", "m.npy", "no file with basis chebyshev"),
+    ({"basis": "pod"}, "file", "None", "samples of the modes, or a file"),
+    ({"basis": "pod", "samples": SQUARE, "order": 1}, "order", "1", "no order with basis pod"),
+    ({"basis": "pod", "samples": SQUARE, "modes": 0}, "modes", "0", "greater than or equal to 1"),
+    ({"basis": "pod", "samples": SQUARE, "modes": 3}, "samples", "[[1.0", "as many modes as are used (3)"),
+    ({"basis": "pod", "samples": []}, "samples", "[]", "n_samples >= 4"),
+    ({"basis": "pod", "samples": [1.0, 1.0, 1.0, 1.0]}, "samples[0]", "1.0", "tuple"),
+    ({"basis": "pod", "samples": SQUARE[:3]}, "samples", "[[1.0", "n_samples >= 4"),
+    ({"basis": "pod", "samples": [*SQUARE, [1.0]]}, "samples", "[1.0]", "(n_samples, n_modes)"),
+    ({"basis": "pod", "samples": [[]] * 4}, "samples", "[[]", "n_modes >= 1"),
+    ({"basis": "pod", "samples": [[1.0, 2.0, 3.0, 4.0, 5.0]] * 4}, "samples", "[[1.0", ">= n_modes"),
+    ({"basis": "pod", "samples": [*SQUARE, [1.0, float("nan")]]}, "samples[4][1]", "nan", "finite"),
+    ({"basis": "pod", "samples": [*SQUARE, [float("inf"), 1.0]]}, "samples[4][0]", "inf", "finite"),
+    ({"basis": "pod", "samples": [*SQUARE, ["x", 1.0]]}, "samples[4][0]", "x", "number"),
+    ({"basis": "pod", "samples": [[1.0, 2.0]] * 4}, "samples", "[[1.0", "linearly independent"),
+    ({"basis": "pod", "samples": [[1.0, 0.0]] * 4}, "samples", "[[1.0", "none of them zero"),
+    ({"basis": "pod", "file": "modes.txt"}, "file", "modes.txt", ".npy, .npz, .csv"),
+    ({"basis": "pod", "file": "none.npy"}, "file", "none.npy: no such file", "an existing file"),
+    ({"basis": "pod", "file": 7}, "file", "7", "string"),
+    ({"basis": "pod", "file": "text.npy"}, "file", "text.npy: ", "one array of numbers"),
+    ({"basis": "pod", "file": "text.npz"}, "file", "text.npz: ", "one array of numbers"),
+    ({"basis": "pod", "file": "text.csv"}, "file", "text.csv: ", "one array of numbers"),
+    ({"basis": "pod", "file": "empty.csv"}, "file", "empty.csv: shape (0, 1)", "n_samples >= 4"),
+    ({"basis": "pod", "file": "two.npz"}, "file", "two.npz: 2 arrays", "one array of numbers"),
+    ({"basis": "pod", "file": "flat.npy"}, "file", "flat.npy: shape (9,)", "(n_samples, n_modes)"),
+    ({"basis": "pod", "file": "wide.csv"}, "file", "wide.csv: shape (2, 4)", "n_samples >= 4"),
+    ({"basis": "pod", "file": "complex.npy"}, "file", "values of type complex128", "real numbers"),
+    ({"basis": "pod", "file": "nan.npy"}, "file", "nan.npy: nan in row 2", "finite numbers"),
+    ({"basis": "pod", "file": "good.npy", "modes": 3}, "file", "good.npy: shape (4, 2)", "are used (3)"),
+    ({"basis": "pod", "file": "alike.csv"}, "file", "alike.csv: shape (5, 2)", "linearly independent"),
+]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Folder of a robot file with array files, one of them good."""
+    np.save(tmp_path / "good.npy", SQUARE)
+    for name in ("text.npy", "text.npz", "text.csv"):
+        (tmp_path / name).write_text("no, numbers\n")
+    (tmp_path / "empty.csv").write_text("")
+    np.savez(tmp_path / "two.npz", a=SQUARE, b=SQUARE)
+    np.save(tmp_path / "flat.npy", np.ones(9))
+    np.savetxt(tmp_path / "wide.csv", np.transpose(SQUARE), delimiter=",")
+    np.save(tmp_path / "complex.npy", np.array(SQUARE) * 1j)
+    np.save(tmp_path / "nan.npy", [*SQUARE[:2], [np.nan, 0.0], *SQUARE[2:]])
+    np.savetxt(tmp_path / "alike.csv", [[k, 3 * k] for k in range(5)], delimiter=",")
+    return tmp_path
+
+
 def changed(path, value):
     data = copy.deepcopy(GOOD)
     place = data
@@ -144,6 +205,61 @@ def test_one_line_names_file_key_value_and_what_is_allowed(tmp_path, path, value
     assert got in found
     assert allowed in wanted
     assert "\n" not in line
+
+
+@pytest.mark.parametrize(("field", "key", "got", "allowed"), BAD_FIELDS)
+def test_one_line_for_a_wrong_strain_field(folder, field, key, got, allowed):
+    data = changed(("links", 0, "strains"), {"bending_x": field})
+    for name in ("damping", "creep", "hysteresis"):
+        del data["links"][0][name]
+    file = folder / "wrong.yaml"
+    file.write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError) as error:
+        load_robot(file)
+    line = str(error.value)
+    assert line.startswith(f"{file}: links[0].strains.bending_x{'.' if key else ''}{key}: got ")
+    found, _, wanted = line.partition("; allowed: ")
+    assert got in found
+    assert allowed in wanted
+    assert "\n" not in line
+
+
+def test_the_good_file_of_modes_is_good(folder):
+    data = changed(("links", 0, "strains"), {"bending_x": {"basis": "pod", "file": "good.npy"}})
+    for name in ("damping", "creep", "hysteresis"):
+        del data["links"][0][name]
+    (folder / "right.yaml").write_text(yaml.safe_dump(data))
+    assert load_robot(folder / "right.yaml").n_q == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "got", "allowed"),
+    [
+        ("damping", [0.1, 1e-6, 1e-6], "[0.1", "4 values of 0 or more, one for each of "),
+        ("creep", [{"tau": 0.1, "stiffness": [1.0]}], "[1.0]", "stiffness with 4 values, one for each of "),
+        (
+            "creep",
+            [{"tau": [1.0, 1.0], "stiffness": [1.0] * 4}],
+            "[1.0",
+            "tau with 4 values, one for each of ",
+        ),
+        ("hysteresis", [{"stiffness": [1.0] * 4, "range": [1.0] * 3}], "'range'", "range with 4 values, "),
+    ],
+)
+def test_losses_have_one_value_for_each_coordinate(key, value, got, allowed):
+    data = copy.deepcopy(GOOD)
+    link = data["links"][0]
+    link["strains"] = {"bending_x": {"basis": "chebyshev", "order": 2}, "elongation": {}}
+    for name in ("damping", "creep", "hysteresis"):
+        del link[name]
+    link[key] = value
+    with pytest.raises(ConfigError) as error:
+        robot_from_dict(data)
+    line = str(error.value)
+    assert line.startswith(f"robot: links[0].{key}: got ")
+    assert got in line
+    assert allowed in line
+    assert line.endswith("one for each of bending_x_0, bending_x_1, bending_x_2, elongation")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Robots as described: defaults, shipped files, changed copies, section properties, shear correction."""
+"""Robots as described: defaults, shipped files, changed copies, section properties."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 
 from soro_core import SoftArm, simulate
 from soro_core.errors import ConfigError
-from soro_core.robot import load_robot, robot_from_dict, shear_factors
+from soro_core.robot import load_robot, robot_from_dict
 
 ROD = {
     "length": 0.2,
@@ -81,22 +81,6 @@ def test_material_gives_section_stiffness_and_damping():
     losses = L * eta * np.array([2 * inertia, 3 * inertia, 3 * inertia, 3 * area, area, area])
     np.testing.assert_allclose(arm.damping_force(np.zeros(6), np.ones(6)), losses, rtol=1e-12)
     assert arm.robot.links[0].mass == pytest.approx(1100 * area * L, rel=1e-12)
-
-
-def test_shear_correction_of_the_rod():
-    """Known: exact Timoshenko frequency 2.20762 Hz at shear factor 27/28, Euler-Bernoulli 2.23697 Hz
-    without rotary inertia, which alone lowers it to 2.22970 Hz: factor (2.20762 / 2.22970)^2."""
-    link = {**ROD, "material": {**ROD["material"], "shear_factor": 27 / 28}}
-    robot = robot_from_dict({"links": [link]})
-    assert shear_factors(robot) == pytest.approx([(2.20762 / 2.22970) ** 2], rel=1e-5)
-    assert shear_factors(robot.refine(4)) == pytest.approx([0.980297] * 4, rel=1e-5)
-    off = {**ROD, "material": {**ROD["material"], "shear_correction": False}}
-    assert shear_factors(robot_from_dict({"links": [off]})) == pytest.approx([1.0])
-    carried = {**ROD, "strains": {name: {"basis": "constant"} for name in ("bending_x", "shear_x")}}
-    assert shear_factors(robot_from_dict({"links": [carried]})) == pytest.approx([1.0])
-    mixed = robot_from_dict({"links": [PLAIN, ROD]})
-    assert shear_factors(mixed)[0] == 1.0
-    assert 0.8 < shear_factors(mixed)[1] < 1.0
 
 
 @pytest.mark.parametrize(("strains", "limit"), [(3, 0.9), (6, 0.6)])

@@ -1,0 +1,215 @@
+"""The tables of a robot: from its description to flat arrays."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
+from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
+from soro_core.robot.basis import shape_values, strain_rows
+
+Array: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
+Booleans: TypeAlias = NDArray[np.bool_]
+
+# Row of the twist (angular, linear) and sign that one unit of each strain adds: Gamma = (-kappa_y,
+# kappa_x, torsion).
+_COLUMN = {
+    "torsion": (2, 1.0),
+    "bending_x": (1, 1.0),
+    "bending_y": (0, -1.0),
+    "shear_x": (3, 1.0),
+    "shear_y": (4, 1.0),
+    "elongation": (5, 1.0),
+}
+# Where on a sub-interval the strain is looked at: Gauss points, and the stages of Ralston's rule.
+MAGNUS = np.array([0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0])
+RALSTON = np.array([0.0, 2.0 / 3.0])
+
+
+def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
+    """Flatten a robot. `nodes` Gauss-Legendre nodes a link, `steps` of `mde` a link."""
+    links = robot.links
+    offset = np.concatenate(([0], np.cumsum([link.n_q for link in links]))).astype(np.int64)
+    basis = np.zeros((robot.n_q, 6))
+    for row, name in enumerate(name for link in links for name in strain_rows(link)):
+        component, sign = _COLUMN[name]
+        basis[row, component] = sign
+    abscissae, weights = np.polynomial.legendre.leggauss(nodes)
+    places = (abscissae + 1.0) / 2.0
+    fraction, points = _sub_intervals(method, places, steps)
+    kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
+    actuation, axial_gain, runs_along = _chambers(robot, offset)
+    kind = MdeTables if method == "mde" else Tables
+    return kind(
+        steps=steps,
+        offset=offset,
+        basis=basis,
+        varying=np.array([any(s.basis != "constant" for s in link.strains.values()) for link in links]),
+        fraction=fraction,
+        shape=np.ascontiguousarray(
+            _shapes(robot, points.ravel()).reshape(robot.n_q, *points.shape).transpose(1, 0, 2)
+        ),
+        shape_node=_shapes(robot, places),
+        reference=np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(links), 1)),
+        length=np.array([link.length for link in links], dtype=np.float64),
+        radius=np.array([link.radius for link in links], dtype=np.float64),
+        mass=np.array([link.mass for link in links], dtype=np.float64),
+        tip_mass=float(robot.tip_mass),
+        gravity=np.array(robot.gravity, dtype=np.float64),
+        base_rotation=rotation_matrix(robot.base_quaternion),
+        base_position=np.array(robot.base_position, dtype=np.float64),
+        nodes=places,
+        weights=np.ascontiguousarray(weights / 2.0),
+        columns=np.array([_columns(link, first) for link, first in zip(links, offset, strict=False)]),
+        law=np.array([_law(link) for link in links], dtype=np.float64),
+        bend_angle=DEFORMED if robot.bend_angle == "deformed" else GEOMETRIC,
+        stiffness=_blocks(
+            [link_stiffness(link, factor) for link, factor in zip(links, shear_factors(robot), strict=True)]
+        ),
+        damping=_blocks([link_damping(link) for link in links]),
+        actuation=actuation,
+        runs_along=runs_along,
+        axial_gain=axial_gain,
+        area_slope=np.array(
+            [chamber.area_slope for link in links for chamber in link.chambers], dtype=np.float64
+        ),
+        internal_kind=np.array(kinds, dtype=np.int64),
+        internal_coordinate=np.array(coordinates, dtype=np.int64),
+        internal_stiffness=np.array(stiffnesses, dtype=np.float64),
+        internal_scale=np.array(scales, dtype=np.float64),
+    )
+
+
+def build_site(robot: Robot, t: Tables, s: float) -> Site:
+    """Look up the place `s` metres along the arm."""
+    link, start = 0, 0.0
+    while link < len(robot.links) - 1 and s > start + robot.links[link].length:
+        start += robot.links[link].length
+        link += 1
+    length = robot.links[link].length
+    place = min(s - start, length) if link < len(robot.links) - 1 else s - start
+    ends = np.concatenate(([0.0], np.cumsum(t.fraction))) * length
+    whole = min(int(np.searchsorted(ends, place, side="right")) - 1, len(t.fraction) - 1)
+    step = place - ends[whole]
+    shape = np.zeros((robot.n_q, 2))
+    points = RALSTON if isinstance(t, MdeTables) else MAGNUS
+    rows = slice(t.offset[link], t.offset[link + 1])
+    shape[rows] = shape_values(robot.links[link], np.clip(ends[whole] + step * points, 0.0, length))
+    return Site(link, float(place), whole, float(step), shape)
+
+
+def _chambers(robot: Robot, offset: Integers) -> tuple[Array, Array, Booleans]:
+    """H at q = 0 (n_q, n_u), and the axial gain of each chamber along each link and where it runs (n, n_u).
+
+    A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on
+    every unit of undeformed length that it runs along (theory.md section 3).
+    """
+    H = np.zeros((robot.n_q, robot.n_u))
+    axial_gain = np.zeros((len(robot.links), robot.n_u))
+    runs_along = np.zeros((len(robot.links), robot.n_u), dtype=np.bool_)
+    u = -1
+    for first, owner in enumerate(robot.links):
+        group = range(first, min(first + robot.refinement, len(robot.links)))
+        whole = sum(robot.links[i].length for i in group)
+        for chamber in owner.chambers:
+            u += 1
+            for i in group:
+                link = robot.links[i]
+                if chamber.area_m2 is not None and chamber.offset_m is not None:
+                    axial = chamber.area_m2 * link.length
+                    bending = axial * chamber.offset_m
+                else:
+                    assert chamber.alpha_eps is not None
+                    assert chamber.alpha_kappa is not None
+                    axial = chamber.alpha_eps * link.length / whole
+                    bending = chamber.alpha_kappa * link.length / whole
+                gains = {
+                    "elongation": axial,
+                    "bending_x": -bending * np.cos(chamber.angle_rad),
+                    "bending_y": -bending * np.sin(chamber.angle_rad),
+                }
+                unit = np.array([gains.get(name, 0.0) for name in strain_rows(link)])
+                H[offset[i] : offset[i + 1], u] = unit * _mean_shape(link)
+                axial_gain[i, u] = axial
+                runs_along[i, u] = True
+    return H, axial_gain, runs_along
+
+
+def rotation_matrix(quaternion: tuple[float, ...]) -> Array:
+    """Rotation matrix of a quaternion (x, y, z, w), normalised here so that it is orthogonal to round-off."""
+    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _columns(link: Link, first: int) -> list[list[int]]:
+    names = strain_rows(link)
+    wanted = ("elongation", "bending_x", "bending_y")
+    begin = [int(first) + names.index(name) if name in names else 0 for name in wanted]
+    return [[b, b + names.count(name)] for b, name in zip(begin, wanted, strict=True)]
+
+
+def _sub_intervals(method: str, places: Array, steps: int) -> tuple[Array, Array]:
+    """Lengths of the sub-intervals on (0, 1), and the two points of each, (n_sub, 2)."""
+    if method == "mde":
+        start = np.arange(steps) / steps
+        return np.full(steps, 1.0 / steps), start[:, None] + RALSTON / steps
+    ends = np.concatenate(([0.0], places, [1.0]))
+    length = np.diff(ends)
+    return length, ends[:-1, None] + length[:, None] * MAGNUS
+
+
+def _shapes(robot: Robot, places: Array) -> Array:
+    """Shape functions (n_q, n) at places on (0, 1) of each link."""
+    return np.ascontiguousarray(
+        np.concatenate([shape_values(link, np.clip(places, 0.0, 1.0) * link.length) for link in robot.links])
+    )
+
+
+def _mean_shape(link: Link) -> Array:
+    """Mean of each shape function over the link: exact for polynomials, close for splines."""
+    abscissae, weights = np.polynomial.legendre.leggauss(64)
+    mean: Array = shape_values(link, (abscissae + 1.0) / 2.0 * link.length) @ (weights / 2.0)
+    return mean
+
+
+def _blocks(matrices: list[Array]) -> Array:
+    width = max(len(matrix) for matrix in matrices)
+    return np.concatenate([np.pad(matrix, ((0, 0), (0, width - len(matrix)))) for matrix in matrices])
+
+
+def _law(link: Link) -> list[float]:
+    if link.k_e is None or link.k_b is None:
+        return [0.0] * 6
+    return [*link.k_e, *link.k_b]
+
+
+def _internal(robot: Robot, offset: Integers) -> tuple[list[int], list[int], list[float], list[float]]:
+    """Internal states: all creep branches link by link, then all hysteresis elements."""
+    kinds: list[int] = []
+    coordinates: list[int] = []
+    stiffnesses: list[float] = []
+    scales: list[float] = []
+
+    def add(kind: int, first: int, stiffness: tuple[float, ...], scale: tuple[float, ...]) -> None:
+        kinds.extend([kind] * len(stiffness))
+        coordinates.extend(range(first, first + len(stiffness)))
+        stiffnesses.extend(stiffness)
+        scales.extend(scale if len(scale) == len(stiffness) else scale * len(stiffness))
+
+    for link, first in zip(robot.links, offset, strict=False):
+        for branch in link.creep:
+            add(CREEP, int(first), branch.stiffness, branch.tau)
+    for link, first in zip(robot.links, offset, strict=False):
+        for element in link.hysteresis:
+            add(DAHL, int(first), element.stiffness, element.range)
+    return kinds, coordinates, stiffnesses, scales

@@ -1,0 +1,188 @@
+"""One pass along the links: the inertia of each by itself, and the forces that its motion asks for.
+
+Each link is seen from the frame b of its base, in closed form (`link`) or by Magnus steps (`magnus`), so
+that nothing of the links before has to be carried to its nodes; the chain is closed in `exact`.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._jit import inner
+from soro_core.model.lie import (
+    add_ad,
+    add_coad,
+    dot6,
+    exponential,
+    stumpff,
+    tangent_coefficients,
+    to_body,
+)
+from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
+from soro_core.model.link import (
+    ad_powers,
+    chain_powers,
+    chain_rate_at,
+    columns_at,
+    momentum,
+    node,
+    strain_twist,
+)
+from soro_core.model.magnus import magnus_step
+from soro_core.model.tables import Tables
+from soro_core.model.work import Work
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@inner
+def start(t: Tables, gravity: Array, V: Array, W: Array, A: Array) -> None:
+    """Twists and acceleration of the base; gravity is an acceleration of it."""
+    for r in range(3):
+        V[r] = V[3 + r] = W[r] = W[3 + r] = A[r] = 0.0
+        A[3 + r] = -(
+            t.base_rotation[0, r] * gravity[0]
+            + t.base_rotation[1, r] * gravity[1]
+            + t.base_rotation[2, r] * gravity[2]
+        )
+
+
+@inner
+def sweep(
+    t: Tables,
+    w: Work,
+    mass: Array,
+    tip_mass: float,
+    gravity: Array,
+    q: Array,
+    qd: Array,
+    v: Array,
+    a: Array,
+    bodies: bool,
+    forces: bool,
+    tau: Array,
+) -> None:
+    """Fill `w` with the end of each link and, as asked, its inertia (`bodies`) and its forces (`forces`).
+
+    tau <- what each link's own mass needs of its coordinates, w.own <- the wrench about its base, for the
+    motion (q, qd), reference velocity v and acceleration a: C is that of [C22, 3.16] with the term -ad_V J in
+    Jdot (theory.md section 2), so that Mdot - 2C is skew.
+    """
+    V, W, A = w.vectors[0], w.vectors[1], w.vectors[2]
+    Vk, Wk, Ak = w.vectors[3], w.vectors[4], w.vectors[5]
+    h, f, xi, xi_rate, rate = w.vectors[6], w.vectors[7], w.vectors[8], w.vectors[9], w.vectors[10]
+    B1, powers, chain = w.node, w.powers, w.chain
+    c, co = w.scalars[:8], w.scalars[8:]
+    R, p = w.frames[0, :3], w.frames[0, 3]
+    start(t, gravity, V, W, A)
+    clear(tau)
+    for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        m = t.offset[i + 1] - first
+        F, M, N = w.coupling[i], w.mass[i], w.inertia[i]
+        z, z_rate = 0.0, 0.0
+        if t.varying[i]:
+            clear_matrix(B1)
+            clear_matrix(R)
+            clear(p)
+            clear(rate)
+            R[0, 0] = R[1, 1] = R[2, 2] = 1.0
+        else:
+            strain_twist(t, i, q, xi)
+            ad_powers(t, i, xi, powers)
+            z = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
+            if forces:
+                clear(xi_rate)
+                for j in range(m):
+                    for r in range(6):
+                        xi_rate[r] += t.basis[first + j, r] * qd[first + j]
+                z_rate = 2.0 * (xi[0] * xi_rate[0] + xi[1] * xi_rate[1] + xi[2] * xi_rate[2])
+                chain_powers(m, xi, xi_rate, v, first, powers, chain)
+        clear(w.own[i])
+        if bodies:
+            clear_matrix(F)
+            clear_matrix(M)
+            clear_matrix(N)
+        for k in range(t.fraction.shape[0]):
+            s, dm, k2 = node(t, i, k, mass, tip_mass)
+            if t.varying[i]:
+                step = t.fraction[k] * t.length[i]
+                magnus_step(t, w, i, step, t.shape[k], q, qd, v, R, p, B1, rate)
+            else:
+                stumpff(z * s * s, c)
+                tangent_coefficients(c, co)
+                columns_at(m, s, co, powers, B1)
+                exponential(xi, s, c, R, p)
+                if forces:
+                    chain_rate_at(s, z_rate * s * s, co, chain, rate)
+            if forces:
+                # True twist V, reference twist W = J v, acceleration A = J a + Jdot v, in the base frame b.
+                for r in range(6):
+                    Vk[r] = V[r]
+                    Wk[r] = W[r]
+                    Ak[r] = A[r] + rate[r]
+                for j in range(m):
+                    x, y, u = qd[first + j], v[first + j], a[first + j]
+                    for r in range(6):
+                        Vk[r] += B1[j, r] * x
+                        Wk[r] += B1[j, r] * y
+                        Ak[r] += B1[j, r] * u
+            if dm == 0.0:
+                continue
+            if forces:
+                # f = N (A + ad_Vb W) - ad_V' N W
+                momentum(dm, k2, R, p, Wk, h)
+                assign(Ak, xi_rate)
+                add_ad(V, Wk, 1.0, xi_rate)
+                momentum(dm, k2, R, p, xi_rate, f)
+                add_coad(Vk, h, -1.0, f)
+                for r in range(6):
+                    w.own[i, r] += f[r]
+                for j in range(m):
+                    tau[first + j] += dot6(B1[j], f)
+            if bodies:
+                add_rigid(dm, k2, R, p, N)
+                for j in range(m):
+                    momentum(dm, k2, R, p, B1[j], h)
+                    for r in range(6):
+                        F[j, r] += h[r]
+                    for e in range(j + 1):
+                        M[j, e] += dot6(B1[e], h)
+        assign_matrix(B1, w.end[i])
+        assign_matrix(R, w.rotation[i])
+        assign(p, w.position[i])
+        if forces:
+            # Jdot_next v = Ad^-1 (Jdot v - ad_w J v), w the twist of the end relative to b.
+            for r in range(6):
+                V[r] = Vk[r] - V[r]
+            add_ad(V, Wk, -1.0, Ak)
+            for r in range(6):
+                V[r] = Vk[r]
+                W[r] = Wk[r]
+                A[r] = Ak[r]
+            to_body(R, p, V)
+            to_body(R, p, W)
+            to_body(R, p, A)
+
+
+@inner
+def add_rigid(dm: float, k2: float, R: Array, p: Array, N: Array) -> None:
+    """N += inertia about the frame's origin of a round slice at p with normal R e3, as `momentum` has it.
+
+    Only the lower triangle of the rotary block, the first moment and the mass: `articulated` completes it.
+    """
+    x, y, z = p[0], p[1], p[2]
+    a, b, c = R[0, 2], R[1, 2], R[2, 2]
+    N[0, 0] += dm * (y * y + z * z + k2 * (1.0 + a * a))
+    N[1, 1] += dm * (x * x + z * z + k2 * (1.0 + b * b))
+    N[2, 2] += dm * (x * x + y * y + k2 * (1.0 + c * c))
+    N[1, 0] += dm * (k2 * a * b - x * y)
+    N[2, 0] += dm * (k2 * a * c - x * z)
+    N[2, 1] += dm * (k2 * b * c - y * z)
+    N[3, 0] += dm * x
+    N[4, 0] += dm * y
+    N[5, 0] += dm * z
+    N[3, 3] += dm

@@ -1,0 +1,93 @@
+"""Shape functions of the strains along a link, and their integrals (theory.md section 1)."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soro_core.errors import ModelError
+from soro_core.robot.link import Link
+from soro_core.robot.strain import StrainField
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def strain_rows(link: Link) -> tuple[str, ...]:
+    """Strain of each coordinate of a link, in order: ``("bending_x", "bending_x", "elongation")``."""
+    return tuple(name for name, field in link.strains.items() for _ in range(field.size))
+
+
+def shape_values(link: Link, sigma: ArrayLike) -> Array:
+    """Value of the shape function of each coordinate: the columns of B(sigma), without the zeros.
+
+    The strain ``name`` at sigma is the sum of ``q[a] * shape_values(link, sigma)[a]`` over the coordinates a
+    with ``strain_rows(link)[a] == name``, added to that of the straight link.
+
+    Parameters
+    ----------
+    link : Link
+    sigma : array of shape (n,)
+        Arc length of the undeformed link [m], from 0 to its length (clamped within 1e-9 of the ends).
+
+    Returns
+    -------
+    Array of shape (n_q, n)
+
+    Raises
+    ------
+    ModelError
+        If a sigma is not finite or outside of the link.
+    """
+    at = np.atleast_1d(np.asarray(sigma, dtype=np.float64)) / link.length
+    inside = (at >= -1e-9) & (at <= 1 + 1e-9)  # false for NaN
+    if at.ndim != 1 or not inside.all():
+        raise ModelError(f"shape_values: sigma: got {sigma!r}; allowed: values from 0 to {link.length:g} m")
+    at = np.clip(at, 0.0, 1.0)
+    return np.concatenate([_values(field, at) for field in link.strains.values()])
+
+
+def shape_integrals(link: Link) -> Array:
+    """Integrals of phi_a phi_b over the undeformed length [m], zero for different strains, (n_q, n_q).
+
+    Exact up to round-off: Gauss-Legendre nodes enough for the polynomials, and for those between the samples
+    of modes.
+    """
+    total = np.zeros((link.n_q, link.n_q))
+    first = 0
+    for field in link.strains.values():
+        at, weights = _nodes(field)
+        values = _values(field, at)
+        block = link.length * (values * weights) @ values.T
+        last = first + field.size
+        total[first:last, first:last] = (block + block.T) / 2
+        first = last
+    return total
+
+
+def _values(field: StrainField, at: Array) -> Array:
+    """Shape functions of one strain at fractions 0 ... 1 of the length, (size, n)."""
+    x = 2 * at - 1
+    if field.basis == "legendre":
+        assert field.order is not None
+        return np.asarray(np.polynomial.legendre.legvander(x, field.order).T, dtype=np.float64)
+    if field.basis == "chebyshev":
+        assert field.order is not None
+        return np.asarray(np.polynomial.chebyshev.chebvander(x, field.order).T, dtype=np.float64)
+    if field.basis == "pod":
+        from scipy.interpolate import CubicSpline  # loaded late: most robots have no modes
+
+        samples = np.array(field.samples)[:, : field.size]
+        values: Array = CubicSpline(np.linspace(0.0, 1.0, len(samples)), samples)(at).T
+        return values
+    return np.ones((1, at.size))
+
+
+def _nodes(field: StrainField) -> tuple[Array, Array]:
+    """Nodes and weights on 0 ... 1 that integrate products of two shape functions exactly."""
+    pieces = 1 if field.samples is None else len(field.samples) - 1
+    degree = 3 if field.samples is not None else field.order or 0
+    x, weights = np.polynomial.legendre.leggauss(degree + 1)
+    at = (np.arange(pieces)[:, None] + (x + 1) / 2) / pieces
+    return at.ravel(), np.tile(weights / 2 / pieces, pieces)

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner, kernel
+from soro_core._jit import inlined, kernel
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
 from soro_core.model.internal import internal_rate
 from soro_core.model.linear import assign
@@ -17,7 +17,7 @@ from soro_core.model.tables import Tables
 Array: TypeAlias = NDArray[np.float64]
 
 
-@inner
+@inlined
 def rk4_step(
     t: Tables,
     q0: Array,

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner, kernel
+from soro_core._jit import inlined, kernel
 from soro_core.model.chambers import add_pressure_stiffness
 from soro_core.model.dynamics import (
     BAD_INPUT,
@@ -42,7 +42,7 @@ TOLERANCE = 1e-11
 SLOW = 0.2
 
 
-@inner
+@inlined
 def jacobian(t: Tables, w: Work, q: Array, pressure: Array, h: float, tangent: Array) -> bool:
     """Factor M + h/2 R + h^2/4 d2U_e/dq2 + h/2 tangent."""
     for b in range(q.shape[0]):
@@ -58,7 +58,7 @@ def jacobian(t: Tables, w: Work, q: Array, pressure: Array, h: float, tangent: A
     return factor_system(t, w, q)
 
 
-@inner
+@inlined
 def trapezoidal_step(
     t: Tables,
     q0: Array,

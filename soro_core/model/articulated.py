@@ -81,8 +81,8 @@ def inertia_to_parent(R: Array, p: Array, N: Array, T: Array) -> None:
 
 
 @inner
-def factor(t: Tables, w: Work, added: bool) -> bool:
-    """Factor M, plus w.block where `added`, from the bodies of `sweep`; False: not positive definite."""
+def factor(t: Tables, w: Work, added: float) -> bool:
+    """Factor M, with w.block if `added` > 0, from the bodies of `sweep`; False: not positive definite."""
     n = t.length.shape[0]
     beyond, T = w.matrix6[0], w.matrix6[1]
     clear_matrix(beyond)
@@ -102,7 +102,7 @@ def factor(t: Tables, w: Work, added: bool) -> bool:
         else:
             for j in range(m):
                 assign(F[j], U[j])
-        if added:
+        if added > 0.0:
             for j in range(m):
                 for e in range(j + 1):
                     D[j, e] += w.block[first + j, e]

@@ -31,15 +31,14 @@ RALSTON = np.array([0.0, 2.0 / 3.0])
 
 
 def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
-    """Flatten a robot. `nodes` Gauss-Legendre nodes a link, `steps` of `mde` a link."""
+    """Flatten a robot. `nodes` Gauss-Radau nodes a link, `steps` of `mde` a link."""
     links = robot.links
     offset = np.concatenate(([0], np.cumsum([link.n_q for link in links]))).astype(np.int64)
     basis = np.zeros((robot.n_q, 6))
     for row, name in enumerate(name for link in links for name in strain_rows(link)):
         component, sign = _COLUMN[name]
         basis[row, component] = sign
-    abscissae, weights = np.polynomial.legendre.leggauss(nodes)
-    places = (abscissae + 1.0) / 2.0
+    places, weights = radau(nodes)
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
     actuation, axial_gain, runs_along = _chambers(robot, offset)
@@ -63,7 +62,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         base_rotation=rotation_matrix(robot.base_quaternion),
         base_position=np.array(robot.base_position, dtype=np.float64),
         nodes=places,
-        weights=np.ascontiguousarray(weights / 2.0),
+        weights=weights,
         columns=np.array([_columns(link, first) for link, first in zip(links, offset, strict=False)]),
         law=np.array([_law(link) for link in links], dtype=np.float64),
         bend_angle=DEFORMED if robot.bend_angle == "deformed" else GEOMETRIC,
@@ -82,6 +81,20 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         internal_stiffness=np.array(stiffnesses, dtype=np.float64),
         internal_scale=np.array(scales, dtype=np.float64),
     )
+
+
+def radau(n: int) -> tuple[Array, Array]:
+    """Gauss-Radau nodes and weights on (0, 1), the last node at 1: exact for polynomials of degree 2 n - 2.
+
+    The end of a link is needed anyway, for the links behind it: as a node it costs nothing more.
+    """
+    legendre = np.polynomial.legendre
+    inner = legendre.legroots([0.0] * (n - 1) + [1.0, 1.0])  # of P_(n-1) + P_n, -1 among them
+    x = np.sort(inner)[1:]
+    at = legendre.legval(x, [0.0] * (n - 1) + [1.0])
+    weights = np.concatenate(([2.0 / n**2], (1.0 - x) / (n * at) ** 2))
+    places = np.concatenate(([-1.0], x))
+    return (1.0 - places[::-1]) / 2.0, np.ascontiguousarray(weights[::-1]) / 2.0
 
 
 def build_site(robot: Robot, t: Tables, s: float) -> Site:
@@ -163,7 +176,7 @@ def _sub_intervals(method: str, places: Array, steps: int) -> tuple[Array, Array
     if method == "mde":
         start = np.arange(steps) / steps
         return np.full(steps, 1.0 / steps), start[:, None] + RALSTON / steps
-    ends = np.concatenate(([0.0], places, [1.0]))
+    ends = np.concatenate(([0.0], places))
     length = np.diff(ends)
     return length, ends[:-1, None] + length[:, None] * MAGNUS
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner
+from soro_core._jit import inlined, inner
 from soro_core.model.articulated import complete_rigid, factor, inertia_to_parent, solve
 from soro_core.model.lie import (
     compose,
@@ -21,7 +21,7 @@ from soro_core.model.lie import (
 from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.link import ad_powers, columns_at, strain_twist
 from soro_core.model.magnus import magnus_step
-from soro_core.model.sweep import sweep
+from soro_core.model.sweep import NO, YES, sweep
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -43,7 +43,7 @@ def close_forces(t: Tables, w: Work, wrench: Array, tau: Array) -> None:
             f[r] += w.own[i, r]
 
 
-@inner
+@inlined
 def inverse_dynamics(
     t: Tables,
     w: Work,
@@ -58,7 +58,7 @@ def inverse_dynamics(
     tau: Array,
 ) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench, by the recursion of Newton and Euler."""
-    sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, False, True, tau)
+    sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, NO, YES, tau)
     close_forces(t, w, wrench, tau)
 
 
@@ -67,7 +67,7 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
     """M <- int J' Mcal J, all of it, (n_q, n_q) [C22, 3.16]: from the links outward to the base inward."""
     n_q = q.shape[0]
     rest = w.rows[0]
-    sweep(t, w, mass, tip_mass, t.gravity, q, rest, rest, rest, True, False, w.rows[1])
+    sweep(t, w, mass, tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
     beyond, T = w.matrix6[0], w.matrix6[1]
     h = w.vectors[6]
     n = t.length.shape[0]
@@ -102,33 +102,33 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
             M[d, b] = M[b, d]
 
 
-@inner
+@inlined
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
     bias = w.rows[1]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], True, True, bias)
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], YES, YES, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
         qdd[b] = force[b] - bias[b]
-    if not factor(t, w, False):
+    if not factor(t, w, NO):
         return False
     solve(t, w, qdd)
     return True
 
 
-@inner
+@inlined
 def factor_system(t: Tables, w: Work, q: Array) -> bool:
     """Factor M(q) + w.block for `solve`; False if it is not positive definite."""
     rest = w.rows[0]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, True, False, w.rows[1])
-    return factor(t, w, True)
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
+    return factor(t, w, YES)
 
 
-@inner
+@inlined
 def potential(t: Tables, w: Work, q: Array) -> float:
     """Gravitational energy -int rho p . gamma [J], zero at the world's origin, from the first moments."""
     rest = w.rows[0]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, True, False, w.rows[1])
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
     R, p = w.frames[1, :3], w.frames[1, 3]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)

@@ -112,9 +112,10 @@ def momentum(mass: float, k2: float, R: Array, p: Array, V: Array, h: Array) -> 
 
 @inner
 def node(t: Tables, i: int, k: int, mass: Array, tip_mass: float) -> tuple[float, float, float]:
-    """Place, mass and squared gyration radius of quadrature node k; the last node is the end of the link."""
-    n = t.nodes.shape[0]
-    if k < n:
-        return t.nodes[k] * t.length[i], t.weights[k] * mass[i], 0.25 * t.radius[i] * t.radius[i]
-    last = i == t.length.shape[0] - 1
-    return t.length[i], tip_mass if last else 0.0, 0.0
+    """Place, mass and squared gyration radius of node k; the last one carries the tip mass as well."""
+    dm = t.weights[k] * mass[i]
+    k2 = 0.25 * t.radius[i] * t.radius[i]
+    if k == t.nodes.shape[0] - 1 and i == t.length.shape[0] - 1 and tip_mass > 0.0:
+        k2 *= dm / (dm + tip_mass)
+        dm += tip_mass
+    return t.nodes[k] * t.length[i], dm, k2

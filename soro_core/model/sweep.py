@@ -37,6 +37,9 @@ from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Numbers, for a literal truth value would compile the pass anew for each combination.
+YES, NO = 1.0, 0.0
+
 
 @inner
 def start(t: Tables, gravity: Array, V: Array, W: Array, A: Array) -> None:
@@ -61,11 +64,11 @@ def sweep(
     qd: Array,
     v: Array,
     a: Array,
-    bodies: bool,
-    forces: bool,
+    bodies: float,
+    forces: float,
     tau: Array,
 ) -> None:
-    """Fill `w` with the end of each link and, as asked, its inertia (`bodies`) and its forces (`forces`).
+    """Fill `w` with the end of each link and, as asked, its inertia (`bodies` above 0) and its forces.
 
     tau <- what each link's own mass needs of its coordinates, w.own <- the wrench about its base, for the
     motion (q, qd), reference velocity v and acceleration a: C is that of [C22, 3.16] with the term -ad_V J in
@@ -94,7 +97,7 @@ def sweep(
             strain_twist(t, i, q, xi)
             ad_powers(t, i, xi, powers)
             z = xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]
-            if forces:
+            if forces > 0.0:
                 clear(xi_rate)
                 for j in range(m):
                     for r in range(6):
@@ -102,7 +105,7 @@ def sweep(
                 z_rate = 2.0 * (xi[0] * xi_rate[0] + xi[1] * xi_rate[1] + xi[2] * xi_rate[2])
                 chain_powers(m, xi, xi_rate, v, first, powers, chain)
         clear(w.own[i])
-        if bodies:
+        if bodies > 0.0:
             clear_matrix(F)
             clear_matrix(M)
             clear_matrix(N)
@@ -116,9 +119,9 @@ def sweep(
                 tangent_coefficients(c, co)
                 columns_at(m, s, co, powers, B1)
                 exponential(xi, s, c, R, p)
-                if forces:
+                if forces > 0.0:
                     chain_rate_at(s, z_rate * s * s, co, chain, rate)
-            if forces:
+            if forces > 0.0:
                 # True twist V, reference twist W = J v, acceleration A = J a + Jdot v, in the base frame b.
                 for r in range(6):
                     Vk[r] = V[r]
@@ -130,9 +133,7 @@ def sweep(
                         Vk[r] += B1[j, r] * x
                         Wk[r] += B1[j, r] * y
                         Ak[r] += B1[j, r] * u
-            if dm == 0.0:
-                continue
-            if forces:
+            if forces > 0.0:
                 # f = N (A + ad_Vb W) - ad_V' N W
                 momentum(dm, k2, R, p, Wk, h)
                 assign(Ak, xi_rate)
@@ -143,7 +144,7 @@ def sweep(
                     w.own[i, r] += f[r]
                 for j in range(m):
                     tau[first + j] += dot6(B1[j], f)
-            if bodies:
+            if bodies > 0.0:
                 add_rigid(dm, k2, R, p, N)
                 for j in range(m):
                     momentum(dm, k2, R, p, B1[j], h)
@@ -154,7 +155,7 @@ def sweep(
         assign_matrix(B1, w.end[i])
         assign_matrix(R, w.rotation[i])
         assign(p, w.position[i])
-        if forces:
+        if forces > 0.0:
             # Jdot_next v = Ad^-1 (Jdot v - ad_w J v), w the twist of the end relative to b.
             for r in range(6):
                 V[r] = Vk[r] - V[r]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import inspect
 import os
 import platform
 import tempfile
@@ -98,15 +97,6 @@ def entry(function: Function) -> Function:
     return cast(Function, numba.njit(**{**_FLAGS, "nogil": False})(function))
 
 
-def inlined(function: Function) -> Function:
-    """Put a function into its callers before they are compiled.
-
-    For what only joins others: as a function of its own it would be optimised once more with everything that
-    it calls, and handing the tables over by value costs 0.1 us.
-    """
-    return cast(Function, numba.njit(inline="always", **_FLAGS)(function))
-
-
 class BoxType(numba.types.StructRef):  # type: ignore[misc]  # numba is not typed
     """Type of `Box` in compiled code; at the top of a module, so that a cache refers to it by name."""
 
@@ -137,23 +127,17 @@ def by_type(kind: type, its: Function, others: Function) -> Function:
     In compiled code the choice is made when the caller is compiled, so that kernels of one kind alone are.
     """
 
-    # Written out with its own parameters, so that it can be put into its callers before they are compiled: a
-    # function of its own is optimised once more with everything that it calls.
-    parameters = list(inspect.signature(getattr(its, "py_func", its)).parameters)
-    names: dict[str, Any] = {"kind": kind, "its": its, "others": others}
-    exec(_CHOICE.format(first=parameters[0], all=", ".join(parameters)), names)
-    overload(names["choose"], inline="always")(names["compiled"])
-    return cast(Function, names["choose"])
+    def choose(first: Any, *rest: Any) -> Any:
+        return (its if isinstance(first, kind) else others)(first, *rest)
 
+    def compiled(first: Any, *rest: Any) -> Any:
+        def by_its(first: Any, *rest: Any) -> Any:
+            return its(first, *rest)
 
-_CHOICE = """
-def choose({all}):
-    return (its if isinstance({first}, kind) else others)({all})
+        def by_others(first: Any, *rest: Any) -> Any:
+            return others(first, *rest)
 
-def compiled({all}):
-    def by_its({all}):
-        return its({all})
-    def by_others({all}):
-        return others({all})
-    return by_its if {first}.instance_class is kind else by_others
-"""
+        return by_its if first.instance_class is kind else by_others
+
+    overload(choose)(compiled)
+    return cast(Function, choose)

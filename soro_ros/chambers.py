@@ -59,9 +59,8 @@ class ChamberInterface:
         self._enabled = True
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
-        loop = qos.loop(lockstep)
-        self._publisher = node.create_publisher(JointState, "chambers/state", loop)
-        node.create_subscription(JointState, "chambers/command", self._on_joint_state, loop)
+        self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
+        node.create_subscription(JointState, "chambers/command", self._on_joint_state, qos.command(lockstep))
         node.create_subscription(Float64MultiArray, "chambers/commands", self._on_array, qos.RELIABLE)
         node.create_service(Trigger, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/vent", self._on_vent)

@@ -3,30 +3,42 @@
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
-import typer
+from soro_ros.signals import quick_end
 
-from soro_core.errors import ConfigError, SoroError
-from soro_ros.commands import bag
-from soro_ros.commands.emulate import emulate
-from soro_ros.commands.play import play
-from soro_ros.commands.run import run
+if TYPE_CHECKING:
+    import typer
 
-app = typer.Typer(
-    help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command()(run)
-app.command()(play)
-app.command()(emulate)
-app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
+
+def _application() -> typer.Typer:
+    """Import every command, which takes a good part of a second."""
+    import typer
+
+    from soro_ros.commands import bag
+    from soro_ros.commands.emulate import emulate
+    from soro_ros.commands.play import play
+    from soro_ros.commands.run import run
+
+    app = typer.Typer(
+        help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.command()(run)
+    app.command()(play)
+    app.command()(emulate)
+    app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
+    return app
 
 
 def main() -> NoReturn:
     """Entry point: exit status 0 on success, 2 on wrong use or configuration, 1 on any other failure."""
+    with quick_end("soro"):
+        from soro_core.errors import ConfigError, SoroError
+
+        app = _application()
     try:
         app()
     except ConfigError as error:

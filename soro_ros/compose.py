@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from soro_core.bag.config import RecorderConfig
 from soro_core.errors import SoroError
 from soro_core.scene import Scene
-from soro_ros import processes
+from soro_ros import kernels, processes
 from soro_ros.processes import Child
 from soro_ros.supervisor import Supervisor
 
@@ -66,8 +67,10 @@ class Run:
         self._links = tempfile.TemporaryDirectory(prefix="soro-")
         # The supervisor waits for these to be active.
         self.nodes: list[str] = []
-        # Whether what holds the air was running, and ended cleanly: a node that does has vented.
-        self.vented = False
+        # What holds the air: it vents when it ends.
+        self._holder = "regulator" if scene.platform else "twin"
+        self._begun = False
+        self._status: dict[str, int] = {}
 
     @property
     def bag(self) -> Path:
@@ -76,20 +79,20 @@ class Run:
 
     def start(self, supervisor: Supervisor, cancelled: Callable[[], bool]) -> None:
         """Start everything and wait until every node is ready; nothing moves before `begin`."""
-        from soro_ros.nodes.recorder import RecorderConfig
-
         scene, namespace = self.scene, self.scene.name
         device, link = Path(self._links.name) / "valves.pty", Path(self._links.name) / "plant.sock"
+        if cancelled():
+            return
         if scene.platform:
             self._start_valves(device, link, cancelled)
-        if scene.recorder.enabled:
+        if scene.recorder.enabled and not cancelled():
             record = RecorderConfig(
                 folder=str(self.bag), topics=_topics(namespace, scene), exclude=scene.recorder.exclude
             )
             self._node("recorder", record)
             self._ready(supervisor, ["recorder"], cancelled)
-            if cancelled():
-                return
+        if cancelled():
+            return
         self._node("twin", scene.twin_node(str(link)))
         self._node("estimator", scene.estimator_node())
         self._node("controller", scene.controller_node())
@@ -102,27 +105,41 @@ class Run:
 
     def begin(self, supervisor: Supervisor) -> None:
         """Let time and control begin."""
+        self._begun = True
         supervisor.call("controller/enable")
         if self.scene.mode == "lockstep":
             supervisor.call("twin/start")
 
     def check(self) -> None:
-        """Raise SoroError if a process has ended."""
+        """Raise NodeError if a process has ended."""
         processes.check(list(self._children.values()))
 
-    def end(self) -> list[str]:
-        """End every process, what holds the valves first; returns what did not end cleanly."""
-        trouble = []
+    def end(self) -> dict[str, str]:
+        """End every process, what holds the valves first; returns what did not end cleanly, by name."""
+        trouble = {}
         for name in END_ORDER:
             child = self._children.pop(name, None)
             if child is None:
                 continue
-            status = processes.stop(child, patience_s=15.0)
-            self.vented |= status == 0 and name == ("regulator" if self.scene.platform else "twin")
-            if status != 0:
-                trouble.append(f"{name} ended with status {status}: {child.last_words()}")
+            self._status[name] = processes.stop(child, patience_s=15.0)
+            if self._status[name] != 0:
+                trouble[name] = child.obituary()
         self._links.cleanup()
         return trouble
+
+    def outcome(self) -> str:
+        """What has become of valves and bag, in one line; after `end`."""
+        if not self._begun:
+            air = "ended before the valves were opened"
+        elif self._status.get(self._holder) == 0:
+            air = "vented"
+        else:
+            air = f"the {self._holder} ended without venting (valves vent when their host falls silent)"
+        if not self.bag.exists():
+            return air
+        if self._status.get("recorder") == 0:
+            return f"{air}; bag closed"
+        return f"{air}; the bag is not closed: soro bag repair {self.bag}"
 
     def _node(self, name: str, config: object) -> None:
         command = processes.node_command(name, config, self.scene.name, self.folder)
@@ -133,12 +150,12 @@ class Run:
         def ready() -> bool:
             return cancelled() or all(supervisor.active(name) for name in names)
 
-        begin, told = time.monotonic(), False
+        before, told = kernels.compiled(), False
 
         def check() -> None:
             nonlocal told
             self.check()
-            if not told and time.monotonic() - begin > 5.0:
+            if not told and kernels.compiled() > before:
                 told = True
                 self._say("the first start compiles the model's kernels: half a minute, cached afterwards")
 

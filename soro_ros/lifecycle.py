@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import ClassVar, Generic, TypeVar
 
@@ -23,9 +23,10 @@ from rclpy.timer import Timer
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError, SoroError
-from soro_ros import middleware
+from soro_ros import command_line, signals
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.parameters import declare, read
+from soro_ros.signals import SIGNALS
 
 RCLError = rclpy_implementation.RCLError
 
@@ -33,8 +34,6 @@ Config = TypeVar("Config", bound=Strict)
 
 # rclpy's own spin() of the events executor never returns to Python; a bounded wait lets signals through.
 SPIN_WAIT_S = 0.1
-# Whatever asks a process to end; closing its terminal does too.
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class SoroNode(LifecycleNode, Generic[Config]):
@@ -90,9 +89,11 @@ class SoroNode(LifecycleNode, Generic[Config]):
     def compile(self, warm_up: Callable[[], None]) -> None:
         """Run `warm_up`, which calls every kernel once, so that the loop never compiles one."""
         from soro_core._jit import compiling_once
+        from soro_ros import kernels
 
         begin = time.monotonic()
-        self.get_logger().info("loading the model's kernels; the first start compiles them, up to a minute")
+        if not kernels.compiled():
+            self.get_logger().info("compiling the model's kernels: up to a minute, cached afterwards")
         with compiling_once():
             warm_up()
         self.get_logger().info(f"kernels are ready after {time.monotonic() - begin:.1f} s")
@@ -187,23 +188,18 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
     SIGINT and SIGTERM are handled here and not by rclpy, whose handler shuts the context down before
     Python runs, so that a safe state could no longer be announced.
     """
-    stopping: list[int] = []
-    starting = True
+    with signals.noted() as stopping:
+        status = _run(node_class, args, stopping)
+    raise SystemExit(status)
 
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stopping.append(number)
-        if starting:
-            # Nothing looks at the list while kernels are compiled or devices configured.
-            raise KeyboardInterrupt
 
-    previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
-    middleware.init(args)
-    node: SoroNode[Config] | None = None
-    status = 0
+def _run(node_class: type[SoroNode[Config]], args: list[str] | None, stopping: list[int]) -> int:
+    node, status = None, 0
     try:
+        command_line.initialise(node_class, args)
         node = _make(node_class)
-        _start(node)
-        starting = False
+        with _interruptible(stopping):
+            _start(node)
         _spin(node, stopping)
         status = 0 if node.failure is None else 2 if isinstance(node.failure, ConfigError) else 1
     except ConfigError as error:
@@ -212,7 +208,6 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
     except (ExternalShutdownException, KeyboardInterrupt):
         pass
     finally:
-        starting = False
         if node is not None:
             try:
                 node.make_safe()
@@ -224,9 +219,25 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
             node.diagnostics.publish()
             node.destroy_node()
         rclpy.try_shutdown()
+    return status
+
+
+@contextlib.contextmanager
+def _interruptible(stopping: list[int]) -> Iterator[None]:
+    """Raise KeyboardInterrupt on a signal: nobody looks at the list while kernels or devices are prepared."""
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        stopping.append(number)
+        raise KeyboardInterrupt
+
+    previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
+    try:
+        if stopping:
+            raise KeyboardInterrupt
+        yield
+    finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-    raise SystemExit(status)
 
 
 def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:
@@ -257,8 +268,7 @@ def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
     sys.setswitchinterval(0.0002)
     gc.collect()
     gc.freeze()
-    if node.has_parameter("priority"):
-        _prioritise(node, node.get_parameter("priority").value)
+    _prioritise(node, _priority(node))
     try:
         while not stopping and not node.finished:
             executor.spin_once(timeout_sec=SPIN_WAIT_S)
@@ -266,6 +276,12 @@ def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
         node.failure = error
         node.get_logger().error(str(error))
         node.diagnostics.update(ERROR, str(error))
+
+
+def _priority(node: SoroNode[Config]) -> int:
+    """Real-time priority to ask for: none in lockstep, which has all the time."""
+    real_time = node.has_parameter("priority") and node.get_parameter("mode").value == "real_time"
+    return int(node.get_parameter("priority").value) if real_time else 0
 
 
 def _prioritise(node: SoroNode[Config], priority: int) -> None:

@@ -56,6 +56,12 @@ def read(node: Node, model: type[Model]) -> Model:
     return parse(_nested(_values(node, model)), model, where=_where(node))
 
 
+def described(model: type[BaseModel]) -> Iterator[tuple[str, Any, str]]:
+    """Name, default and description of every parameter."""
+    for name, (default, field) in _flatten(model):
+        yield name, default, _describe(field)
+
+
 def overrides(config: BaseModel) -> dict[str, Any]:
     """Flatten a configuration to ``{"a.b": value}``, as a parameter file or another node wants it."""
     flat: dict[str, Any] = {}
@@ -72,11 +78,15 @@ def _where(node: Node) -> str:
     return f"parameters of {node.get_name()}"
 
 
-def _flatten(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, tuple[Any, FieldInfo]]]:
+def _flatten(
+    model: type[BaseModel], prefix: str = "", defaults: BaseModel | None = None
+) -> Iterator[tuple[str, tuple[Any, FieldInfo]]]:
+    """Every field with its default: within a nested model that of the outer one's default, `defaults`."""
     for name, field in model.model_fields.items():
-        default = field.get_default(call_default_factory=True)
+        own = field.get_default(call_default_factory=True)
+        default = own if defaults is None else getattr(defaults, name)
         if isinstance(default, BaseModel):
-            yield from _flatten(type(default), f"{prefix}{name}.")
+            yield from _flatten(type(default), f"{prefix}{name}.", default)
         else:
             yield prefix + name, (list(default) if isinstance(default, tuple) else default, field)
 

@@ -23,6 +23,18 @@ _PR_SET_PDEATHSIG = 1
 _PRCTL = ctypes.CDLL(None).prctl
 
 
+# So often a process is asked to end: one that still imports does not hear it.
+REPEAT_S = 0.3
+
+
+class NodeError(SoroError):
+    """What went wrong, and in which node or process."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
 @dataclass(frozen=True)
 class Child:
     """A running process and its log."""
@@ -30,6 +42,10 @@ class Child:
     name: str
     process: subprocess.Popen[bytes]
     log: Path
+
+    def obituary(self) -> str:
+        """Status and last words of a process that has ended."""
+        return f"{self.name} ended with status {self.process.poll()}: {self.last_words()}"
 
     def last_words(self, lines: int = 5) -> str:
         """The end of its log, in one line."""
@@ -41,7 +57,8 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Chi
     """Start a process whose output goes to ``folder/log/NAME.log``.
 
     It has a session of its own, so that Ctrl-C reaches the supervisor alone, and gets SIGTERM when the
-    supervisor dies, so that nothing outlives it. A `priority` above 0 asks for SCHED_FIFO.
+    supervisor dies, so that nothing outlives it. SIGINT it hears only once it has a handler for it: within an
+    import it would be a traceback. A `priority` above 0 asks for SCHED_FIFO.
     """
     log = folder / "log" / f"{name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
@@ -75,27 +92,34 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path, *ex
 
 
 def stop(child: Child, patience_s: float) -> int:
-    """End a process: SIGINT, then SIGTERM, then SIGKILL; returns its exit status."""
-    for number, wait_s in ((signal.SIGINT, patience_s), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0)):
-        if child.process.poll() is not None:
-            break
-        child.process.send_signal(number)
-        deadline = time.monotonic() + wait_s
-        while child.process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.01)
-    return child.process.wait()
+    """End a process: SIGINT until it listens, then SIGTERM, then SIGKILL; returns its exit status."""
+    process, begin = child.process, time.monotonic()
+    while process.poll() is None and time.monotonic() - begin < patience_s:
+        process.send_signal(signal.SIGINT)
+        _ended(process, REPEAT_S)
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        if process.poll() is None:
+            process.send_signal(number)
+            _ended(process, 2.0)
+    return process.wait()
+
+
+def _ended(process: subprocess.Popen[bytes], limit_s: float) -> None:
+    """Wait for the end of a process for a while."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(limit_s)
 
 
 def check(children: list[Child]) -> None:
-    """Raise SoroError if a process has ended."""
+    """Raise NodeError if a process has ended."""
     for child in children:
-        status = child.process.poll()
-        if status is not None:
-            raise SoroError(f"{child.name} ended with status {status}: {child.last_words()}")
+        if child.process.poll() is not None:
+            raise NodeError(child.name, child.obituary())
 
 
 def _prepare(parent: int, priority: int) -> None:
     """Between fork and exec: only what needs no lock that another thread may have held at the fork."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != parent:  # it died before the request
         os._exit(1)

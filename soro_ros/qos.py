@@ -4,6 +4,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 # Everything soro publishes; deep enough that lockstep loses nothing to a slow recorder.
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+# A reader that wants the present state of affairs and no queue.
+NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 # Readers of sensors in real time: a best-effort reader also hears a reliable writer.
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 # A replay as fast as its reader takes it: a bounded history would overwrite what has not been read yet.
@@ -25,6 +27,11 @@ REPLAYED = QoSProfile(
 def loop(lockstep: bool) -> QoSProfile:
     """QoS of what belongs to the control loop."""
     return LOCKSTEP if lockstep else RELIABLE
+
+
+def command(lockstep: bool) -> QoSProfile:
+    """QoS of the reader of commands: in real time only the newest, for those before it are history."""
+    return LOCKSTEP if lockstep else NEWEST
 
 
 def sensor(lockstep: bool) -> QoSProfile:

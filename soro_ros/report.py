@@ -17,9 +17,11 @@ from soro_ros.recording import Recording, Series, read
 
 Array = NDArray[np.float64]
 
-# The windows that are compared: what the arm does before the adaptation has learnt, and at the end.
+# The windows that are compared: what the arm does while the adaptation learns, and at the end.
 WINDOW_S = 5.0
 SETTLED_PART_OF_LENGTH = 0.05
+# Time [s] that a recording may lack at either end of a window.
+LACK_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,8 @@ def summarise(bag: Path, scene: Scene) -> Summary | None:
     if t.size < 2:
         return None
     length = sum(link.length for link in load_robot(find_config(scene.robot, "robots")).links)
-    first = (t >= scene.controller.reference.start_s) & (t < scene.controller.reference.start_s + WINDOW_S)
-    last = t >= scene.duration_s - WINDOW_S
+    first = window(t, scene.controller.reference.start_s)
+    last = window(t, scene.duration_s - WINDOW_S)
     estimated = recording.estimated_tip
     estimator_error = (
         np.linalg.norm(estimated.at(t) - recording.true_tip.at(t), axis=1)
@@ -99,6 +101,14 @@ def tip_error(recording: Recording, duration_s: float) -> tuple[Array, Array]:
     return t, np.asarray(np.linalg.norm(true.value[inside] - wanted.at(t), axis=1))
 
 
+def window(t: Array, begin_s: float) -> NDArray[np.bool_]:
+    """Samples of the WINDOW_S from `begin_s` on; none where the times `t` do not reach that far."""
+    end_s = begin_s + WINDOW_S
+    if t[0] > begin_s + LACK_S or t[-1] < end_s - LACK_S:
+        return np.zeros(t.size, dtype=bool)
+    return np.asarray((t >= begin_s) & (t <= end_s))
+
+
 def settling_time(t: Array, error: Array, bound: float) -> float:
     """Time from which the error stays below `bound` [m]; NaN if it does not."""
     above = np.flatnonzero(error >= bound)
@@ -115,13 +125,11 @@ def table(summary: Summary, scene: Scene) -> Table:
     )
     start = scene.controller.reference.start_s
     settled = summary.settling_s
+    adapting = " (while adapting)" if scene.controller.adapt else ""
     for name, value in (
         ("adaptation", "on" if scene.controller.adapt else "off"),
-        (
-            f"tip error RMS, {start:g} to {start + WINDOW_S:g} s (before adaptation)",
-            _mm(summary.tip_error_first_rms_m),
-        ),
-        (f"tip error RMS, last {WINDOW_S:g} s (after adaptation)", _mm(summary.tip_error_last_rms_m)),
+        (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
+        (f"tip error RMS, last {WINDOW_S:g} s", _mm(summary.tip_error_last_rms_m)),
         (f"tip error max, last {WINDOW_S:g} s", _mm(summary.tip_error_last_max_m)),
         (f"estimator's tip error RMS, last {WINDOW_S:g} s", _mm(summary.estimator_error_last_rms_m)),
         (
@@ -130,7 +138,7 @@ def table(summary: Summary, scene: Scene) -> Table:
         ),
         (
             "measured pressures",
-            f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa",
+            _or_dash(f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa"),
         ),
         ("set points at a bound", f"{summary.saturated_part:.1%}"),
         ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
@@ -145,7 +153,7 @@ def _punctuality(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
     """Lateness and overruns; lockstep has no schedule to be late for."""
     if scene.mode == "lockstep":
         return []
-    late = f"{summary.lateness_p50_ms:.2f} / {summary.lateness_p99_ms:.2f} ms"
+    late = _or_dash(f"{summary.lateness_p50_ms:.2f} / {summary.lateness_p99_ms:.2f} ms")
     return [("loop lateness p50 / p99", late), ("overruns", str(summary.overruns))]
 
 
@@ -237,6 +245,10 @@ def _during(series: Series, duration_s: float) -> Array:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def _or_dash(text: str) -> str:
+    return "-" if "nan" in text else text
 
 
 def _mm(metres: float) -> str:

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from soro_core.errors import SoroError
 from soro_ros import messages, middleware, qos
 from soro_ros.diagnostics import ERROR
+from soro_ros.processes import NodeError
 
 
 class Supervisor:
@@ -58,12 +59,11 @@ class Supervisor:
         """Latest diagnostic values of a node."""
         return {pair.key: pair.value for pair in self.status[name].values} if name in self.status else {}
 
-    def fault(self) -> str | None:
-        """What a node reports as an error, or None."""
+    def check(self) -> None:
+        """Raise NodeError if a node reports an error."""
         for name, status in self.status.items():
             if status.level == ERROR:
-                return f"{name}: {status.message}"
-        return None
+                raise NodeError(name, f"{name}: {status.message}")
 
     def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
         """Spin until `ready`; `check` may raise what went wrong meanwhile.
@@ -77,8 +77,7 @@ class Supervisor:
         while not ready():
             self.spin(0.05)
             check()
-            if (fault := self.fault()) is not None:
-                raise SoroError(fault)
+            self.check()
             if time.monotonic() > deadline:
                 raise SoroError(f"no {what} within {limit_s:.0f} s")
 

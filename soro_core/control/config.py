@@ -7,6 +7,8 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from soro_core.config import Floats, Strict, Strings
+from soro_core.errors import ConfigError
+from soro_core.robot import Robot
 
 ADAPTABLE = (
     "a1",
@@ -19,6 +21,18 @@ ADAPTABLE = (
     "link_mass",
     "chamber_gain",
 )
+
+
+def require_chambers(robot: Robot, where: str) -> None:
+    """Refuse a robot that nothing can be commanded of.
+
+    Raises
+    ------
+    ConfigError
+        If it has no chambers.
+    """
+    if not robot.chamber_names:
+        raise ConfigError(where, "robot", f"{robot.name}, which has no chambers", "a robot with chambers")
 
 
 class Gains(Strict):

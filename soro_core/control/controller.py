@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from soro_core.control.adaptive import FeedbackGains, adapt, law
 from soro_core.control.allocation import allocate, balanced_weight
 from soro_core.control.command import Command, ControllerState, ControllerStatus
-from soro_core.control.config import ControllerConfig
+from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.kinematics import inverse_kinematics
 from soro_core.control.lag import advance, compensate
 from soro_core.control.parameters import ParameterSet
@@ -38,6 +38,7 @@ class Controller:
     def __init__(self, robot: Robot, config: ControllerConfig | None = None) -> None:
         self.config = config if config is not None else ControllerConfig()
         self.robot = robot
+        require_chambers(robot, "controller")
         self.arm = SoftArm(robot)
         self.parameters = ParameterSet(self.arm, self.config.adaptation)
         gains, pressures = self.config.gains, self.config.pressures

@@ -7,19 +7,21 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inlined, kernel
+from soro_core._jit import inner, kernel
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
 from soro_core.model.internal import internal_rate
 from soro_core.model.linear import assign
 from soro_core.model.method import make_work
 from soro_core.model.tables import Tables
+from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
 
 
-@inlined
+@inner
 def rk4_step(
     t: Tables,
+    work: Work,
     q0: Array,
     v0: Array,
     z0: Array,
@@ -32,7 +34,6 @@ def rk4_step(
 ) -> int:
     """One step; `pressure` (3, n_u) at its start, middle and end. Writes the new state, says how it went."""
     n_q, n_z = q0.shape[0], z0.shape[0]
-    work = make_work(t)
     q, v, z = q0.copy(), v0.copy(), z0.copy()
     a, rate = np.empty(n_q), np.empty(n_z)
     if not (finite(pressure[0]) and finite(pressure[1]) and finite(pressure[2]) and finite(wrench)):
@@ -64,9 +65,10 @@ def rk4_run(
     t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[int, int]:
     """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
+    work = make_work(t)
     for k in range(times.shape[0] - 1):
         h = times[k + 1] - times[k]
-        code = rk4_step(t, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])
+        code = rk4_step(t, work, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])
         if code != GOOD:
             return k, code
     return times.shape[0] - 1, GOOD

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inlined, kernel
+from soro_core._jit import inner, kernel
 from soro_core.model.chambers import add_pressure_stiffness
 from soro_core.model.dynamics import (
     BAD_INPUT,
@@ -42,7 +42,7 @@ TOLERANCE = 1e-11
 SLOW = 0.2
 
 
-@inlined
+@inner
 def jacobian(t: Tables, w: Work, q: Array, pressure: Array, h: float, tangent: Array) -> bool:
     """Factor M + h/2 R + h^2/4 d2U_e/dq2 + h/2 tangent."""
     for b in range(q.shape[0]):
@@ -58,9 +58,11 @@ def jacobian(t: Tables, w: Work, q: Array, pressure: Array, h: float, tangent: A
     return factor_system(t, w, q)
 
 
-@inlined
+@inner
 def trapezoidal_step(
     t: Tables,
+    w: Work,
+    system: Work,
     q0: Array,
     v0: Array,
     z0: Array,
@@ -71,10 +73,12 @@ def trapezoidal_step(
     v1: Array,
     z1: Array,
 ) -> int:
-    """One step; `pressure` (3, n_u) at start, middle (unused) and end. Writes the new state, gives a code."""
+    """One step; `pressure` (3, n_u) at start, middle (unused) and end. Writes the new state, gives a code.
+
+    `system` keeps the factors, with the frames that they belong to, while `w` goes on to other states.
+    """
     n_q = q0.shape[0]
     a0, a1, r, f = np.empty(n_q), np.empty(n_q), np.empty(n_q), np.empty(n_q)
-    w = make_work(t)
     tangent = np.empty(z0.shape[0])
     if not (finite(pressure[0]) and finite(pressure[2]) and finite(wrench)):
         return BAD_INPUT
@@ -98,12 +102,12 @@ def trapezoidal_step(
         for b in range(n_q):
             r[b] = f[b] - r[b]
         if not factored:
-            if not jacobian(t, w, q1, pressure[2], h, tangent):
+            if not jacobian(t, system, q1, pressure[2], h, tangent):
                 return SINGULAR
             factored = True
         for b in range(n_q):
             r[b] *= 0.5 * h
-        solve_system(t, w, r)
+        solve_system(t, system, r)
         if not finite(r):
             return NOT_FINITE
         change = 0.0
@@ -133,9 +137,12 @@ def trapezoidal_run(
     t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[int, int]:
     """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
+    w, system = make_work(t), make_work(t)
     for k in range(times.shape[0] - 1):
         h = times[k + 1] - times[k]
-        code = trapezoidal_step(t, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])
+        code = trapezoidal_step(
+            t, w, system, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1]
+        )
         if code != GOOD:
             return k, code
     return times.shape[0] - 1, GOOD

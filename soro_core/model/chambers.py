@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inlined, inner, kernel
+from soro_core._jit import inner, kernel
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -41,7 +41,7 @@ def actuation(t: Tables, q: Array, H: Array) -> None:
                 H[c, u] = factor * t.actuation[c, u]
 
 
-@inlined
+@inner
 def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> None:
     """force += H(q) p."""
     for i in range(t.length.shape[0]):

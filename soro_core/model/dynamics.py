@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import Box, entry, inlined, kernel
+from soro_core._jit import Box, entry, inner, kernel
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.elasticity import elastic_force
 from soro_core.model.internal import add_internal_force
@@ -111,7 +111,7 @@ def accelerations(box: Box, q: Array, qd: Array, z: Array, pressure: Array, wren
     return forward_dynamics(box.tables, box.work, q, qd, z, pressure, wrench, qdd)
 
 
-@inlined
+@inner
 def add_damping_force(t: Tables, qd: Array, force: Array) -> None:
     """force += R qd."""
     for i in range(t.length.shape[0]):
@@ -128,7 +128,7 @@ def damping_force(t: Tables, qd: Array, force: Array) -> None:
     add_damping_force(t, qd, force)
 
 
-@inlined
+@inner
 def applied_force(t: Tables, q: Array, qd: Array, z: Array, pressure: Array, force: Array) -> None:
     """force <- H(q) p - dU_e/dq - R qd - internal."""
     elastic_force(t, q, force)
@@ -139,7 +139,7 @@ def applied_force(t: Tables, q: Array, qd: Array, z: Array, pressure: Array, for
     add_pressure_force(t, q, pressure, force)
 
 
-@inlined
+@inner
 def forward_dynamics(
     t: Tables, w: Work, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array
 ) -> int:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inlined, inner
+from soro_core._jit import inner
 from soro_core.model.articulated import complete_rigid, factor, inertia_to_parent, solve
 from soro_core.model.lie import (
     compose,
@@ -43,7 +43,7 @@ def close_forces(t: Tables, w: Work, wrench: Array, tau: Array) -> None:
             f[r] += w.own[i, r]
 
 
-@inlined
+@inner
 def inverse_dynamics(
     t: Tables,
     w: Work,
@@ -102,7 +102,7 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
             M[d, b] = M[b, d]
 
 
-@inlined
+@inner
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
     bias = w.rows[1]
@@ -116,7 +116,7 @@ def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: 
     return True
 
 
-@inlined
+@inner
 def factor_system(t: Tables, w: Work, q: Array) -> bool:
     """Factor M(q) + w.block for `solve`; False if it is not positive definite."""
     rest = w.rows[0]
@@ -124,7 +124,7 @@ def factor_system(t: Tables, w: Work, q: Array) -> bool:
     return factor(t, w, YES)
 
 
-@inlined
+@inner
 def potential(t: Tables, w: Work, q: Array) -> float:
     """Gravitational energy -int rho p . gamma [J], zero at the world's origin, from the first moments."""
     rest = w.rows[0]

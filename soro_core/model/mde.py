@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inlined, inner
+from soro_core._jit import inner
 from soro_core.model.lie import add_ad, add_coad, dot6, to_body, to_parent
 from soro_core.model.linear import (
     assign,
@@ -213,13 +213,13 @@ def _ralston(
                     R[r, d] += 0.75 * h * R1[r, d]
 
 
-@inlined
+@inner
 def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
     terms(t, mass, tip_mass, t.gravity, q, w.rows[0], M, w.matrix[1], w.rows[1], w.dense[0])
 
 
-@inlined
+@inner
 def inverse_dynamics(
     t: Tables,
     w: Work,
@@ -242,7 +242,7 @@ def inverse_dynamics(
             tau[b] += M[b, d] * a[d] + C[b, d] * v[d]
 
 
-@inlined
+@inner
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
     inverse_dynamics(t, w, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, w.rows[0], w.rows[1])
@@ -251,7 +251,7 @@ def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: 
     return cholesky_solve(w.matrix[0], qdd)
 
 
-@inlined
+@inner
 def factor_system(t: Tables, w: Work, q: Array) -> bool:
     """Factor M(q) + w.block for `solve`; False if it is singular."""
     A = w.matrix[2]
@@ -264,7 +264,7 @@ def factor_system(t: Tables, w: Work, q: Array) -> bool:
     return lu_factor(A, w.pivots)
 
 
-@inlined
+@inner
 def solve(t: Tables, w: Work, x: Array) -> None:
     """x <- (M + block)^-1 x with the factors of `factor_system`."""
     lu_solve(w.matrix[2], w.pivots, x)

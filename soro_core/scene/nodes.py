@@ -17,7 +17,7 @@ from soro_core.safety import Limits
 Mode = Literal["real_time", "lockstep"]
 _MODE = "real_time, or lockstep: one step a tick, whenever its inputs are complete"
 
-_PRIORITY = "real-time priority (SCHED_FIFO) where the system permits it; 0 for none"
+_PRIORITY = "real_time: priority (SCHED_FIFO) where the system permits it; 0 for none"
 
 
 class RegulatorNodeConfig(Strict):
@@ -28,7 +28,7 @@ class RegulatorNodeConfig(Strict):
     device: str = Field("", description="adapter or port to use instead of the platform file's")
     mode: Mode = Field("real_time", description=_MODE)
     rate_hz: float = Field(200.0, gt=0, le=1000, description="exchanges with the regulators a second")
-    priority: int = Field(0, ge=0, le=99, description=_PRIORITY)
+    priority: int = Field(30, ge=0, le=99, description=_PRIORITY)
     lockstep_timeout_s: float = Field(10.0, gt=0, le=600, description="wall time without a tick that vents")
     limits: Limits = Field(Limits(), description="limits of commands and readings")
 
@@ -54,7 +54,7 @@ class EstimatorNodeConfig(Strict):
         0.0, ge=0, le=1000, description="lockstep: samples of sensors/imu0; 0 for none"
     )
     imu_delay_s: float = Field(0.0, ge=0, le=1, description="lockstep: their delay")
-    priority: int = Field(0, ge=0, le=99, description=_PRIORITY)
+    priority: int = Field(20, ge=0, le=99, description=_PRIORITY)
     backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone; 0 for none")
     backbone_points: int = Field(21, ge=2, le=200, description="poses along the arm in arm/backbone")
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
@@ -64,10 +64,12 @@ class ControllerNodeConfig(Strict):
     """Parameters of the controller node."""
 
     autostart: bool = Field(True, description="configure and activate at start")
-    enabled: bool = Field(True, description="control as soon as arm/state comes; else zero until ~/enable")
+    enabled: bool = Field(
+        False, description="control as soon as arm/state comes, without waiting for ~/enable"
+    )
     robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
     mode: Mode = Field("real_time", description=_MODE)
     rate_hz: float = Field(200.0, gt=0, le=1000, description="expected rate of arm/state")
-    priority: int = Field(0, ge=0, le=99, description=_PRIORITY)
+    priority: int = Field(20, ge=0, le=99, description=_PRIORITY)
     state_age_s: float = Field(0.1, gt=0, le=1, description="older states are not acted on")
     control: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")

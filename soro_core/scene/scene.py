@@ -56,12 +56,8 @@ class Scene(Strict):
                 )
         return self
 
-    def _priority(self, wanted: int) -> int:
-        """Real-time priority, the nearer to the valves the higher; none in lockstep: it has all the time."""
-        return wanted if self.mode == "real_time" else 0
-
     def twin_node(self, plant_link: str = "") -> TwinConfig:
-        """Parameters of the twin node."""
+        """Parameters of the twin node, with the socket of the emulated valves."""
         return self.twin.model_copy(
             update={
                 "robot": self.robot,
@@ -70,10 +66,9 @@ class Scene(Strict):
                 "seed": self.seed,
                 "limits": self.limits,
                 "pressures": "valves" if self.platform else "regulators",
-                "plant_link": plant_link,
+                "plant_link": plant_link if self.platform else "",
                 "duration_s": self.duration_s,
                 "paused": self.mode == "lockstep",
-                "priority": self._priority(10),
             }
         )
 
@@ -84,7 +79,6 @@ class Scene(Strict):
             device=device,
             mode=self.mode,
             rate_hz=self.rate_hz,
-            priority=self._priority(30),
             limits=self.limits,
         )
 
@@ -95,7 +89,6 @@ class Scene(Strict):
             robot=self.robot,
             mode=self.mode,
             rate_hz=self.rate_hz,
-            priority=self._priority(20),
             pose_location=pose.location,
             imu_location=imu.location,
             pose_rate_hz=pose.rate_hz if pose.enabled else 0.0,
@@ -106,13 +99,11 @@ class Scene(Strict):
         )
 
     def controller_node(self) -> ControllerNodeConfig:
-        """Parameters of the controller node; it waits for ~/enable, so that everybody is there at t = 0."""
+        """Parameters of the controller node; not enabled: it waits, so that everybody is there at t = 0."""
         return ControllerNodeConfig(
             robot=self.robot,
             mode=self.mode,
             rate_hz=self.rate_hz,
-            priority=self._priority(20),
-            enabled=False,
             control=self.controller,
         )
 

@@ -52,7 +52,10 @@ class TwinConfig(Strict):
     plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
     rate_hz: float = Field(200.0, gt=0, le=1000, description="ticks a second")
     priority: int = Field(
-        0, ge=0, le=99, description="real-time priority (SCHED_FIFO) where the system permits it; 0 for none"
+        10,
+        ge=0,
+        le=99,
+        description="real_time: priority (SCHED_FIFO) where the system permits it; 0 for none",
     )
     step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
     integrator: str = Field("trapezoidal", description="time stepper of the arm")

@@ -26,8 +26,9 @@ def emulate(
     """Serve the emulated regulators of PLATFORM on a pseudo-terminal, until Ctrl-C.
 
     Prints one line, `ready: <path>`, when the devices answer. Give that path (or --device-link) to the
-    regulator node as its endpoint. The devices behave as real ones do: they boot, check what they are sent,
-    and vent when their host falls silent.
+    regulator node as its parameter `device`, and --plant-link to the twin as its parameter `plant_link`, with
+    `pressures:=valves`. The devices behave as real ones do: they boot, check what they are sent, and vent
+    when their host falls silent.
     """
     # Imported here so that `soro --help` stays quick.
     from soro_core.errors import ConfigError, SoroError

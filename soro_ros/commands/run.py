@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import signal
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,13 +10,16 @@ from typing import Annotated, Any
 import typer
 import yaml
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from soro_core.config import find_config
+from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError, SoroError
 from soro_core.hardware import load_platform
 from soro_core.robot import load_robot
 from soro_core.scene import Scene, load_scene
+from soro_ros import signals
 
 # A lockstep run whose clock does not move any more.
 STALL_S = 30.0
@@ -39,13 +41,15 @@ def run(
 
     Ends with a table, a picture and a bag in FOLDER/NAME-TIME. Ctrl-C vents, closes the bag and ends.
     """
-    loaded = load_scene(scene, _changes(change or []))
-    _check_files(loaded)
     console = Console(stderr=True)
-    target = _new_folder(folder, loaded.name)
-    shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
-    (target / "scene_used.yaml").write_text(yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False))
-    status = _execute(loaded, target, console)
+    with signals.noted() as interrupted:
+        loaded = load_scene(scene, _changes(change or []))
+        _check_files(loaded)
+        target = _new_folder(folder, loaded.name)
+        shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
+        used = yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False)
+        (target / "scene_used.yaml").write_text(used)
+        status = _execute(loaded, target, interrupted, console)
     bag = target / "bag"
     if loaded.recorder.enabled and bag.exists():
         from soro_ros.report import draw, summarise, table
@@ -63,43 +67,35 @@ def run(
     raise typer.Exit(status)
 
 
-def _execute(scene: Scene, folder: Path, console: Console) -> int:
+def _execute(scene: Scene, folder: Path, interrupted: list[int], console: Console) -> int:
     """Run the processes to their end; returns the exit status."""
     from soro_ros.compose import Run
-    from soro_ros.lifecycle import SIGNALS
+    from soro_ros.processes import NodeError
     from soro_ros.supervisor import Supervisor
 
-    interrupted: list[int] = []
-    previous = {
-        number: signal.signal(number, lambda number, _: interrupted.append(number)) for number in SIGNALS
-    }
     run = Run(scene, folder, say=lambda line: console.print(f"[dim]{line}[/dim]"))
-    status = 0
+    status, told = 0, ""
     try:
         with Supervisor(scene.name) as supervisor:
             try:
                 run.start(supervisor, lambda: bool(interrupted))
                 if not interrupted:
                     run.begin(supervisor)
-                _watch(run, supervisor, scene, interrupted, console)
+                    _watch(run, supervisor, scene, interrupted, console)
             except SoroError as error:
-                console.print(f"[red]soro: {error}[/red]", soft_wrap=True)
-                status = 1
+                console.print(f"[red]soro: {escape(str(error))}[/red]", soft_wrap=True)
+                status, told = 1, error.name if isinstance(error, NodeError) else ""
             if interrupted:
                 console.print("interrupted: venting and closing the bag")
-                status = 130
-            trouble = run.end()
-        for line in trouble:
-            console.print(f"[red]{line}[/red]", soft_wrap=True)
-            status = status or 1
-        if interrupted:
-            said = "vented; bag closed" if run.vented else "ended before the valves were opened; bag closed"
-            console.print(said if not trouble else "ended with trouble: see above")
+            for name, trouble in run.end().items():
+                status = 1
+                if name != told:  # its end is what has just been told, or came of it
+                    console.print(f"[red]{escape(trouble)}[/red]", soft_wrap=True)
     finally:
         run.end()
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-    return status
+    if interrupted or status:
+        console.print(run.outcome(), soft_wrap=True)
+    return 130 if interrupted else status
 
 
 def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], console: Console) -> None:
@@ -116,9 +112,7 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
         while not interrupted:
             supervisor.spin(0.1)
             run.check()
-            fault = supervisor.fault()
-            if fault is not None:
-                raise SoroError(fault)
+            supervisor.check()
             now = supervisor.clock_s if scene.mode == "lockstep" else time.monotonic() - begun
             if now > last:
                 last, moved = now, time.monotonic()
@@ -132,6 +126,7 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
 def _check_files(scene: Scene) -> None:
     """Read what the scene names, so that a wrong file is told before anything starts."""
     robot = load_robot(find_config(scene.robot, "robots"))
+    require_chambers(robot, f"scene {scene.name}")
     if not scene.platform:
         return
     platform = load_platform(scene.platform).at_rate(scene.rate_hz)

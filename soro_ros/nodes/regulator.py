@@ -55,6 +55,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._active = False
         self._timer = LoopTimer(1.0 / config.rate_hz)
         self._vented = False
+        # Refused commands up to the last report.
+        self._reported = 0
         # The driver has to go through its start-up again before it takes set points.
         self._lost = False
 
@@ -159,9 +161,10 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         if self._chambers.cause is not None:
             self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
             return
-        level = WARN if self._chambers.rejected else OK
+        rejected = sum(self._chambers.rejected.values())
+        recently, self._reported = rejected > self._reported, rejected
         self.diagnostics.update(
-            level, "commands refused" if self._chambers.rejected else "active", self._values()
+            WARN if recently else OK, "commands refused" if recently else "active", self._values()
         )
 
     def _values(self) -> dict[str, object]:

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_srvs.srv import Trigger
 
 from soro_core.config import find_config
-from soro_core.errors import ModelError
+from soro_core.errors import ConfigError, ModelError
 from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.robot import load_robot
 from soro_core.twin import Observation, Twin, TwinConfig
@@ -31,8 +31,12 @@ class TwinNode(SoroNode[TwinConfig]):
 
     config_model = TwinConfig
     node_name = "twin"
+    _link: PlantLinkClient | None = None
 
     def setup(self, config: TwinConfig) -> None:
+        if bool(config.plant_link) != (config.pressures == "valves"):
+            allowed = "the socket of the emulated valves with pressures: valves, and only then"
+            raise ConfigError("parameters of twin", "plant_link", config.plant_link, allowed)
         robot = self._robot = load_robot(find_config(config.robot, "robots"))
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._twin = Twin(robot, config)
@@ -45,7 +49,6 @@ class TwinNode(SoroNode[TwinConfig]):
         self._skipped = 0
         self._running = False
         self._seen: Observation | None = None
-        self._link: PlantLinkClient | None = None
         self._chambers: ChamberInterface | None = None
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
         self._pose = self.create_publisher(PoseStamped, "sensors/pose0", loop)
@@ -88,8 +91,9 @@ class TwinNode(SoroNode[TwinConfig]):
         self._running = False
 
     def teardown(self) -> None:
-        if self._link is not None:
-            self._link.close()
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._running:

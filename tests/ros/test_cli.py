@@ -70,6 +70,10 @@ def test_a_wrong_scene_is_one_line(tmp_path, text, says):
         (("run", "track_circle", "--set", "nonsense"), "--set: got 'nonsense'; allowed: KEY=VALUE"),
         (("run", "track_circle", "--set", "controller.law=pid"), "controller.law: got 'pid'; allowed:"),
         (
+            ("run", "track_circle", "--set", "robot=silicone_rod"),
+            "scene track_circle: robot: got 'silicone_rod, which has no chambers'",
+        ),
+        (
             ("run", "track_circle", "--set", "robot=no_such_robot"),
             "no_such_robot: got 'no robots file of that name'",
         ),

@@ -61,7 +61,8 @@ def test_the_watchdog_vents_100_ms_after_the_last_command_as_shipped(domain, tmp
     """In lockstep, with the shipped limits: the estimator loses its sensor, so no more commands come."""
     status, output, folder = run(tmp_path, "mode=lockstep", "twin.pose.drop=0.999")
     assert status == 1, output
-    assert "regulator: vented: command lost: last one 105 ms old" in " ".join(output.split())
+    assert output.count("soro: regulator: vented: command lost: last one 105 ms old") == 1
+    assert "vented; bag closed" in output
     assert true_pressures(folder / "bag")[-1].max() < VENTED_PA
 
 
@@ -86,10 +87,22 @@ def test_a_killed_controller_vents_the_valves_and_ends_the_run_with_its_cause(ru
     os.kill(child(process.pid, "nodes.controller"), signal.SIGKILL)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert "controller ended with status -9" in err or "command lost" in err
+    assert err.count("controller ended with status -9") + err.count("command lost") == 1
+    assert "vented; bag closed" in err
     pressures = true_pressures(only_run(folder) / "bag")
     assert pressures.max() > 10e3
     assert pressures[-1].max() < VENTED_PA
+
+
+@pytest.mark.timeout(240)
+def test_a_killed_recorder_leaves_a_bag_to_repair_and_says_so(running):
+    process, folder = running
+    os.kill(child(process.pid, "nodes.recorder"), signal.SIGKILL)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert err.count("recorder ended with status -9") == 1
+    assert f"vented; the bag is not closed: soro bag repair {only_run(folder) / 'bag'}" in err
+    assert "Traceback" not in err
 
 
 @pytest.mark.timeout(240)

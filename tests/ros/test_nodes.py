@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+import rclpy
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -14,7 +15,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_ros import messages, qos
+from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig, load_scene
+from soro_core.twin import TwinConfig
+from soro_ros import lifecycle, messages, middleware, parameters, qos
+from soro_ros.nodes.controller import ControllerNode
 from soro_ros.supervisor import Supervisor
 from tests.ros.running import SORO, end, wait_until
 
@@ -22,8 +26,8 @@ COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 
 
-def start(name: str, *parameters: str) -> subprocess.Popen[str]:
-    options = [option for parameter in parameters for option in ("-p", parameter)]
+def start(name: str, *settings: str) -> subprocess.Popen[str]:
+    options = [option for setting in settings for option in ("-p", setting)]
     command = [sys.executable, "-m", f"soro_ros.nodes.{name}", "--ros-args", "-r", "__ns:=/alone", *options]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
@@ -38,6 +42,67 @@ def test_a_node_without_parameters_configures_the_default_robot(domain, name):
         finally:
             status, _, err = end(process)
     assert status == 0, err
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "says"),
+    [
+        ("controller", ["--ros-args", "--params-file", "/nope.yaml"], "/nope.yaml: got 'no such file'"),
+        ("twin", ["--ros-args", "--params-file", "BROKEN"], "broken.yaml: got"),
+        ("controller", ["-p", "x:=1"], "command line of controller: got '-p x:=1'; allowed: ROS arguments"),
+        ("recorder", ["--ros-args", "--wrong"], "--wrong"),
+        ("controller", ["--ros-args", "-p", "x"], "Couldn't parse parameter override rule: '-p x'"),
+        ("controller", ["--ros-args", "-p", "robot:=silicone_rod"], "silicone_rod, which has no chambers"),
+        ("twin", ["--ros-args", "-p", "refine:=0"], "refine: got 0; allowed"),
+        ("twin", ["--ros-args", "-p", "plant_link:=/tmp/x.sock"], "plant_link: got '/tmp/x.sock'; allowed"),
+        ("twin", ["--ros-args", "-p", "pressures:=valves"], "plant_link: got ''; allowed"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line_and_exit_status_2(domain, tmp_path, name, arguments, says):
+    (tmp_path / "broken.yaml").write_text("a: [\n")
+    given = [str(tmp_path / "broken.yaml") if part == "BROKEN" else part for part in arguments]
+    command = [sys.executable, "-m", f"soro_ros.nodes.{name}", *given]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2, done.stderr
+    assert says in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    # What rcl and the logger of the node print beside it stands in brackets.
+    assert sum(not line.startswith("[") for line in done.stderr.strip().splitlines()) <= 1, done.stderr
+
+
+def test_a_node_explains_its_parameters():
+    command = [sys.executable, "-m", "soro_ros.nodes.regulator", "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "usage: soro_regulator [--ros-args" in done.stdout
+    assert "device ['']: adapter or port" in done.stdout
+    assert "limits.maximum_pa [90000.0]: highest set point" in done.stdout
+
+
+def test_the_defaults_of_parameters_are_those_of_the_model():
+    for config in (RegulatorNodeConfig(), EstimatorNodeConfig(), ControllerNodeConfig(), TwinConfig()):
+        shown = {name: default for name, default, _ in parameters.described(type(config))}
+        assert shown == parameters.overrides(config)
+
+
+@pytest.mark.parametrize(("mode", "priority"), [("real_time", 20), ("lockstep", 0)])
+def test_a_node_asks_for_its_priority_in_real_time_only(domain, mode, priority):
+    middleware.init(["--ros-args", "-p", f"mode:={mode}"])
+    try:
+        node = ControllerNode()
+        assert lifecycle._priority(node) == priority
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def test_priorities_are_the_higher_the_nearer_to_the_valves():
+    scene = load_scene("track_circle")
+    for nodes in (
+        (RegulatorNodeConfig(), EstimatorNodeConfig(), ControllerNodeConfig(), TwinConfig()),
+        (scene.regulator_node(), scene.estimator_node(), scene.controller_node(), scene.twin_node()),
+    ):
+        assert [node.priority for node in nodes] == [30, 20, 20, 10]
 
 
 def change(supervisor: Supervisor, name: str, transition: int) -> bool:
@@ -57,17 +122,17 @@ def change(supervisor: Supervisor, name: str, transition: int) -> bool:
 @pytest.mark.timeout(200)
 @pytest.mark.parametrize("name", ["estimator", "controller", "twin", "regulator", "recorder"])
 def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
-    parameters, valves = ["autostart:=false"], None
+    settings, valves = ["autostart:=false"], None
     if name == "regulator":
         device = tmp_path / "valves.pty"
         command = [*SORO, "emulate", "emulated_canopen", "--device-link", str(device)]
         valves = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         wait_until(device.exists, 20, "emulated valves")
-        parameters.append(f"device:={device}")
+        settings.append(f"device:={device}")
     if name == "recorder":
-        parameters.append(f"folder:={tmp_path / 'bag'}")
+        settings.append(f"folder:={tmp_path / 'bag'}")
     with Supervisor("alone") as supervisor:
-        process = start(name, *parameters)
+        process = start(name, *settings)
         try:
             supervisor.wait(name, lambda: name in supervisor.status, lambda: None, 30)
             supervisor.spin(1.5)  # two rounds of diagnostics before anything is configured
@@ -136,6 +201,11 @@ def test_references_come_by_topic_and_wrong_ones_are_refused(domain):
         try:
             person = Person(supervisor)
             supervisor.wait("controller", lambda: supervisor.active("controller"), lambda: None, 90)
+            # Started alone it asks for no air until somebody says so.
+            person.hold(lambda: len(person.commands) > 20, 20)
+            assert np.all(np.array(person.commands) == 0.0)
+            assert supervisor.call("controller/enable") == "enabled"
+            person.commands.clear()
             person.hold(lambda: len(person.commands) > 5, 20)
             assert person.wanted == pytest.approx([0, 0, 0.064], abs=1e-6)
 

@@ -15,7 +15,9 @@ from std_msgs.msg import Float64MultiArray
 
 from soro_core.errors import HardwareError, SoroError
 from soro_core.hardware.plant_link import PlantLinkClient
-from soro_ros import messages, qos
+from soro_core.safety import Limits
+from soro_ros import messages, middleware, qos
+from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import ERROR
 from soro_ros.supervisor import Supervisor
 from tests.ros.running import SORO, end, patient_platform, wait_until
@@ -161,6 +163,51 @@ def test_a_stream_of_bad_commands_never_reaches_a_valve_and_vents(bench, bad, ag
     assert bench.fault().startswith("vented: command lost")
     wait_until(lambda: bench.true_pressure().max() < 2e3, 5, "vent")
     bench.wait_rejected(kind, 10)
+
+
+@pytest.mark.timeout(120)
+def test_refusals_are_a_warning_while_they_last(bench):
+    bench.send([30e3] * 3, 0.3)
+    bench.send([95e3, 0, 0], 0.2)
+    until = time.monotonic() + 4.0
+    seen = set()
+    while time.monotonic() < until:
+        bench.send([30e3] * 3, 0.1)
+        seen.add(bench.supervisor.status["regulator"].message)
+    assert seen == {"active", "commands refused"}
+    assert bench.supervisor.status["regulator"].message == "active"
+    assert bench.rejected("out of range") >= 5
+
+
+@pytest.mark.parametrize(("lockstep", "taken"), [(False, 1), (True, 20)])
+def test_of_commands_that_waited_the_newest_counts_in_real_time_and_each_in_lockstep(domain, lockstep, taken):
+    """As at the start, when the node does not listen yet."""
+    middleware.init()
+    try:
+        node = Node("holder")
+        stamps: list[int] = []
+        chambers = ChamberInterface(
+            node,
+            NAMES,
+            Limits(),
+            time.monotonic_ns,
+            lambda: node.get_clock().now().nanoseconds,
+            lambda: stamps.append(chambers.seen_ns),
+            lockstep=lockstep,
+        )
+        command = node.create_publisher(JointState, "chambers/command", qos.loop(lockstep))
+        wait_until(lambda: command.get_subscription_count() == 1, 20, "discovery")
+        executor = EventsExecutor()
+        executor.add_node(node)
+        for stamp_ns in range(1, 21):
+            command.publish(messages.chambers(NAMES, np.zeros(3), stamp_ns))
+        time.sleep(0.3)
+        for _ in range(30):
+            executor.spin_once(timeout_sec=0.05)
+        assert stamps == list(range(1, 21))[-taken:]
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
 
 
 @pytest.mark.timeout(120)

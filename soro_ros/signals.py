@@ -1,0 +1,39 @@
+"""The signals that ask a process to end, from its first moment on."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from types import FrameType
+
+# Closing its terminal asks a process to end, too.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+
+
+@contextlib.contextmanager
+def noted() -> Iterator[list[int]]:
+    """Note these signals in a list, for whoever looks at it, instead of acting on them."""
+    seen: list[int] = []
+    previous = {number: signal.signal(number, lambda number, _: seen.append(number)) for number in SIGNALS}
+    try:
+        yield seen
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def quick_end(name: str) -> Iterator[None]:
+    """End at once on Ctrl-C, as is right while a process only imports: an exception there is a traceback."""
+
+    def leave(number: int, frame: FrameType | None) -> None:
+        os.write(2, f"\n{name}: interrupted before anything was started\n".encode())
+        os._exit(128 + number)
+
+    previous = signal.signal(signal.SIGINT, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)

@@ -1,0 +1,59 @@
+"""Entry of the benchmarks: ``python -m benchmarks [--only forward,realtime]``."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from benchmarks import forward, peer, realtime, report, sixlink, startup, terms
+from benchmarks.options import Options
+from benchmarks.timing import CLOCK, one_core
+
+SECTIONS = {
+    "startup": startup,
+    "forward": forward,
+    "terms": terms,
+    "realtime": realtime,
+    "sixlink": sixlink,
+}
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.command()
+def bench(
+    only: Annotated[str, typer.Option(help=f"sections, of {','.join(SECTIONS)}; the others stay")] = "",
+    out: Annotated[Path, typer.Option(help="folder of RESULTS.md and the pictures")] = Path(__file__).parent,
+    with_peer: Annotated[bool, typer.Option("--peer/--no-peer", help="measure soromox too")] = True,
+    quick: Annotated[bool, typer.Option(help="smallest settings: for tests, not for figures")] = False,
+) -> None:
+    """Measure, and write RESULTS.md."""
+    names = [name.strip() for name in only.split(",") if name.strip()] or list(SECTIONS)
+    unknown = [name for name in names if name not in SECTIONS]
+    if unknown:
+        raise typer.BadParameter(
+            f"{', '.join(unknown)}: allowed are {', '.join(SECTIONS)}", param_hint="--only"
+        )
+    console = Console()
+    measured = with_peer and peer.available()
+    if with_peer and not measured:
+        console.print(peer.MISSING)
+    out.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        start = time.perf_counter()
+        CLOCK.reset()
+        with one_core(), console.status(name) as status:
+            say = lambda text, name=name, status=status: status.update(f"{name}: {text}")  # noqa: E731
+            module = SECTIONS[name]
+            text = module.run(Options(measured, quick, out, say))
+        report.write(out / "RESULTS.md", {module.TITLE: f"{text}\n\n{report.machine(CLOCK.share)}"})
+        console.print(f"{name}: {time.perf_counter() - start:.0f} s")
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    console.print(f"written: {out / 'RESULTS.md'}")
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,33 @@
+"""What a run of the benchmarks is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+Choice = TypeVar("Choice")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings that every section sees."""
+
+    peer: bool
+    """Measure the peer too."""
+    quick: bool
+    """The smallest settings that go through every line: for tests, not for figures."""
+    folder: Path
+    """Where the results and pictures go."""
+    say: Callable[[str], None]
+    """Progress."""
+
+    @property
+    def repeats(self) -> int:
+        """Samples of each time."""
+        return 1 if self.quick else 9
+
+    def pick(self, full: Choice, quick: Choice) -> Choice:
+        """One of the two, by the settings."""
+        return quick if self.quick else full

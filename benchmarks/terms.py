@@ -1,0 +1,116 @@
+"""What each ingredient of a robot costs, against the same arm with all of them off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks import kernels
+from benchmarks.options import Options
+from benchmarks.report import figure, table
+from benchmarks.timing import per_call
+from soro_core import SoftArm, robot_from_dict, simulate
+
+TITLE = "Cost of each ingredient"
+LINKS = 4
+MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 5e5 / 3, "shear_correction": False}
+LINK: dict[str, Any] = {"length": 0.05, "radius": 0.015, "density": 1100.0, "material": MATERIAL}
+LAW = {"material": None, "k_e": [8000.0, 3000.0, 20.0], "k_b": [0.4, 0.1, 0.5]}
+CHAMBERS = [{"angle_rad": 2.1 * i, "area_m2": 5e-5, "offset_m": 0.008} for i in range(3)]
+CREEP = [{"tau": 0.05, "stiffness": [100.0, 1e-3, 1e-3]}]
+HYSTERESIS = [{"stiffness": [100.0, 1e-3, 1e-3], "range": [0.05, 1.0, 1.0]}]
+SIX = ("elongation", "bending_x", "bending_y", "torsion", "shear_x", "shear_y")
+
+# Name: keys of the link, keys of the robot, arguments of SoftArm, force at the tip [N, N m].
+Ingredient = tuple[dict[str, Any], dict[str, Any], dict[str, Any], float]
+INGREDIENTS: dict[str, Ingredient] = {
+    "all off": ({}, {}, {}, 0.0),
+    "gravity": ({}, {"gravity": [0.0, 0.0, -9.81]}, {}, 0.0),
+    "tip mass": ({}, {"tip_mass": 0.02}, {}, 0.0),
+    "wrench at the tip": ({}, {}, {}, 0.01),
+    "viscosity of the material": ({"material": {**MATERIAL, "viscosity": 300.0}}, {}, {}, 0.0),
+    "damping by coordinate": ({"damping": [0.1, 1e-6, 1e-6]}, {}, {}, 0.0),
+    "hyper-elastic law, deformed angle": (LAW, {}, {}, 0.0),
+    "hyper-elastic law, geometric angle": (LAW, {"bend_angle": "geometric"}, {}, 0.0),
+    "creep, one branch": ({"creep": CREEP}, {}, {}, 0.0),
+    "hysteresis": ({"hysteresis": HYSTERESIS}, {}, {}, 0.0),
+    "three chambers a link": ({"chambers": CHAMBERS}, {}, {}, 0.0),
+    "their area by strain": ({"chambers": [{**one, "area_slope": -5.0} for one in CHAMBERS]}, {}, {}, 0.0),
+    "all six strains": ({"strains": {name: {} for name in SIX}}, {}, {}, 0.0),
+    "method mde, 20 steps a link": ({}, {}, {"method": "mde"}, 0.0),
+}
+TOGETHER: Ingredient = (
+    {**LAW, "damping": [0.1, 1e-6, 1e-6], "creep": CREEP, "hysteresis": HYSTERESIS}
+    | {"chambers": INGREDIENTS["their area by strain"][0]["chambers"]},
+    {"gravity": [0.0, 0.0, -9.81], "tip_mass": 0.02},
+    {},
+    0.01,
+)
+
+
+def run(options: Options) -> str:
+    """Measure and write."""
+    cases = {**INGREDIENTS, "all losses, loads and chambers": TOGETHER}
+    if options.quick:
+        cases = {name: cases[name] for name in ("all off", "gravity", "all losses, loads and chambers")}
+    calls, steps = {}, {}
+    for name, case in cases.items():
+        options.say(name)
+        arm = make(case)
+        q, qd = states(arm)
+        calls[name] = kernels.in_a_loop(arm, q, qd, pressure=1e4, internal=0.01, force=case[3])
+        steps[name] = stepping(arm, q[0])
+    options.say("timing")
+    call_s, step_s = per_call(calls, options.repeats), per_call(steps, options.repeats)
+    base, base_step = call_s["all off"], step_s["all off"]
+    rows = [
+        [
+            name,
+            figure(1e6 * call_s[name]),
+            f"{100 * (call_s[name] / base - 1):+.0f}",
+            figure(1e6 * step_s[name]),
+            f"{100 * (step_s[name] / base_step - 1):+.0f}",
+        ]
+        for name in cases
+    ]
+    head = ["ingredient", "forward dynamics, us", "more, %", "step of trapezoidal, us", "more, %"]
+    intro = (
+        f"{LINKS} links of three strains, linear material without viscosity, no gravity; each ingredient by "
+        "itself on top of that. A step is one of 0.5 ms of `simulate`; the iterations that it needs differ."
+    )
+    return f"{intro}\n\n{table(head, rows)}"
+
+
+def make(case: Ingredient) -> SoftArm:
+    """Arm with one ingredient."""
+    link, keys, arguments, _ = case
+    merged = {key: value for key, value in {**LINK, **link}.items() if value is not None}
+    return SoftArm(
+        robot_from_dict({"links": [merged] * LINKS, "gravity": [0.0, 0.0, 0.0], **keys}), **arguments
+    )
+
+
+def states(arm: SoftArm, count: int = 64) -> tuple[np.ndarray, np.ndarray]:
+    """Random states, (count, n_q)."""
+    rng = np.random.default_rng(0)
+    bent = ["bending" in name or "torsion" in name for name in arm.robot.coordinate_names]
+    scale = np.where(bent, 5.0, 0.05)
+    q = np.clip(rng.normal(size=(count, arm.n_q)), -3, 3) * scale
+    return q, rng.normal(size=q.shape) * 5 * scale
+
+
+def stepping(arm: SoftArm, q0: np.ndarray) -> Callable[[int], None]:
+    """Run of n steps."""
+
+    def run(n: int) -> None:
+        done = 0
+        while done < n:
+            part = min(n - done, 100)
+            result = simulate(arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=np.full(arm.n_u, 1e4))
+            if not result.status.ok:
+                raise RuntimeError(result.status)
+            done += part
+
+    return run

@@ -1,0 +1,100 @@
+"""The benchmarks run through with their smallest settings, without the peer; no time is asserted."""
+
+import math
+import re
+from functools import partial
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks import peer, report, rod
+from benchmarks.__main__ import SECTIONS, app
+from benchmarks.release import LADDER, LIMIT, Reference, first_good, ours
+from benchmarks.timing import Clock, per_call
+from soro_core import SoftArm
+
+
+@pytest.fixture
+def run(tmp_path):
+    def call(*arguments):
+        result = CliRunner().invoke(app, ["--quick", "--no-peer", "--out", str(tmp_path), *arguments])
+        path = tmp_path / "RESULTS.md"
+        return result, path.read_text() if path.exists() else ""
+
+    return call
+
+
+@pytest.mark.parametrize("name", ["forward", "terms", "realtime"])
+def test_a_section_is_written_with_numbers(run, name):
+    result, text = run("--only", name)
+    assert result.exit_code == 0, result.output
+    assert f"## {SECTIONS[name].TITLE}" in text
+    rows = [line for line in text.splitlines() if re.match(r"\| (1|gravity) \|", line)]
+    assert rows
+    assert not any("nan" in row or "inf" in row for row in rows)
+    assert "% of the core while timing" in text
+    assert name == "terms" or "soromox was not measured" in text
+
+
+def test_sections_not_asked_for_stay(run, tmp_path):
+    report.write(tmp_path / "RESULTS.md", {"Kept": "| 42 |", SECTIONS["terms"].TITLE: "old"})
+    _, text = run("--only", "terms")
+    assert "## Kept\n\n| 42 |\n" in text
+    assert "old" not in text
+
+
+def test_an_unknown_section_is_refused_by_name(run):
+    result, text = run("--only", "forward,walk")
+    assert result.exit_code == 2
+    assert "walk: allowed are startup, forward" in re.sub(r"[│\s]+", " ", result.output)
+    assert text == ""
+
+
+def test_times_are_medians_per_call(monkeypatch):
+    clock = iter(np.arange(1000.0))
+    monkeypatch.setattr("benchmarks.timing.CLOCK.time", lambda call: (call(), next(clock))[1] * 0.0 + 6e-3)
+    counts = []
+    times = per_call({"a": counts.append}, repeats=3, sample_s=0.06)
+    assert counts == [1, 1, 10, 100, 100, 100]
+    assert times["a"] == pytest.approx(6e-3 / 100)
+
+
+def test_a_sample_leaves_out_what_others_took(monkeypatch):
+    wall, cpu = iter([0.0, 3.0]), iter([0.0, 1.0])
+    monkeypatch.setattr("benchmarks.timing.time.perf_counter", lambda: next(wall))
+    monkeypatch.setattr("benchmarks.timing.time.process_time", lambda: next(cpu))
+    clock = Clock()
+    assert clock.time(lambda: None) == 1.0
+    assert clock.share == pytest.approx(1 / 3)
+
+
+def test_the_search_finds_the_largest_good_step():
+    reference = Reference(1, t_end=0.05)
+    arm = SoftArm(rod.robot(1), nodes=4)
+    make = partial(ours, arm, "trapezoidal", t_end=0.05)
+    found = first_good(reference, make)
+    assert 0 < found.error <= LIMIT
+    steps = next(n for n in LADDER if make(n).setting == found.candidate.setting)
+    assert reference.error(make(steps).run()) == found.error
+    assert reference.error(make(LADDER[LADDER.index(steps) - 1]).run()) > LIMIT
+    assert reference.error(None) == math.inf
+    assert reference.enough(6)
+    assert not reference.enough(2)
+
+
+def test_coordinates_of_the_peer_there_and_back():
+    q, _ = rod.states(3, count=4)
+    np.testing.assert_array_equal(peer.from_peer(peer.to_peer(q)), q)
+    # Elongation, bending_x, bending_y; about its y, about its z, elongation.
+    np.testing.assert_array_equal(peer.to_peer(np.array([1.0, 2.0, 3.0])), [-3.0, 2.0, 1.0])
+
+
+@pytest.mark.skipif(not peer.available(), reason="soromox is not installed")
+def test_the_peer_computes_the_same_accelerations():
+    from benchmarks.forward import accelerations, distance
+
+    q, qd = rod.states(1, count=8)
+    arm = SoftArm(rod.robot(1, rod.ANY), nodes=peer.DEFAULT_GAUSS_POINTS)
+    theirs = peer.accelerations(peer.compiled(peer.make(1, rod.ANY)), q, qd)
+    assert distance(theirs, accelerations(arm, q, qd)) < 1e-5

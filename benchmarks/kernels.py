@@ -8,27 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core import SoftArm
+from soro_core._box import Box, view
 from soro_core._jit import kernel
 from soro_core.model import dynamics
-from soro_core.model.method import make_work
-from soro_core.model.tables import Tables
 
 Array = NDArray[np.float64]
 
 
 @kernel
-def loop(t: Tables, q: Array, qd: Array, z: Array, p: Array, w: Array, qdd: Array, n: int) -> int:
+def loop(box: Box, q: Array, qd: Array, z: Array, p: Array, w: Array, qdd: Array, n: int) -> int:
     """Call n times, at one state after the other; each call depends on the result of the one before."""
     n_q = qdd.shape[0]
     x, v = np.empty(n_q), np.empty(n_q)
-    work = make_work(t)
+    arm = view(box)
     bad = 0
     for i in range(n):
         for b in range(n_q):
             x[b] = q[i % q.shape[0], b] + 1e-30 * qdd[b]
             v[b] = qd[i % q.shape[0], b]
         # The one call of a kernel of the model in the benchmarks.
-        bad += dynamics.forward_dynamics(t, work, x, v, z, p, w, qdd)
+        bad += dynamics.forward_dynamics(arm.tables, arm.work, x, v, z, p, w, qdd)
     return bad
 
 
@@ -40,7 +39,7 @@ def in_a_loop(
     qdd = np.zeros(arm.n_q)
 
     def run(n: int) -> None:
-        if loop(arm.tables, q, qd, z, p, w, qdd, n) != 0:
+        if loop(arm._box, q, qd, z, p, w, qdd, n) != 0:
             raise RuntimeError("forward dynamics failed")
 
     return run

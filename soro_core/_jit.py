@@ -14,13 +14,11 @@ import platform
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
 from numba import config as numba_config
-from numba.experimental import structref
-from numba.extending import overload
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -90,54 +88,8 @@ def inner(function: Function) -> Function:
 
 
 def entry(function: Function) -> Function:
-    """Compile a short function that Python calls on a `Box`.
+    """Compile a short function that Python calls on a `soro_core._box.Box`.
 
     It keeps the interpreter's lock: the workspace in the box serves one thread at a time.
     """
     return cast(Function, numba.njit(**{**_FLAGS, "nogil": False})(function))
-
-
-class BoxType(numba.types.StructRef):  # type: ignore[misc]  # numba is not typed
-    """Type of `Box` in compiled code; at the top of a module, so that a cache refers to it by name."""
-
-
-if numba_config.DISABLE_JIT:
-
-    class Box(NamedTuple):
-        """Tables and workspace of an arm."""
-
-        tables: Any
-        work: Any
-
-else:
-
-    class Box(structref.StructRefProxy):  # type: ignore[no-redef,misc]
-        """Tables and workspace of an arm: one argument where Python would unpack sixty arrays a call.
-
-        Only compiled code makes one, so that making one is cached as well.
-        """
-
-    structref.register(BoxType)
-    structref.define_proxy(Box, BoxType, ["tables", "work"])
-
-
-def by_type(kind: type, its: Function, others: Function) -> Function:
-    """Return a function that is `its` where the first argument is a `kind`, and `others` elsewhere.
-
-    In compiled code the choice is made when the caller is compiled, so that kernels of one kind alone are.
-    """
-
-    def choose(first: Any, *rest: Any) -> Any:
-        return (its if isinstance(first, kind) else others)(first, *rest)
-
-    def compiled(first: Any, *rest: Any) -> Any:
-        def by_its(first: Any, *rest: Any) -> Any:
-            return its(first, *rest)
-
-        def by_others(first: Any, *rest: Any) -> Any:
-            return others(first, *rest)
-
-        return by_its if first.instance_class is kind else by_others
-
-    overload(choose)(compiled)
-    return cast(Function, choose)

@@ -7,11 +7,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
 from soro_core.model.internal import internal_rate
 from soro_core.model.linear import assign
-from soro_core.model.method import make_work
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
@@ -62,10 +62,11 @@ def rk4_step(
 
 @kernel
 def rk4_run(
-    t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
+    box: Box, system_box: Box, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[int, int]:
     """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
-    work = make_work(t)
+    arm = view(box)
+    t, work = arm.tables, arm.work
     for k in range(times.shape[0] - 1):
         h = times[k + 1] - times[k]
         code = rk4_step(t, work, q[k], v[k], z[k], pressure[k], wrench, h, q[k + 1], v[k + 1], z[k + 1])

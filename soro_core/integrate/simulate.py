@@ -13,6 +13,7 @@ from soro_core.errors import ModelError
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import RUNS, describe, make_stepper
 from soro_core.model import SoftArm
+from soro_core.model.entries import make_box
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -92,7 +93,7 @@ def simulate(
     w = _initial(wrench, 6, "wrench")
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
     table = _pressure_table(pressure, times, arm.n_u)
-    last, code = RUNS[integrator](arm.tables, times, table, w, q, v, z)
+    last, code = RUNS[integrator](make_box(arm.tables), make_box(arm.tables), times, table, w, q, v, z)
     end = last + 1
     status = describe(code, f" at t = {times[last]:.6g} s")
     return Result(times[:end], q[:end], v[:end], z[:end], status)

@@ -14,6 +14,7 @@ from soro_core.integrate.state import OK, State, Status
 from soro_core.integrate.trapezoidal import trapezoidal_run
 from soro_core.model import SoftArm
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from soro_core.model.entries import make_box
 
 Array: TypeAlias = NDArray[np.float64]
 Run: TypeAlias = Callable[..., tuple[int, int]]
@@ -51,6 +52,7 @@ class Stepper:
         self.name = name
         self.arm = arm
         self._run = RUNS[name]
+        self._boxes = make_box(arm.tables), make_box(arm.tables)
         self._no_wrench = np.zeros(6)
 
     def initial_state(self, q: ArrayLike | None = None, qd: ArrayLike | None = None) -> State:
@@ -99,7 +101,7 @@ class Stepper:
         z[0] = _shaped(state.internal, arm.n_internal, "internal")
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
-        _, code = self._run(arm.tables, np.array([0.0, dt]), table, w, q, v, z)
+        _, code = self._run(*self._boxes, np.array([0.0, dt]), table, w, q, v, z)
         if code != GOOD:
             return state, describe(code)
         return State(q[1], v[1], z[1]), OK

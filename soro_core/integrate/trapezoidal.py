@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.model.chambers import add_pressure_stiffness
 from soro_core.model.dynamics import (
@@ -29,7 +30,7 @@ from soro_core.model.dynamics import (
 )
 from soro_core.model.elasticity import add_stiffness
 from soro_core.model.internal import advance_internal
-from soro_core.model.method import factor_system, inverse_dynamics, make_work, solve_system
+from soro_core.model.method import factor_system, inverse_dynamics, solve_system
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
@@ -134,10 +135,11 @@ def trapezoidal_step(
 
 @kernel
 def trapezoidal_run(
-    t: Tables, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
+    box: Box, system_box: Box, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[int, int]:
     """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
-    w, system = make_work(t), make_work(t)
+    arm = view(box)
+    t, w, system = arm.tables, arm.work, view(system_box).work
     for k in range(times.shape[0] - 1):
         h = times[k + 1] - times[k]
         code = trapezoidal_step(

@@ -108,11 +108,8 @@ def factor(t: Tables, w: Work, added: float) -> bool:
                     D[j, e] += w.block[first + j, e]
         if not _cholesky(m, D):
             return False
-        for j in range(m):
-            assign(U[j], K[j])
-        for r in range(6):
-            _cholesky_column(m, D, K, r)
         if i > 0:
+            _cholesky_rows(m, D, U, K)
             complete_rigid(N)
             for r in range(6):
                 for c in range(r + 1):
@@ -144,12 +141,14 @@ def solve(t: Tables, w: Work, x: Array) -> None:
     clear(A)
     for i in range(n):
         first = t.offset[i]
-        for j in range(t.offset[i + 1] - first):
-            x[first + j] -= dot6(w.gain[i, j], A)
+        if i > 0:
+            for j in range(t.offset[i + 1] - first):
+                x[first + j] -= dot6(w.gain[i, j], A)
         for j in range(t.offset[i + 1] - first):
             for r in range(6):
                 A[r] += w.end[i, j, r] * x[first + j]
-        to_body(w.rotation[i], w.position[i], A)
+        if i < n - 1:
+            to_body(w.rotation[i], w.position[i], A)
 
 
 @inner
@@ -172,18 +171,21 @@ def _cholesky(m: int, D: Array) -> bool:
 
 
 @inner
-def _cholesky_column(m: int, D: Array, K: Array, r: int) -> None:
-    """Solve for column r of K (m, 6) with the factor of `_cholesky`."""
+def _cholesky_rows(m: int, D: Array, U: Array, K: Array) -> None:
+    """K <- D^-1 U (m, 6) with the factor of `_cholesky`."""
     for i in range(m):
-        x = K[i, r]
+        assign(U[i], K[i])
         for k in range(i):
-            x -= D[i, k] * K[k, r]
-        K[i, r] = x * D[i, i]
+            for r in range(6):
+                K[i, r] -= D[i, k] * K[k, r]
+        for r in range(6):
+            K[i, r] *= D[i, i]
     for i in range(m - 1, -1, -1):
-        x = K[i, r]
         for k in range(i + 1, m):
-            x -= D[k, i] * K[k, r]
-        K[i, r] = x * D[i, i]
+            for r in range(6):
+                K[i, r] -= D[k, i] * K[k, r]
+        for r in range(6):
+            K[i, r] *= D[i, i]
 
 
 @inner

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner, kernel
+from soro_core._jit import inner
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -31,7 +31,7 @@ def area_factor(t: Tables, i: int, u: int, q: Array) -> float:
     return math.exp(t.area_slope[u] * work / t.axial_gain[i, u])
 
 
-@kernel
+@inner
 def actuation(t: Tables, q: Array, H: Array) -> None:
     """H <- generalised force per pressure (n_q, n_u)."""
     for i in range(t.length.shape[0]):

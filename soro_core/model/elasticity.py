@@ -13,11 +13,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner, kernel
+from soro_core._jit import inner
 from soro_core.model.linear import clear_matrix
 from soro_core.model.tables import DEFORMED, Tables
 
 Array: TypeAlias = NDArray[np.float64]
+Slope: TypeAlias = tuple[float, float, float]
 
 
 @inner
@@ -54,28 +55,32 @@ def _looks(t: Tables, i: int) -> int:
 
 
 @inner
-def _bend(t: Tables, i: int, k: int, q: Array, local: Array) -> float:
-    """local <- eps, kx, ky, w = beta^2 / 2, dw/d(eps, kx, ky), L at node k; gives the weight of the node."""
-    for r in range(3):
-        local[r] = 0.0
-        for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
-            local[r] += t.shape_node[c, k] * q[c]
-    eps, kx, ky = local[0], local[1], local[2]
-    L = t.length[i]
-    stretch = 1.0 + eps if t.bend_angle == DEFORMED else 1.0
+def _mean(t: Tables, i: int, r: int, k: int, q: Array) -> float:
+    """Elongation, bending_x or bending_y (r = 0, 1, 2) of link i at node k."""
+    strain = 0.0
+    for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
+        strain += t.shape_node[c, k] * q[c]
+    return strain
+
+
+@inner
+def _bend(t: Tables, i: int, k: int, q: Array) -> tuple[float, float, float, float, Slope]:
+    """Weight of node k, x = eps L, stretch, w = beta^2 / 2, and dw/d(eps, kx, ky)."""
+    eps, kx, ky = _mean(t, i, 0, k, q), _mean(t, i, 1, k, q), _mean(t, i, 2, k, q)
+    L2 = t.length[i] * t.length[i]
+    stretch, by_eps = 1.0, 0.0
     k2 = kx * kx + ky * ky
-    local[3] = 0.5 * k2 * L * L * stretch * stretch
-    local[4] = k2 * L * L * stretch if t.bend_angle == DEFORMED else 0.0
-    local[5] = kx * L * L * stretch * stretch
-    local[6] = ky * L * L * stretch * stretch
-    local[7] = L
-    return t.weights[k] if t.varying[i] else 1.0
+    if t.bend_angle == DEFORMED:
+        stretch = 1.0 + eps
+        by_eps = k2 * L2 * stretch
+    each = L2 * stretch * stretch
+    weight = t.weights[k] if t.varying[i] else 1.0
+    return weight, eps * t.length[i], stretch, 0.5 * k2 * each, (by_eps, kx * each, ky * each)
 
 
-@kernel
+@inner
 def elastic_force(t: Tables, q: Array, force: Array) -> None:
     """force <- dU_e/dq (n_q,)."""
-    local = np.empty(8)
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         for c in range(first, t.offset[i + 1]):
@@ -86,20 +91,18 @@ def elastic_force(t: Tables, q: Array, force: Array) -> None:
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(_looks(t, i)):
-            weight = _bend(t, i, k, q, local)
-            x = local[0] * local[7]
-            k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * local[3]))
-            axial = _secant(law[0], law[1], law[2], x) * x * local[7]
+            weight, x, _, w, slope = _bend(t, i, k, q)
+            k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * w))
+            axial = _secant(law[0], law[1], law[2], x) * x * t.length[i]
             for r in range(3):
-                f = weight * (k_b * local[4 + r] + (axial if r == 0 else 0.0))
+                f = weight * (k_b * slope[r] + (axial if r == 0 else 0.0))
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                     force[c] += f * t.shape_node[c, k]
 
 
-@kernel
+@inner
 def elastic_energy(t: Tables, q: Array) -> float:
     """U_e [J]."""
-    local = np.empty(8)
     energy = 0.0
     for i in range(t.length.shape[0]):
         first = t.offset[i]
@@ -108,42 +111,35 @@ def elastic_energy(t: Tables, q: Array) -> float:
                 energy += 0.5 * q[c] * t.stiffness[c, d - first] * q[d]
         law = t.law[i]
         for k in range(_looks(t, i)):
-            weight = _bend(t, i, k, q, local)
-            energy += weight * _law_energy(law[0], law[1], law[2], local[0] * local[7])
-            energy += weight * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * local[3]))
+            weight, x, _, w, _ = _bend(t, i, k, q)
+            energy += weight * _law_energy(law[0], law[1], law[2], x)
+            energy += weight * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * w))
     return energy
 
 
 @inner
-def _law_hessian(t: Tables, law: Array, local: Array, hessian: Array) -> None:
-    """hessian <- second derivatives of the laws by (eps, kx, ky) at a node, (3, 3)."""
-    L = local[7]
-    x = local[0] * L
-    beta = math.sqrt(2.0 * local[3])
+def _law_second(t: Tables, i: int, k: int, q: Array, r: int, d: int) -> float:
+    """Second derivative of the laws by two of (eps, kx, ky) at a node."""
+    law, L = t.law[i], t.length[i]
+    _, x, stretch, w, slope = _bend(t, i, k, q)
+    beta = math.sqrt(2.0 * w)
     k_b = _secant(law[3], law[4], law[5], beta)
-    slope = _secant_slope(law[4], law[5], beta)
-    stretch = 1.0
-    clear_matrix(hessian)
+    second = _secant_slope(law[4], law[5], beta) * slope[r] * slope[d]
+    if r > 0 and d == r:
+        second += k_b * L * L * stretch * stretch
     if t.bend_angle == DEFORMED:
-        stretch = 1.0 + local[0]
-        hessian[0, 0] = k_b * (local[1] * local[1] + local[2] * local[2]) * L * L
-        for r in range(1, 3):
-            hessian[0, r] = k_b * 2.0 * local[r] * L * L * stretch
-            hessian[r, 0] = hessian[0, r]
-    hessian[1, 1] = k_b * L * L * stretch * stretch
-    hessian[2, 2] = hessian[1, 1]
-    for r in range(3):
-        for d in range(3):
-            hessian[r, d] += slope * local[4 + r] * local[4 + d]
-    k_e = _secant(law[0], law[1], law[2], x)
-    hessian[0, 0] += (k_e + x * x * _secant_slope(law[1], law[2], x)) * L * L
+        if r == 0 and d == 0:
+            second += k_b * 2.0 * w / (stretch * stretch)
+        elif r == 0 or d == 0:
+            second += k_b * 2.0 * slope[r + d] / stretch
+    if r == 0 and d == 0:
+        second += (_secant(law[0], law[1], law[2], x) + x * x * _secant_slope(law[1], law[2], x)) * L * L
+    return second
 
 
-@kernel
+@inner
 def add_stiffness(t: Tables, q: Array, factor: float, K: Array) -> None:
     """K += factor * d2U_e/dq2, the block of each link: row of a coordinate, (n_q, width)."""
-    local = np.empty(8)
-    hessian = np.empty((3, 3))
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         for c in range(first, t.offset[i + 1]):
@@ -153,35 +149,32 @@ def add_stiffness(t: Tables, q: Array, factor: float, K: Array) -> None:
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(_looks(t, i)):
-            weight = factor * _bend(t, i, k, q, local)
-            _law_hessian(t, law, local, hessian)
+            weight = factor * (t.weights[k] if t.varying[i] else 1.0)
             for r in range(3):
-                for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
-                    row = weight * t.shape_node[c, k]
-                    for e in range(3):
+                for e in range(3):
+                    second = weight * _law_second(t, i, k, q, r, e)
+                    for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                         for d in range(t.columns[i, e, 0], t.columns[i, e, 1]):
-                            K[c, d - first] += row * hessian[r, e] * t.shape_node[d, k]
+                            K[c, d - first] += second * t.shape_node[c, k] * t.shape_node[d, k]
 
 
-@kernel
+@inner
 def elastic_regressor(t: Tables, q: Array, Y: Array) -> None:
     """Y <- columns of dU_e/dq that are linear in (a1, a2, a4, a5) of each link, (n_q, 4 n)."""
-    local = np.empty(8)
     clear_matrix(Y)
     for i in range(t.length.shape[0]):
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(_looks(t, i)):
-            weight = _bend(t, i, k, q, local)
-            x = local[0] * local[7]
-            axial = _secant(0.0, 1.0, law[2], x) * x * local[7]
-            feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * local[3]))
+            weight, x, _, w, slope = _bend(t, i, k, q)
+            axial = _secant(0.0, 1.0, law[2], x) * x * t.length[i]
+            feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * w))
             for r in range(3):
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                     f = weight * t.shape_node[c, k]
                     if r == 0:
-                        Y[c, 4 * i] += f * x * local[7]
+                        Y[c, 4 * i] += f * x * t.length[i]
                         Y[c, 4 * i + 1] += f * axial
-                    Y[c, 4 * i + 2] += f * local[4 + r]
-                    Y[c, 4 * i + 3] += f * feature * local[4 + r]
+                    Y[c, 4 * i + 2] += f * slope[r]
+                    Y[c, 4 * i + 3] += f * feature * slope[r]

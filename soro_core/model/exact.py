@@ -21,7 +21,7 @@ from soro_core.model.lie import (
 from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.link import ad_powers, columns_at, strain_twist
 from soro_core.model.magnus import magnus_step
-from soro_core.model.sweep import NO, YES, sweep
+from soro_core.model.sweep import FREE, NO, REFERENCE, YES, sweep
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -58,7 +58,7 @@ def inverse_dynamics(
     tau: Array,
 ) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench, by the recursion of Newton and Euler."""
-    sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, NO, YES, tau)
+    sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, NO, REFERENCE, tau)
     close_forces(t, w, wrench, tau)
 
 
@@ -106,7 +106,7 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
     bias = w.rows[1]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], YES, YES, bias)
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], YES, FREE, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
         qdd[b] = force[b] - bias[b]

@@ -12,13 +12,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._jit import inner, kernel
+from soro_core._jit import inner
 from soro_core.model.tables import CREEP, Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
 
-@kernel
+@inner
 def add_internal_force(t: Tables, z: Array, force: Array) -> None:
     """force += generalised force of the internal states on the left-hand side."""
     for j in range(z.shape[0]):
@@ -26,7 +26,7 @@ def add_internal_force(t: Tables, z: Array, force: Array) -> None:
         force[t.internal_coordinate[j]] += sign * t.internal_stiffness[j] * z[j]
 
 
-@kernel
+@inner
 def internal_rate(t: Tables, qd: Array, z: Array, rate: Array) -> None:
     """rate <- dz/dt."""
     for j in range(z.shape[0]):

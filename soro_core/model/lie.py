@@ -17,9 +17,9 @@ from soro_core._jit import inner
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Ratios of neighbouring terms of the series of c_6 and c_7; a product costs a fifth of a division.
-_EVEN = tuple(1.0 / ((2 * n + 5) * (2 * n + 6)) for n in range(13))
-_ODD = tuple(1.0 / ((2 * n + 6) * (2 * n + 7)) for n in range(13))
+# Coefficients (-1)^n k! / (2 n + k)! of the series of k! c_k for k = 6 and 7, to 1e-16 for y < 4.
+_EVEN = tuple((-1) ** n * 720.0 / math.factorial(2 * n + 6) for n in range(12))
+_ODD = tuple((-1) ** n * 5040.0 / math.factorial(2 * n + 7) for n in range(12))
 
 
 @inner
@@ -30,11 +30,17 @@ def stumpff(y: float, c: Array) -> None:
     not cancel there; above, cosine and sine start the same recursion upwards.
     """
     if y < 4.0:
-        even = 1.0
-        odd = 1.0
-        for n in range(7 if y < 0.5 else 12, 0, -1):
-            even = 1.0 - y * even * _EVEN[n]
-            odd = 1.0 - y * odd * _ODD[n]
+        # Two shorter chains of products each, in z = y^2, which the processor runs side by side.
+        z = y * y
+        even, even_y = _EVEN[10], _EVEN[11]
+        odd, odd_y = _ODD[10], _ODD[11]
+        for n in range(8, -1, -2):
+            even = even * z + _EVEN[n]
+            odd = odd * z + _ODD[n]
+            even_y = even_y * z + _EVEN[n + 1]
+            odd_y = odd_y * z + _ODD[n + 1]
+        even += y * even_y
+        odd += y * odd_y
         c[6] = even / 720.0
         c[7] = odd / 5040.0
         c[5] = 1.0 / 120.0 - y * c[7]
@@ -103,26 +109,52 @@ def exponential(xi: Array, s: float, c: Array, R: Array, p: Array) -> None:
     p[2] = s * u2 + g * w2 + h * (x * w1 - y * w0)
 
 
+# Six numbers are computed before the first is stored: then the compiler, which must suppose that arrays
+# overlap, may take several at once.
+
+
 @inner
 def add_ad(V: Array, x: Array, factor: float, out: Array) -> None:
     """out += factor * ad_V x for twists V, x (6,)."""
-    out[0] += factor * (V[1] * x[2] - V[2] * x[1])
-    out[1] += factor * (V[2] * x[0] - V[0] * x[2])
-    out[2] += factor * (V[0] * x[1] - V[1] * x[0])
-    out[3] += factor * (V[4] * x[2] - V[5] * x[1] + V[1] * x[5] - V[2] * x[4])
-    out[4] += factor * (V[5] * x[0] - V[3] * x[2] + V[2] * x[3] - V[0] * x[5])
-    out[5] += factor * (V[3] * x[1] - V[4] * x[0] + V[0] * x[4] - V[1] * x[3])
+    a0 = V[1] * x[2] - V[2] * x[1]
+    a1 = V[2] * x[0] - V[0] * x[2]
+    a2 = V[0] * x[1] - V[1] * x[0]
+    l0 = V[4] * x[2] - V[5] * x[1] + V[1] * x[5] - V[2] * x[4]
+    l1 = V[5] * x[0] - V[3] * x[2] + V[2] * x[3] - V[0] * x[5]
+    l2 = V[3] * x[1] - V[4] * x[0] + V[0] * x[4] - V[1] * x[3]
+    add(a0, a1, a2, l0, l1, l2, factor, out)
+
+
+@inner
+def ad(V: Array, x: Array, out: Array) -> None:
+    """out <- ad_V x for twists V, x (6,)."""
+    a0 = V[1] * x[2] - V[2] * x[1]
+    a1 = V[2] * x[0] - V[0] * x[2]
+    a2 = V[0] * x[1] - V[1] * x[0]
+    l0 = V[4] * x[2] - V[5] * x[1] + V[1] * x[5] - V[2] * x[4]
+    l1 = V[5] * x[0] - V[3] * x[2] + V[2] * x[3] - V[0] * x[5]
+    l2 = V[3] * x[1] - V[4] * x[0] + V[0] * x[4] - V[1] * x[3]
+    out[0], out[1], out[2], out[3], out[4], out[5] = a0, a1, a2, l0, l1, l2
 
 
 @inner
 def add_coad(V: Array, h: Array, factor: float, out: Array) -> None:
     """out += factor * ad_V' h for a twist V and a momentum or wrench h (6,)."""
-    out[0] -= factor * (V[1] * h[2] - V[2] * h[1] + V[4] * h[5] - V[5] * h[4])
-    out[1] -= factor * (V[2] * h[0] - V[0] * h[2] + V[5] * h[3] - V[3] * h[5])
-    out[2] -= factor * (V[0] * h[1] - V[1] * h[0] + V[3] * h[4] - V[4] * h[3])
-    out[3] -= factor * (V[1] * h[5] - V[2] * h[4])
-    out[4] -= factor * (V[2] * h[3] - V[0] * h[5])
-    out[5] -= factor * (V[0] * h[4] - V[1] * h[3])
+    n0 = V[2] * h[1] - V[1] * h[2] + V[5] * h[4] - V[4] * h[5]
+    n1 = V[0] * h[2] - V[2] * h[0] + V[3] * h[5] - V[5] * h[3]
+    n2 = V[1] * h[0] - V[0] * h[1] + V[4] * h[3] - V[3] * h[4]
+    f0 = V[2] * h[4] - V[1] * h[5]
+    f1 = V[0] * h[5] - V[2] * h[3]
+    f2 = V[1] * h[3] - V[0] * h[4]
+    add(n0, n1, n2, f0, f1, f2, factor, out)
+
+
+@inner
+def add(x0: float, x1: float, x2: float, x3: float, x4: float, x5: float, factor: float, out: Array) -> None:
+    """out += factor * (x0 ... x5)."""
+    y0, y1, y2 = out[0] + factor * x0, out[1] + factor * x1, out[2] + factor * x2
+    y3, y4, y5 = out[3] + factor * x3, out[4] + factor * x4, out[5] + factor * x5
+    out[0], out[1], out[2], out[3], out[4], out[5] = y0, y1, y2, y3, y4, y5
 
 
 @inner

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.lie import add_ad
-from soro_core.model.linear import clear
+from soro_core.model.lie import ad, add_ad
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -38,8 +37,7 @@ def ad_powers(t: Tables, i: int, xi: Array, powers: Array) -> None:
         for r in range(6):
             powers[0, j, r] = t.basis[first + j, r]
         for n in range(4):
-            clear(powers[n + 1, j])
-            add_ad(xi, powers[n, j], 1.0, powers[n + 1, j])
+            ad(xi, powers[n, j], powers[n + 1, j])
 
 
 @inner
@@ -53,42 +51,55 @@ def chain_powers(
             for j in range(m):
                 x += powers[n, j, r] * v[first + j]
             chain[0, n, r] = x
-            chain[1, n, r] = 0.0
         if n > 0:
-            add_ad(xi_rate, chain[0, n - 1], 1.0, chain[1, n])
+            ad(xi_rate, chain[0, n - 1], chain[1, n])
             add_ad(xi, chain[1, n - 1], 1.0, chain[1, n])
+        else:
+            for r in range(6):
+                chain[1, 0, r] = 0.0
 
 
 @inner
 def columns_at(m: int, s: float, a: Array, powers: Array, B1: Array) -> None:
     """B1[j] <- column j of int_0^s Ad_exp(t xi) B dt in the frame of the link's base; shape (m, 6)."""
-    f0 = s
     f1 = a[1] * s * s
     f2 = a[2] * s * s * s
     f3 = a[3] * s * s * s * s
     f4 = a[4] * s * s * s * s * s
     for j in range(m):
-        for r in range(6):
-            B1[j, r] = (
-                f0 * powers[0, j, r]
-                + f1 * powers[1, j, r]
-                + f2 * powers[2, j, r]
-                + f3 * powers[3, j, r]
-                + f4 * powers[4, j, r]
-            )
+        p0, p1, p2, p3, p4 = powers[0, j], powers[1, j], powers[2, j], powers[3, j], powers[4, j]
+        x0 = s * p0[0] + f1 * p1[0] + f2 * p2[0] + f3 * p3[0] + f4 * p4[0]
+        x1 = s * p0[1] + f1 * p1[1] + f2 * p2[1] + f3 * p3[1] + f4 * p4[1]
+        x2 = s * p0[2] + f1 * p1[2] + f2 * p2[2] + f3 * p3[2] + f4 * p4[2]
+        x3 = s * p0[3] + f1 * p1[3] + f2 * p2[3] + f3 * p3[3] + f4 * p4[3]
+        x4 = s * p0[4] + f1 * p1[4] + f2 * p2[4] + f3 * p3[4] + f4 * p4[4]
+        x5 = s * p0[5] + f1 * p1[5] + f2 * p2[5] + f3 * p3[5] + f4 * p4[5]
+        row = B1[j]
+        row[0], row[1], row[2], row[3], row[4], row[5] = x0, x1, x2, x3, x4, x5
 
 
 @inner
 def chain_rate_at(s: float, y_rate: float, a: Array, chain: Array, rate: Array) -> None:
     """rate <- d/dt(B1) v at s; y_rate is the rate of y = (s |omega|)^2."""
-    f = s
-    clear(rate)
-    for n in range(1, 5):
-        f *= s
-        f_rate = a[5 + n] * y_rate * f
-        f_value = a[n] * f
-        for r in range(6):
-            rate[r] += f_rate * chain[0, n, r] + f_value * chain[1, n, r]
+    s2 = s * s
+    f1, f2, f3, f4 = a[1] * s2, a[2] * s2 * s, a[3] * s2 * s2, a[4] * s2 * s2 * s
+    d1, d2, d3, d4 = (
+        a[6] * y_rate * s2,
+        a[7] * y_rate * s2 * s,
+        a[8] * y_rate * s2 * s2,
+        a[9] * y_rate * s2 * s2 * s,
+    )
+    for r in range(6):
+        rate[r] = (
+            d1 * chain[0, 1, r]
+            + d2 * chain[0, 2, r]
+            + d3 * chain[0, 3, r]
+            + d4 * chain[0, 4, r]
+            + f1 * chain[1, 1, r]
+            + f2 * chain[1, 2, r]
+            + f3 * chain[1, 3, r]
+            + f4 * chain[1, 4, r]
+        )
 
 
 @inner

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from soro_core._jit import by_type
+from soro_core._box import by_type
 from soro_core.model import articulated, exact, mde, work
 from soro_core.model.tables import MdeTables
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
-from soro_core.model import chambers, dynamics, elasticity, internal
+from soro_core.model import dynamics, entries
 from soro_core.model.build import build_site, build_tables
 from soro_core.robot import Robot
 
@@ -78,20 +78,21 @@ class SoftArm:
         self.nodes = nodes if nodes is not None else default_nodes(robot)
         self.steps = steps if steps is not None else DEFAULT_STEPS
         self.tables = build_tables(robot, method, self.nodes, self.steps)
-        self._box = dynamics.make_box(self.tables)
+        self._box = entries.make_box(self.tables)
         self._site = lru_cache(maxsize=64)(lambda s: build_site(self.robot, self.tables, s))
         self.n_q = robot.n_q
         self.n_u = robot.n_u
         self.n_internal = len(self.tables.internal_kind)
         self.length = float(self.tables.length.sum())
         self._no_wrench = np.zeros(6)
+        self._no_internal = np.zeros(self.n_internal)
         self._no_velocity = np.zeros(self.n_q)
 
     def inertia_matrix(self, q: ArrayLike) -> Array:
         """Inertia matrix M (n_q, n_q), symmetric positive definite [C22, 3.16]."""
         q, _ = self._state(q)
         M = np.empty((self.n_q, self.n_q))
-        dynamics.inertia_matrix(self._box, q, M)
+        entries.inertia_matrix(self._box, q, M)
         return M
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
@@ -121,21 +122,21 @@ class SoftArm:
         """dU_e/dq (n_q,)."""
         q, _ = self._state(q)
         force = np.empty(self.n_q)
-        elasticity.elastic_force(self.tables, q, force)
+        entries.elastic_force(self._box, q, force)
         return force
 
     def stiffness_matrix(self, q: ArrayLike) -> Array:
         """d2U_e/dq2 (n_q, n_q)."""
         q, _ = self._state(q)
         K = np.zeros_like(self.tables.stiffness)
-        elasticity.add_stiffness(self.tables, q, 1.0, K)
+        entries.add_stiffness(self._box, q, K)
         return self._assemble(K)
 
     def damping_force(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """R qd (n_q,); creep and hysteresis are in `internal_force`."""
         q, qd = self._state(q, qd)
         force = np.empty(self.n_q)
-        dynamics.damping_force(self.tables, qd, force)
+        entries.damping_force(self._box, qd, force)
         return force
 
     def damping_matrix(self) -> Array:
@@ -148,7 +149,7 @@ class SoftArm:
             return self.tables.actuation.copy()
         q, _ = self._state(q)
         H = np.empty((self.n_q, self.n_u))
-        chambers.actuation(self.tables, q, H)
+        entries.actuation(self._box, q, H)
         return H
 
     pressure_matrix = actuation_matrix
@@ -158,7 +159,7 @@ class SoftArm:
         self._state(q)
         force = np.zeros(self.n_q)
         z = self._vector(internal_state, self.n_internal, "internal")
-        internal.add_internal_force(self.tables, z, force)
+        entries.add_internal_force(self._box, z, force)
         return force
 
     def internal_rate(self, q: ArrayLike, qd: ArrayLike, internal_state: ArrayLike) -> Array:
@@ -166,7 +167,7 @@ class SoftArm:
         _, qd = self._state(q, qd)
         rate = np.empty(self.n_internal)
         z = self._vector(internal_state, self.n_internal, "internal")
-        internal.internal_rate(self.tables, qd, z, rate)
+        entries.internal_rate(self._box, qd, z, rate)
         return rate
 
     def pose(self, q: ArrayLike, s: float) -> Array:
@@ -199,19 +200,17 @@ class SoftArm:
         internal : (n_internal,), optional
             States of creep and hysteresis, default 0.
         """
-        # The kernel checks the values of q and qd: here only the shapes.
+        # The kernel sees whether all is finite: here only the shapes, and the cause when it is not.
         q = self._shaped(q, self.n_q, "q")
         qd = self._shaped(qd, self.n_q, "qd")
-        p = self._vector(p, self.n_u, "p")
-        w = self._no_wrench if wrench is None else self._vector(wrench, 6, "wrench")
-        z = (
-            np.zeros(self.n_internal)
-            if internal is None
-            else self._vector(internal, self.n_internal, "internal")
-        )
+        p = self._shaped(p, self.n_u, "p")
+        w = self._no_wrench if wrench is None else self._shaped(wrench, 6, "wrench")
+        z = self._no_internal if internal is None else self._shaped(internal, self.n_internal, "internal")
         qdd = np.empty(self.n_q)
-        code = dynamics.accelerations(self._box, q, qd, z, p, w, qdd)
+        code = entries.accelerations(self._box, q, qd, z, p, w, qdd)
         if code != dynamics.GOOD:
+            for values, name in ((p, "p"), (w, "wrench"), (z, "internal")):
+                self._vector(values, len(values), name)
             raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
         return qdd
 
@@ -219,8 +218,8 @@ class SoftArm:
         """Kinetic, gravitational (zero at the world's origin) and elastic energy [J]."""
         q, qd = self._state(q, qd)
         kinetic = 0.5 * float(qd @ self.inertia_matrix(q) @ qd)
-        potential = dynamics.gravitational_energy(self._box, q)
-        return kinetic, potential, elasticity.elastic_energy(self.tables, q)
+        potential = entries.gravitational_energy(self._box, q)
+        return kinetic, potential, entries.elastic_energy(self._box, q)
 
     def mass_regressor(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
         """M a + C(q, qd) v + G per kg of the tip mass and of each link, (n_q, 1 + n_links) (section 6)."""
@@ -232,7 +231,7 @@ class SoftArm:
         v, a = self._vector(v, self.n_q, "v"), self._vector(a, self.n_q, "a")
         rows = np.empty((1 + n, self.n_q))
         velocities, accelerations = np.tile(v, (1 + n, 1)), np.tile(a, (1 + n, 1))
-        dynamics.inertial_forces(
+        entries.inertial_forces(
             self._box, masses, tip_masses, self.tables.gravity, q, qd, velocities, accelerations, rows
         )
         return np.ascontiguousarray(rows.T)
@@ -241,7 +240,7 @@ class SoftArm:
         """dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links); zeros where a material holds."""
         q, _ = self._state(q)
         Y = np.empty((self.n_q, 4 * len(self.robot.links)))
-        elasticity.elastic_regressor(self.tables, q, Y)
+        entries.elastic_regressor(self._box, q, Y)
         return Y
 
     def _kinematics(self, q: ArrayLike, s: float) -> tuple[Array, Array, Array]:
@@ -250,7 +249,7 @@ class SoftArm:
         if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
             raise ModelError(f"s = {s!r} m: allowed is 0 to {self.length!r} m")
         R, p, J = np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
-        dynamics.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
+        entries.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
         return R, p, J
 
     def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
@@ -262,7 +261,7 @@ class SoftArm:
         masses = np.empty((len(v), len(t.mass)))
         masses[:] = t.mass
         forces = np.empty_like(v)
-        dynamics.inertial_forces(self._box, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
+        entries.inertial_forces(self._box, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
         return forces
 
     def _assemble(self, blocks: Array) -> Array:
@@ -275,14 +274,14 @@ class SoftArm:
     def _state(self, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[Array, Array]:
         q = self._shaped(q, self.n_q, "q")
         qd = self._no_velocity if qd is None else self._shaped(qd, self.n_q, "qd")
-        code = dynamics.check(self.tables, q, qd)
+        code = entries.check(self._box, q, qd)
         if code != dynamics.GOOD:
             raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
         return q, qd
 
     def _vector(self, values: ArrayLike, n: int, name: str) -> Array:
         array = self._shaped(values, n, name)
-        if not dynamics.finite(array):
+        if not entries.finite(array):
             raise ModelError(f"{name} is not finite: {array}")
         return array
 

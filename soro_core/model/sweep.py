@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.lie import (
+    add,
     add_ad,
     add_coad,
     dot6,
@@ -39,6 +40,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Numbers, for a literal truth value would compile the pass anew for each combination.
 YES, NO = 1.0, 0.0
+# Forces of the motion (q, qd) alone, with an acceleration, and with a reference velocity besides.
+FREE, DRIVEN, REFERENCE = 1.0, 2.0, 3.0
 
 
 @inner
@@ -51,6 +54,21 @@ def start(t: Tables, gravity: Array, V: Array, W: Array, A: Array) -> None:
             + t.base_rotation[1, r] * gravity[1]
             + t.base_rotation[2, r] * gravity[2]
         )
+
+
+@inner
+def move(m: int, B1: Array, x: Array, first: int, V: Array, Vk: Array) -> None:
+    """Vk <- V + B1 x: the twist of a particle from that of the link's base."""
+    y0, y1, y2, y3, y4, y5 = V[0], V[1], V[2], V[3], V[4], V[5]
+    for j in range(m):
+        f = x[first + j]
+        y0 += B1[j, 0] * f
+        y1 += B1[j, 1] * f
+        y2 += B1[j, 2] * f
+        y3 += B1[j, 3] * f
+        y4 += B1[j, 4] * f
+        y5 += B1[j, 5] * f
+    Vk[0], Vk[1], Vk[2], Vk[3], Vk[4], Vk[5] = y0, y1, y2, y3, y4, y5
 
 
 @inner
@@ -72,11 +90,16 @@ def sweep(
 
     tau <- what each link's own mass needs of its coordinates, w.own <- the wrench about its base, for the
     motion (q, qd), reference velocity v and acceleration a: C is that of [C22, 3.16] with the term -ad_V J in
-    Jdot (theory.md section 2), so that Mdot - 2C is skew.
+    Jdot (theory.md section 2), so that Mdot - 2C is skew. `forces` says what of it is looked at: FREE has v =
+    qd and a = 0, DRIVEN has v = qd, REFERENCE all.
     """
-    V, W, A = w.vectors[0], w.vectors[1], w.vectors[2]
-    Vk, Wk, Ak = w.vectors[3], w.vectors[4], w.vectors[5]
-    h, f, xi, xi_rate, rate = w.vectors[6], w.vectors[7], w.vectors[8], w.vectors[9], w.vectors[10]
+    V, A, Vk, Ak = w.vectors[0], w.vectors[2], w.vectors[3], w.vectors[5]
+    apart = forces > DRIVEN
+    W, Wk = V, Vk
+    if apart:
+        W, Wk = w.vectors[1], w.vectors[4]
+    h, f, xi, xi_rate = w.vectors[6], w.vectors[7], w.vectors[8], w.vectors[9]
+    rate, twist = w.vectors[10], w.vectors[11]
     B1, powers, chain = w.node, w.powers, w.chain
     c, co = w.scalars[:8], w.scalars[8:]
     R, p = w.frames[0, :3], w.frames[0, 3]
@@ -85,7 +108,7 @@ def sweep(
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         m = t.offset[i + 1] - first
-        F, M, N = w.coupling[i], w.mass[i], w.inertia[i]
+        F, M, N, own = w.coupling[i], w.mass[i], w.inertia[i], w.own[i]
         z, z_rate = 0.0, 0.0
         if t.varying[i]:
             clear_matrix(B1)
@@ -104,7 +127,7 @@ def sweep(
                         xi_rate[r] += t.basis[first + j, r] * qd[first + j]
                 z_rate = 2.0 * (xi[0] * xi_rate[0] + xi[1] * xi_rate[1] + xi[2] * xi_rate[2])
                 chain_powers(m, xi, xi_rate, v, first, powers, chain)
-        clear(w.own[i])
+        clear(own)
         if bodies > 0.0:
             clear_matrix(F)
             clear_matrix(M)
@@ -123,25 +146,21 @@ def sweep(
                     chain_rate_at(s, z_rate * s * s, co, chain, rate)
             if forces > 0.0:
                 # True twist V, reference twist W = J v, acceleration A = J a + Jdot v, in the base frame b.
-                for r in range(6):
-                    Vk[r] = V[r]
-                    Wk[r] = W[r]
-                    Ak[r] = A[r] + rate[r]
-                for j in range(m):
-                    x, y, u = qd[first + j], v[first + j], a[first + j]
-                    for r in range(6):
-                        Vk[r] += B1[j, r] * x
-                        Wk[r] += B1[j, r] * y
-                        Ak[r] += B1[j, r] * u
-            if forces > 0.0:
+                move(m, B1, qd, first, V, Vk)
+                if apart:
+                    move(m, B1, v, first, W, Wk)
+                if forces > FREE:
+                    move(m, B1, a, first, A, Ak)
+                else:
+                    assign(A, Ak)
+                add(rate[0], rate[1], rate[2], rate[3], rate[4], rate[5], 1.0, Ak)
                 # f = N (A + ad_Vb W) - ad_V' N W
                 momentum(dm, k2, R, p, Wk, h)
-                assign(Ak, xi_rate)
-                add_ad(V, Wk, 1.0, xi_rate)
-                momentum(dm, k2, R, p, xi_rate, f)
+                assign(Ak, twist)
+                add_ad(V, Wk, 1.0, twist)
+                momentum(dm, k2, R, p, twist, f)
                 add_coad(Vk, h, -1.0, f)
-                for r in range(6):
-                    w.own[i, r] += f[r]
+                add(f[0], f[1], f[2], f[3], f[4], f[5], 1.0, own)
                 for j in range(m):
                     tau[first + j] += dot6(B1[j], f)
             if bodies > 0.0:
@@ -158,15 +177,15 @@ def sweep(
         if forces > 0.0:
             # Jdot_next v = Ad^-1 (Jdot v - ad_w J v), w the twist of the end relative to b.
             for r in range(6):
-                V[r] = Vk[r] - V[r]
-            add_ad(V, Wk, -1.0, Ak)
-            for r in range(6):
-                V[r] = Vk[r]
-                W[r] = Wk[r]
-                A[r] = Ak[r]
+                twist[r] = Vk[r] - V[r]
+            add_ad(twist, Wk, -1.0, Ak)
+            assign(Vk, V)
+            assign(Ak, A)
             to_body(R, p, V)
-            to_body(R, p, W)
             to_body(R, p, A)
+            if apart:
+                assign(Wk, W)
+                to_body(R, p, W)
 
 
 @inner

@@ -62,6 +62,13 @@ class Work(NamedTuple):
     pivots: Integers
 
 
+class Arm(NamedTuple):
+    """What the kernels need of an arm: its numbers, and room to compute in."""
+
+    tables: Tables
+    work: Work
+
+
 @inner
 def workspace(t: Tables, dense: int) -> Work:
     """Arrays for the robot of these tables; `dense` matrices of all coordinates."""

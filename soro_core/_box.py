@@ -1,0 +1,150 @@
+"""Tables of arrays behind one pointer.
+
+A named tuple of forty arrays is handed to a compiled function as four hundred machine words, at every call
+level anew; and each array that is looked at counts its references, atomically. For an arm of one link that
+is most of the time. So the tuple lies in a `Box`, and kernels get a view: its address. What is read through
+a view has no owner; the caller keeps the box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numba
+from numba import config as numba_config
+from numba.core import cgutils
+from numba.core.datamodel import models
+from numba.core.typing.templates import AttributeTemplate
+from numba.experimental import structref
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, overload, register_model
+
+# Sets the cache's folder before anything is compiled.
+import soro_core._jit  # noqa: F401
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class BoxType(numba.types.StructRef):  # type: ignore[misc]  # numba is not typed
+    """Type of `Box` in compiled code; at the top of a module, so that a cache refers to it by name."""
+
+
+class ViewType(numba.types.Type):  # type: ignore[misc]
+    """Address of a named tuple."""
+
+    def __init__(self, kind: Any) -> None:
+        self.kind = kind
+        super().__init__(name=f"view({kind})")
+
+    @property
+    def instance_class(self) -> Any:
+        """Class of the named tuple, as numba's own tuples have it."""
+        return self.kind.instance_class
+
+
+@register_model(ViewType)
+class ViewModel(models.PrimitiveModel):  # type: ignore[misc]
+    """A pointer."""
+
+    def __init__(self, manager: Any, view: ViewType) -> None:
+        super().__init__(manager, view, manager[view.kind].get_value_type().as_pointer())
+
+
+@infer_getattr
+class ViewAttributes(AttributeTemplate):  # type: ignore[misc]
+    """Fields of a view: scalars and arrays as they are, tuples as views again."""
+
+    key = ViewType
+
+    def generic_resolve(self, view: ViewType, name: str) -> Any:
+        """Type of the field."""
+        if name not in view.kind.fields:
+            return None
+        kind = view.kind.types[view.kind.fields.index(name)]
+        return ViewType(kind) if isinstance(kind, numba.types.BaseNamedTuple) else kind
+
+
+@lower_getattr_generic(ViewType)  # type: ignore[untyped-decorator]
+def _field(context: Any, builder: Any, view: ViewType, pointer: Any, name: str) -> Any:
+    index = view.kind.fields.index(name)
+    kind = view.kind.types[index]
+    place = cgutils.gep_inbounds(builder, pointer, 0, index)
+    if isinstance(kind, numba.types.BaseNamedTuple):
+        return place
+    if not isinstance(kind, numba.types.Array):
+        return _constant(builder, place)
+    array = context.make_array(kind)(context, builder)
+    array.meminfo = cgutils.get_null_value(array.meminfo.type)
+    array.parent = cgutils.get_null_value(array.parent.type)
+    members = context.data_model_manager[kind]
+    for part in ("nitems", "itemsize", "data"):
+        setattr(array, part, _constant(builder, place, members.get_field_position(part)))
+    for part in ("shape", "strides"):
+        position = members.get_field_position(part)
+        sizes = [_constant(builder, place, position, i) for i in range(kind.ndim)]
+        setattr(array, part, cgutils.pack_array(builder, sizes))
+    return array._getvalue()
+
+
+def _constant(builder: Any, place: Any, *path: int) -> Any:
+    """Load what never changes while it can be read: the optimiser need not load it again after a store."""
+    value = builder.load(cgutils.gep_inbounds(builder, place, 0, *path) if path else place)
+    value.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return value
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _view(typing_context: Any, box: Any) -> Any:
+    kind = ViewType(box.field_dict["content"])
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        utils = structref._Utils(context, builder, signature.args[0])
+        return utils.get_data_struct(arguments[0])._get_ptr_by_name("content")
+
+    return kind(box), code
+
+
+if numba_config.DISABLE_JIT:
+
+    class Box(NamedTuple):
+        """Keeper of a named tuple."""
+
+        content: Any
+
+    def view(box: Box) -> Any:
+        """Return the content."""
+        return box.content
+
+else:
+
+    class Box(structref.StructRefProxy):  # type: ignore[no-redef,misc]
+        """Keeper of a named tuple: one argument where Python would unpack sixty arrays a call.
+
+        Only compiled code makes one, so that making one is cached as well.
+        """
+
+    structref.register(BoxType)
+    structref.define_proxy(Box, BoxType, ["content"])
+    view = _view
+
+
+def by_type(kind: type, its: Function, others: Function) -> Function:
+    """Return a function: `its` where the first argument is (a view of) a `kind`, and `others` elsewhere.
+
+    In compiled code the choice is made when the caller is compiled, so that kernels of one kind alone are.
+    """
+
+    def choose(first: Any, *rest: Any) -> Any:
+        return (its if isinstance(first, kind) else others)(first, *rest)
+
+    def compiled(first: Any, *rest: Any) -> Any:
+        def by_its(first: Any, *rest: Any) -> Any:
+            return its(first, *rest)
+
+        def by_others(first: Any, *rest: Any) -> Any:
+            return others(first, *rest)
+
+        return by_its if first.instance_class is kind else by_others
+
+    overload(choose)(compiled)
+    return cast(Function, choose)

@@ -1,0 +1,138 @@
+"""What Python calls of the model: short compiled functions of an arm in its box."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._box import Box, view
+from soro_core._jit import entry, kernel
+from soro_core.model import chambers, dynamics, elasticity, internal
+from soro_core.model.linear import clear
+from soro_core.model.method import inertia, inverse_dynamics, kinematics, make_work, potential
+from soro_core.model.tables import Site, Tables
+from soro_core.model.work import Arm
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@kernel
+def make_box(t: Tables) -> Box:
+    """Tables and a workspace of their own."""
+    return Box(Arm(t, make_work(t)))
+
+
+@entry
+def check(box: Box, q: Array, qd: Array) -> int:
+    """`dynamics.check`."""
+    return dynamics.check(view(box).tables, q, qd)
+
+
+@entry
+def finite(x: Array) -> bool:
+    """True where all entries are numbers."""
+    return dynamics.finite(x)
+
+
+@entry
+def inertia_matrix(box: Box, q: Array, M: Array) -> None:
+    """M <- inertia matrix (n_q, n_q)."""
+    arm = view(box)
+    t = arm.tables
+    inertia(t, arm.work, t.mass, t.tip_mass, q, M)
+
+
+@entry
+def inertial_forces(
+    box: Box,
+    masses: Array,
+    tip_masses: Array,
+    gravity: Array,
+    q: Array,
+    qd: Array,
+    v: Array,
+    a: Array,
+    forces: Array,
+) -> None:
+    """forces[k] <- M a[k] + C(q, qd) v[k] + G with the masses of row k; all of shape (n_k, ...).
+
+    One entry for everything linear: C by unit velocities without gravity, regressors by unit masses.
+    """
+    arm = view(box)
+    none = np.zeros(6)
+    for k in range(forces.shape[0]):
+        inverse_dynamics(
+            arm.tables, arm.work, masses[k], tip_masses[k], gravity, none, q, qd, v[k], a[k], forces[k]
+        )
+
+
+@entry
+def pose_and_jacobian(box: Box, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
+    """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6)."""
+    arm = view(box)
+    kinematics(arm.tables, arm.work, site, q, R, p, J)
+
+
+@entry
+def gravitational_energy(box: Box, q: Array) -> float:
+    """U_g [J], zero at the world's origin."""
+    arm = view(box)
+    return potential(arm.tables, arm.work, q)
+
+
+@entry
+def accelerations(box: Box, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array) -> int:
+    """`dynamics.forward_dynamics`."""
+    arm = view(box)
+    return dynamics.forward_dynamics(arm.tables, arm.work, q, qd, z, pressure, wrench, qdd)
+
+
+@entry
+def damping_force(box: Box, qd: Array, force: Array) -> None:
+    """force <- R qd."""
+    clear(force)
+    dynamics.add_damping_force(view(box).tables, qd, force)
+
+
+@entry
+def elastic_force(box: Box, q: Array, force: Array) -> None:
+    """force <- dU_e/dq (n_q,)."""
+    elasticity.elastic_force(view(box).tables, q, force)
+
+
+@entry
+def elastic_energy(box: Box, q: Array) -> float:
+    """U_e [J]."""
+    return elasticity.elastic_energy(view(box).tables, q)
+
+
+@entry
+def add_stiffness(box: Box, q: Array, K: Array) -> None:
+    """K += d2U_e/dq2, the block of each link: row of a coordinate, (n_q, width)."""
+    elasticity.add_stiffness(view(box).tables, q, 1.0, K)
+
+
+@entry
+def elastic_regressor(box: Box, q: Array, Y: Array) -> None:
+    """Y <- dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n)."""
+    elasticity.elastic_regressor(view(box).tables, q, Y)
+
+
+@entry
+def actuation(box: Box, q: Array, H: Array) -> None:
+    """H <- generalised force per pressure (n_q, n_u)."""
+    chambers.actuation(view(box).tables, q, H)
+
+
+@entry
+def add_internal_force(box: Box, z: Array, force: Array) -> None:
+    """force += generalised force of the internal states on the left-hand side."""
+    internal.add_internal_force(view(box).tables, z, force)
+
+
+@entry
+def internal_rate(box: Box, qd: Array, z: Array, rate: Array) -> None:
+    """rate <- dz/dt."""
+    internal.internal_rate(view(box).tables, qd, z, rate)

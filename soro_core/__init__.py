@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from soro_core._lazy import lazy
 
 if TYPE_CHECKING:
-    from soro_core.integrate import simulate
+    from soro_core.integrate.simulate import simulate
     from soro_core.model import SoftArm
     from soro_core.robot import Robot, load_robot, robot_from_dict
 

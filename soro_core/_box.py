@@ -20,7 +20,7 @@ from numba.experimental import structref
 from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, overload, register_model
 
 # Sets the cache's folder before anything is compiled.
-import soro_core._jit  # noqa: F401
+from soro_core._jit import kernel  # noqa: F401
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

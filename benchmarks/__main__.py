@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from benchmarks import forward, peer, realtime, report, sixlink, startup, terms
+from benchmarks import extremes, forward, peer, realtime, report, sixlink, startup, terms, trade
 from benchmarks.options import Options
 from benchmarks.timing import CLOCK, one_core
 
@@ -19,6 +19,8 @@ SECTIONS = {
     "terms": terms,
     "realtime": realtime,
     "sixlink": sixlink,
+    "trade": trade,
+    "extremes": extremes,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -11,6 +11,7 @@ from soro_core import SoftArm
 from soro_core._box import Box, view
 from soro_core._jit import kernel
 from soro_core.model import dynamics
+from soro_core.model.checks import flat_wrench
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,8 @@ def in_a_loop(
     arm: SoftArm, q: Array, qd: Array, pressure: float = 0.0, internal: float = 0.0, force: float = 0.0
 ) -> Callable[[int], None]:
     """Run of n calls at the states (count, n_q), with all pressures, internal states and tip forces alike."""
-    z, p, w = np.full(arm.n_internal, internal), np.full(arm.n_u, pressure), np.full(6, force)
+    z, p = np.full(arm.n_internal, internal), np.full(arm.n_u, pressure)
+    w = np.full_like(flat_wrench(arm.robot, None), force)
     qdd = np.zeros(arm.n_q)
 
     def run(n: int) -> None:

@@ -135,7 +135,7 @@ def in_space(case: Case, options: Options) -> Iterator[Point]:
         yield case.measure(
             SoftArm(case.robot, method="mde", steps=total // LINKS), "trapezoidal", 1 / RATE_HZ
         )
-    for nodes in options.pick((1, 2, 3, 4, 6, 8), (2,)):
+    for nodes in options.pick((2, 3, 4, 6, 8), (2,)):
         options.say(f"exact, {LINKS * nodes} nodes")
         yield case.measure(SoftArm(case.robot, nodes=nodes), "trapezoidal", 1 / RATE_HZ)
 

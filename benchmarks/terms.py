@@ -23,6 +23,13 @@ CREEP = [{"tau": 0.05, "stiffness": [100.0, 1e-3, 1e-3]}]
 HYSTERESIS = [{"stiffness": [100.0, 1e-3, 1e-3], "range": [0.05, 1.0, 1.0]}]
 SIX = ("elongation", "bending_x", "bending_y", "torsion", "shear_x", "shear_y")
 
+# Random states bend the four links of 0.2 m about the world's z: a wall in reach, and one out of reach.
+WALL = {"point": [0.0, 0.0, 0.1], "normal": [0.0, 0.0, -1.0], "stiffness": 50.0}
+LOSSES = {"damping": 1.0, "friction": 0.5}
+AWAY = {**WALL, **LOSSES, "point": [0.0, 0.0, 9.0]}
+BALL = {"centre": [0.0, 0.0, 0.15], "radius": 0.05, "stiffness": 50.0, **LOSSES}
+ONE_A_LINK = [0.03, 0.08, 0.13, 0.18]
+
 # Name: keys of the link, keys of the robot, arguments of SoftArm, force at the tip [N, N m].
 Ingredient = tuple[dict[str, Any], dict[str, Any], dict[str, Any], float]
 INGREDIENTS: dict[str, Ingredient] = {
@@ -30,6 +37,24 @@ INGREDIENTS: dict[str, Ingredient] = {
     "gravity": ({}, {"gravity": [0.0, 0.0, -9.81]}, {}, 0.0),
     "tip mass": ({}, {"tip_mass": 0.02}, {}, 0.0),
     "wrench at the tip": ({}, {}, {}, 0.01),
+    "point masses, one a link": (
+        {},
+        {"point_masses": [{"place": s, "mass": 0.02} for s in ONE_A_LINK]},
+        {},
+        0.0,
+    ),
+    "wrenches, one a link": ({}, {"wrench_places": ONE_A_LINK}, {}, 0.01),
+    "plane out of reach, 1 point a link": (
+        {},
+        {"contacts": {"planes": [AWAY], "points_per_link": 1}},
+        {},
+        0.0,
+    ),
+    "plane out of reach, 5 points a link": ({}, {"contacts": {"planes": [AWAY]}}, {}, 0.0),
+    "plane, 5 points a link": ({}, {"contacts": {"planes": [WALL]}}, {}, 0.0),
+    "plane, with damping and friction": ({}, {"contacts": {"planes": [{**WALL, **LOSSES}]}}, {}, 0.0),
+    "sphere, with damping and friction": ({}, {"contacts": {"spheres": [BALL]}}, {}, 0.0),
+    "tip held": ({}, {"tip_constraint": {"point": [0.0, 0.0, 0.2]}}, {}, 0.0),
     "viscosity of the material": ({"material": {**MATERIAL, "viscosity": 300.0}}, {}, {}, 0.0),
     "damping by coordinate": ({"damping": [0.1, 1e-6, 1e-6]}, {}, {}, 0.0),
     "hyper-elastic law, deformed angle": (LAW, {}, {}, 0.0),

@@ -8,8 +8,7 @@ a view has no owner; the caller keeps the box.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
 import numba
 from numba import config as numba_config
@@ -17,12 +16,10 @@ from numba.core import cgutils
 from numba.core.datamodel import models
 from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, overload, register_model
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, register_model
 
 # Sets the cache's folder before anything is compiled.
 from soro_core._jit import kernel  # noqa: F401
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class BoxType(numba.types.StructRef):  # type: ignore[misc]  # numba is not typed
@@ -126,25 +123,3 @@ else:
     structref.register(BoxType)
     structref.define_proxy(Box, BoxType, ["content"])
     view = _view
-
-
-def by_type(kind: type, its: Function, others: Function) -> Function:
-    """Return a function: `its` where the first argument is (a view of) a `kind`, and `others` elsewhere.
-
-    In compiled code the choice is made when the caller is compiled, so that kernels of one kind alone are.
-    """
-
-    def choose(first: Any, *rest: Any) -> Any:
-        return (its if isinstance(first, kind) else others)(first, *rest)
-
-    def compiled(first: Any, *rest: Any) -> Any:
-        def by_its(first: Any, *rest: Any) -> Any:
-            return its(first, *rest)
-
-        def by_others(first: Any, *rest: Any) -> Any:
-            return others(first, *rest)
-
-        return by_its if first.instance_class is kind else by_others
-
-    overload(choose)(compiled)
-    return cast(Function, choose)

@@ -28,11 +28,13 @@ def source_hash() -> str:
     package = Path(__file__).resolve().parent
     digest = hashlib.sha256()
     digest.update(f"{numba.__version__} {np.__version__} {platform.python_version()}".encode())
-    for path in sorted(package.rglob("*.py")):
-        text = path.read_bytes()
-        if b"soro_core._jit" in text or path.name == "_jit.py":
-            digest.update(path.relative_to(package).as_posix().encode())
-            digest.update(text)
+    kernels = [path for path in package.rglob("*.py") if b"soro_core._jit" in path.read_bytes()]
+    # Whole folders: a table that kernels read may lie in a file without any.
+    folders = {path.parent for path in kernels} - {package}
+    feeding = {path for folder in folders for path in folder.glob("*.py")} | set(package.glob("_*.py"))
+    for path in sorted(feeding):
+        digest.update(path.relative_to(package).as_posix().encode())
+        digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 

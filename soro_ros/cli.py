@@ -19,6 +19,7 @@ def _application() -> typer.Typer:
     from soro_ros.commands.emulate import emulate
     from soro_ros.commands.play import play
     from soro_ros.commands.run import run
+    from soro_ros.commands.trade import trade
 
     app = typer.Typer(
         help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
@@ -29,6 +30,7 @@ def _application() -> typer.Typer:
     app.command()(run)
     app.command()(play)
     app.command()(emulate)
+    app.command()(trade)
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     return app
 

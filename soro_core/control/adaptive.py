@@ -32,7 +32,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FeedbackGains:
-    """Diagonals of K_p, K_d and Lambda, (n_q,) each."""
+    """K_p and K_d, (n_q, n_q), symmetric and coupling the coefficients of one strain of one link at most; and
+    the diagonal of Lambda, (n_q,), one value a strain of a link: K_p Lambda must not be indefinite."""
 
     k_p: Array
     k_d: Array
@@ -90,7 +91,7 @@ def law(
     else:
         model, regressor = parameters.model_force(q, qd, rate, acceleration)
     learnt = regressor @ (estimate - parameters.nominal)
-    proportional, derivative = -gains.k_p * error, -gains.k_d * s
+    proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
     wished = model + learnt + internal_force + proportional + derivative
     return Terms(error, s, model, learnt, internal_force, proportional, derivative, wished, regressor)
 

@@ -1,6 +1,6 @@
 """Pressures for a wished generalised force: bounded, weighted least squares.
 
-minimise |W (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum             (theory.md section 6)
+minimise |A (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum             (theory.md section 6)
 
 Solved by a primal active-set method in scaled pressures. Every iterate is within the bounds, so the answer is
 admissible even where the iterations run out; the problem is strictly convex, so they end.
@@ -13,6 +13,8 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from soro_core.robot.coordinates import StrainFields
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -64,8 +66,8 @@ def allocate(
         Wished generalised force, in the units of each coordinate.
     minimum_pa, maximum_pa : ndarray (n_u,)
         Bounds, finite, minimum < maximum.
-    weight : ndarray (n_q,)
-        Multiplies each row; `balanced_weight` makes newtons and newton metres comparable.
+    weight : ndarray (m, n_q)
+        A, applied to the forces; `balanced_weight` makes newtons and newton metres comparable.
     regularisation : float
         rho, > 0, relative to the mean square of the weighted columns; decides between equal answers.
     preferred_pa : ndarray (n_u,)
@@ -77,8 +79,9 @@ def allocate(
     span = maximum_pa - minimum_pa
     start = np.where(np.isfinite(start_pa), start_pa, minimum_pa)
     x = np.minimum(np.maximum((start - minimum_pa) / span, 0.0), 1.0)
-    A = (weight[:, None] * actuation) * span
-    b = weight * (force - actuation @ minimum_pa)
+    with np.errstate(invalid="ignore"):  # input that is not finite is found below
+        A = (weight @ actuation) * span
+        b = weight @ (force - actuation @ minimum_pa)
     square = A.T @ A
     rho = regularisation * max(float(np.trace(square)) / n, 1e-300)
     hessian = square + rho * np.eye(n)
@@ -94,11 +97,17 @@ def allocate(
     return Allocation(pressure, np.where(np.isfinite(made), made, 0.0), saturated, iterations, ok)
 
 
-def balanced_weight(actuation: Array) -> Array:
-    """Return weights that express every generalised force as a pressure: one over the row's length."""
-    length = np.sqrt(np.sum(actuation * actuation, axis=1))
-    # A coordinate that no chamber moves has no say.
-    return np.where(length > 1e-300, 1.0 / np.maximum(length, 1e-300), 0.0)
+def balanced_weight(actuation: Array, fields: StrainFields) -> Array:
+    """Return the weight that expresses every generalised force as a pressure, (n_q, n_q).
+
+    Forces on the coefficients of one strain are measured by the smallest distributed moment (or force) that
+    makes them: its mean square is f' W^-1 f, whatever the basis. Over this size of its rows of H each strain
+    is divided. Of a constant strain that is the row over its length.
+    """
+    square = np.sum((fields.root @ actuation) ** 2, axis=1)
+    length = np.sqrt(np.bincount(fields.index, square))[fields.index]
+    # A strain that no chamber moves has no say.
+    return np.asarray(np.where(length > 1e-300, 1.0 / np.maximum(length, 1e-300), 0.0)[:, None] * fields.root)
 
 
 def _active_set(hessian: Array, linear: Array, x: Array) -> tuple[Array, int, bool]:

@@ -36,7 +36,12 @@ def require_chambers(robot: Robot, where: str) -> None:
 
 
 class Gains(Strict):
-    """Feedback gains: one value a coordinate, or one a strain of a link, repeated for every link."""
+    """Feedback gains: one value a strain of a link, repeated for every link, or one a coordinate.
+
+    A value of a strain is that of a uniform strain; of one with several coefficients it acts on the mean
+    square along the link (K_p = k_p W, `soro_core.robot.coordinates`), so that the law is the same in every
+    basis. Values of coordinates stand on the diagonal as they are.
+    """
 
     k_p: Floats = Field((0.4, 1e-6, 1e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
     k_d: Floats = Field(
@@ -112,7 +117,7 @@ class Pressures(Strict):
     force_weight: Floats = Field(
         (0.3, 1.0, 1.0),
         min_length=1,
-        description="weight of each coordinate where not all forces can be made",
+        description="weight of each strain of a link, or coordinate, where not all forces can be made",
     )
     rise_pa_s: float = Field(200e3, gt=0, le=1e7, description="fastest rise that the limiter allows")
     fall_pa_s: float = Field(400e3, gt=0, le=1e7, description="fastest fall that the limiter allows")
@@ -154,7 +159,10 @@ class ReferenceConfig(Strict):
         description="choose the elongation so that the model's mean pressure is mean_pressure_pa instead",
     )
     mean_pressure_pa: float = Field(45e3, ge=-1e5, le=1e6, description="mean pressure for choose_elongation")
-    set_point: Floats = Field((0.0, 0.0, 0.0), description="coordinates, for kind set_point")
+    set_point: Floats = Field(
+        (0.0, 0.0, 0.0),
+        description="for kind set_point: one value a strain of a link, uniform along it, or the coordinates",
+    )
     rotation_weight_m: float = Field(
         0.0,
         ge=0,

@@ -17,11 +17,18 @@ from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.kinematics import inverse_kinematics
 from soro_core.control.lag import advance, compensate
 from soro_core.control.parameters import ParameterSet
-from soro_core.control.references import configured_reference, coordinate_limits, per_coordinate
+from soro_core.control.references import (
+    check_limits,
+    configured_reference,
+    gain_matrix,
+    per_coordinate,
+    strain_limits,
+)
 from soro_core.control.trajectory import Blend, Hold, Reference, Stop, Waypoints
 from soro_core.errors import ConfigError
-from soro_core.model import SoftArm
-from soro_core.robot import Robot
+from soro_core.model.discretised import discretised
+from soro_core.robot import Discretisation, Robot
+from soro_core.robot.coordinates import strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -29,25 +36,40 @@ Array: TypeAlias = NDArray[np.float64]
 class Controller:
     """Passivity-based adaptive controller of one robot.
 
+    Parameters
+    ----------
+    robot : Robot
+        As its file describes it.
+    config : ControllerConfig, optional
+    model : Discretisation
+        How the robot is computed; `arm` and `robot` are what becomes of it.
+
     Raises
     ------
     ConfigError
         If the configuration does not fit the robot.
     """
 
-    def __init__(self, robot: Robot, config: ControllerConfig | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        config: ControllerConfig | None = None,
+        model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
+    ) -> None:
         self.config = config if config is not None else ControllerConfig()
-        self.robot = robot
         require_chambers(robot, "controller")
-        self.arm = SoftArm(robot)
+        self.arm = discretised(robot, model)
+        robot = self.robot = self.arm.robot
         self.parameters = ParameterSet(self.arm, self.config.adaptation)
         gains, pressures = self.config.gains, self.config.pressures
+        self.fields = strain_fields(robot)
         self.gains = FeedbackGains(
-            per_coordinate(robot, gains.k_p, "gains.k_p"),
-            per_coordinate(robot, gains.k_d, "gains.k_d"),
-            per_coordinate(robot, gains.lambda_per_s, "gains.lambda_per_s"),
+            # Those of a link, of which each piece takes its share.
+            gain_matrix(self.fields, gains.k_p, "gains.k_p") / model.links,
+            gain_matrix(self.fields, gains.k_d, "gains.k_d") / model.links,
+            per_coordinate(self.fields, gains.lambda_per_s, "gains.lambda_per_s")[0],
         )
-        self.force_weight = per_coordinate(robot, pressures.force_weight, "pressures.force_weight")
+        self.force_weight, _ = per_coordinate(self.fields, pressures.force_weight, "pressures.force_weight")
         low = max(pressures.minimum_pa, robot.pressure_range_pa[0])
         high = min(pressures.maximum_pa, robot.pressure_range_pa[1])
         if not low < high:
@@ -58,13 +80,11 @@ class Controller:
         self.minimum_pa, self.maximum_pa = np.full(self.arm.n_u, low), np.full(self.arm.n_u, high)
         self.preferred_pa = np.full(self.arm.n_u, min(max(pressures.preferred_pa, low), high))
         adaptation = self.config.adaptation
-        self.dead_zone = per_coordinate(
-            robot,
-            (adaptation.dead_zone_stretch_per_s, adaptation.dead_zone_curvature_per_m_s),
-            "adaptation.dead_zone",
-            by_kind=True,
-        )
-        self.limit = coordinate_limits(robot, self.config.reference)
+        # Of a strain with several coefficients it is the root mean square along the link that counts.
+        self.dead_zone = np.where(
+            self.fields.stretch, adaptation.dead_zone_stretch_per_s, adaptation.dead_zone_curvature_per_m_s
+        ) / np.sqrt(np.diag(self.fields.weight))
+        self.limit = strain_limits(self.fields, self.config.reference)
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
         """Return the state before the first tick, with the robot file's parameters."""
@@ -128,7 +148,7 @@ class Controller:
             terms.wished,
             self.minimum_pa,
             self.maximum_pa,
-            self.force_weight * balanced_weight(believed),
+            self.force_weight[:, None] * balanced_weight(believed, self.fields),
             pressures.regularisation,
             self.preferred_pa,
             state.wish_pa,
@@ -207,7 +227,7 @@ class Controller:
             velocities,
             accelerations,
             start_s=t,
-            limit=self.limit,
+            limit=lambda q: check_limits(self.fields, self.robot.coordinate_names, self.limit, q),
         )
 
     def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
@@ -226,7 +246,9 @@ class Controller:
             raise ConfigError("tip reference", "orientation", quaternion, "a unit quaternion x, y, z, w")
         settings = self.config.reference
         start = np.zeros(self.arm.n_q) if state.point is None else state.point.q
-        found = inverse_kinematics(self.arm, where, turn, start, self.limit, settings.rotation_weight_m)
+        found = inverse_kinematics(
+            self.arm, self.fields, where, turn, start, self.limit, settings.rotation_weight_m
+        )
         if found.position_error_m > settings.tip_tolerance_m:
             got = f"{where.tolist()}, missed by {1e3 * found.position_error_m:.1f} mm"
             raise ConfigError("tip reference", "position", got, "a point that the tip can reach")
@@ -250,7 +272,7 @@ class Controller:
             return state
         configured, duration = state.configured, self.config.reference.start_s
         if configured is None:
-            configured = configured_reference(self.arm, self.config, np.array(q), t)
+            configured = configured_reference(self.arm, self.fields, self.config, np.array(q), t)
         wanted = configured if reference is None else reference
         leaving = Hold(np.array(q)) if state.point is None else Stop(t, duration, state.point)
         return replace(
@@ -258,7 +280,7 @@ class Controller:
         )
 
     def _within(self, q: Array) -> Array:
-        return np.asarray(np.clip(q, -self.limit, self.limit))
+        return self.fields.within(q, self.limit)
 
     def _creep(self, internal: Array, q: Array, qd: Array, dt: float) -> Array:
         """Advance creep and hysteresis along the given motion (midpoint rule)."""

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core.control.allocation import allocate, balanced_weight
 from soro_core.model import SoftArm
+from soro_core.robot.coordinates import StrainFields
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -27,6 +28,7 @@ class InverseSolution:
 
 def inverse_kinematics(
     arm: SoftArm,
+    fields: StrainFields,
     position: Array,
     orientation: Array | None,
     start: Array,
@@ -36,8 +38,12 @@ def inverse_kinematics(
 ) -> InverseSolution:
     """Find coordinates that bring the tip to a pose: damped least squares on bounded q (Levenberg-Marquardt).
 
+    The damping weighs the mean square of the strains, so that the way does not depend on the basis.
+
     Parameters
     ----------
+    fields : StrainFields
+        Of the arm's robot.
     position : ndarray (3,)
         Of the tip, in the world frame [m].
     orientation : ndarray (4,) or None
@@ -45,7 +51,7 @@ def inverse_kinematics(
     start : ndarray (n_q,)
         Where the search begins.
     limit : ndarray (n_q,)
-        Largest absolute value of each coordinate, > 0.
+        Largest absolute strain of the field of each coordinate, > 0.
     rotation_weight_m : float
         Metres that one radian is worth.
     """
@@ -64,14 +70,14 @@ def inverse_kinematics(
             slopes.append(rotation_weight_m * jacobian[:3])
         return np.concatenate(rows), np.vstack(slopes) * limit
 
-    x = np.clip(start / limit, -1.0, 1.0)
+    x = fields.within(start, limit) / limit
     error, slope = residual(x * limit)
     damping, used = 1e-3, 0
     for used in range(1, iterations + 1):  # noqa: B007
         square = slope.T @ slope
-        scale = max(float(np.trace(square)) / x.size, 1e-300)
-        step = np.linalg.solve(square + damping * scale * np.eye(x.size), slope.T @ error)
-        tried = np.clip(x + step, -1.0, 1.0)
+        scale = max(float(np.trace(np.linalg.solve(fields.weight, square))) / x.size, 1e-300)
+        step = np.linalg.solve(square + damping * scale * fields.weight, slope.T @ error)
+        tried = fields.within((x + step) * limit, limit) / limit
         new_error, new_slope = residual(tried * limit)
         if float(new_error @ new_error) < float(error @ error):
             moved = float(np.max(np.abs(tried - x)))
@@ -94,11 +100,13 @@ def inverse_kinematics(
     return InverseSolution(q, float(np.linalg.norm(position - pose[:3, 3])), turn_error, used)
 
 
-def mean_static_pressure(arm: SoftArm, q: Array, minimum_pa: Array, maximum_pa: Array) -> float:
+def mean_static_pressure(
+    arm: SoftArm, fields: StrainFields, q: Array, minimum_pa: Array, maximum_pa: Array
+) -> float:
     """Return the mean of the pressures [Pa] that hold the arm at rest in `q`, bounds ignored."""
     load = arm.gravity_force(q) + arm.elastic_force(q)
     actuation = arm.actuation_matrix(q)
-    weight = balanced_weight(actuation)
+    weight = balanced_weight(actuation, fields)
     wide = 1e3 * (maximum_pa - minimum_pa)
     middle = 0.5 * (minimum_pa + maximum_pa)
     found = allocate(actuation, load, middle - wide, middle + wide, weight, 1e-12, middle, middle)
@@ -106,7 +114,13 @@ def mean_static_pressure(arm: SoftArm, q: Array, minimum_pa: Array, maximum_pa: 
 
 
 def elongation_for_pressure(
-    arm: SoftArm, bent: Array, stretch: Array, mean_pa: float, minimum_pa: Array, maximum_pa: Array
+    arm: SoftArm,
+    fields: StrainFields,
+    bent: Array,
+    stretch: Array,
+    mean_pa: float,
+    minimum_pa: Array,
+    maximum_pa: Array,
 ) -> float:
     """Choose the elongation at which holding the bent arm takes a mean pressure of `mean_pa`.
 
@@ -115,7 +129,7 @@ def elongation_for_pressure(
     bent : ndarray (n_q,)
         Coordinates with the curvature of the reference.
     stretch : ndarray (n_q,)
-        1 on the coordinates that are elongations, 0 elsewhere.
+        Coordinates of an elongation of 1 all along.
 
     Returns
     -------
@@ -125,7 +139,8 @@ def elongation_for_pressure(
     low, high = -0.3, 0.6
 
     def excess(elongation: float) -> float:
-        return mean_static_pressure(arm, bent + elongation * stretch, minimum_pa, maximum_pa) - mean_pa
+        q = bent + elongation * stretch
+        return mean_static_pressure(arm, fields, q, minimum_pa, maximum_pa) - mean_pa
 
     if excess(low) >= 0.0:
         return low

@@ -11,21 +11,27 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from soro_core.control.config import Adaptation
 from soro_core.control.projection import Pair, Polytope
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
+from soro_core.robot.coordinates import STRETCHES, StrainFields, strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
 _ELASTIC = ("a1", "a2", "a4", "a5")
-_STRETCH = ("elongation", "shear_x", "shear_y")
 
 
 @dataclass(frozen=True)
 class Column:
-    """One adapted parameter: its group (as configured) and the column of that group's regressor."""
+    """One adapted parameter: its group (as configured) and the column of that group's regressor.
+
+    Of damping that is the number of the strain field: what is adapted is a damping rho that is uniform along
+    the link, with the force rho W v (`soro_core.robot.coordinates`), one parameter however many coefficients
+    the strain has.
+    """
 
     name: str
     group: str
@@ -52,7 +58,7 @@ class ParameterSet:
     """
 
     def __init__(self, arm: SoftArm, config: Adaptation, where: str = "controller") -> None:
-        self.arm = arm
+        self.arm, self.fields = arm, strain_fields(arm.robot)
         columns: list[Column] = []
         lower: list[float] = []
         upper: list[float] = []
@@ -60,7 +66,7 @@ class ParameterSet:
         for group, g, low, high in zip(
             config.parameters, config.gain, config.lower, config.upper, strict=True
         ):
-            found = _columns(arm, group, where)
+            found = _columns(arm, self.fields, group, where)
             columns += found
             lower += [low] * len(found)
             upper += [high] * len(found)
@@ -100,7 +106,11 @@ class ParameterSet:
         The columns of chamber gains are zero here: they multiply the pressures, see `gain_regressor`.
         """
         mass = self.arm.mass_regressor(q, qd, v, a)
-        force = mass @ self._masses + self.arm.elastic_force(q) + self.arm.damping_force(q, v)
+        # The regressor has no column for point masses.
+        inertial = (
+            self.arm.inverse_dynamics(q, qd, v, a) if self.arm.robot.point_masses else mass @ self._masses
+        )
+        force = inertial + self.arm.elastic_force(q) + self.arm.damping_force(q, v)
         regressor = np.zeros((self.arm.n_q, self.size))
         elastic = self.arm.elastic_regressor(q) if self._has_elastic else np.zeros((self.arm.n_q, 0))
         for group, (at, index) in self._groups.items():
@@ -109,7 +119,7 @@ class ParameterSet:
             elif group in ("tip_mass", "link_mass"):
                 regressor[:, at] = mass[:, index]
             elif group.startswith("damping"):
-                regressor[index, at] = v[index]
+                regressor[:, at] = (self.fields.weight @ v)[:, None] * (self.fields.index[:, None] == index)
         return force, regressor
 
     def gains(self, estimate: Array) -> Array:
@@ -129,7 +139,7 @@ class ParameterSet:
         return regressor
 
 
-def _columns(arm: SoftArm, group: str, where: str) -> list[Column]:
+def _columns(arm: SoftArm, fields: StrainFields, group: str, where: str) -> list[Column]:
     robot = arm.robot
     if group in _ELASTIC:
         place = _ELASTIC.index(group)
@@ -149,12 +159,17 @@ def _columns(arm: SoftArm, group: str, where: str) -> list[Column]:
     if group == "chamber_gain":
         return [Column(f"{name}/gain", group, j, 1.0) for j, name in enumerate(robot.chamber_names)]
     stretch = group == "damping_stretch"
-    zero = np.zeros(arm.n_q)
     return [
-        Column(f"{name}/damping", group, i, float(arm.damping_force(zero, np.eye(arm.n_q)[i])[i]))
-        for i, name in enumerate(robot.coordinate_names)
-        if (name.split("/")[1] in _STRETCH) == stretch
+        Column(f"link{link}/{strain}/damping", group, i, _uniform_damping(arm, fields, i))
+        for i, (link, strain) in enumerate(zip(fields.links, fields.strains, strict=True))
+        if (strain in STRETCHES) == stretch
     ]
+
+
+def _uniform_damping(arm: SoftArm, fields: StrainFields, field: int) -> float:
+    """Largest rho with R >= rho W: what is left of R then dissipates, whatever rho the estimate takes on."""
+    at = np.ix_(fields.index == field, fields.index == field)
+    return float(eigh(arm.damping_matrix()[at], fields.weight[at], eigvals_only=True)[0])
 
 
 def _pairs(arm: SoftArm, columns: tuple[Column, ...], config: Adaptation) -> tuple[Pair, ...]:

@@ -1,4 +1,4 @@
-"""The configured reference of a robot, and gains spread over its coordinates."""
+"""The configured reference of a robot, and what is configured of its strains spread over its coordinates."""
 
 from __future__ import annotations
 
@@ -13,61 +13,80 @@ from soro_core.control.kinematics import elongation_for_pressure
 from soro_core.control.trajectory import Circle, Hold, Reference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
-from soro_core.robot import Robot
+from soro_core.robot.coordinates import StrainFields
 
 Array: TypeAlias = NDArray[np.float64]
 
-_STRETCH = ("elongation", "shear_x", "shear_y")
 
+def per_coordinate(fields: StrainFields, values: Sequence[float], key: str) -> tuple[Array, bool]:
+    """Spread values over the coordinates (n_q,), and say whether they were given a strain of a link.
 
-def strains(robot: Robot) -> list[tuple[int, str]]:
-    """Return (link, strain) of every coordinate."""
-    parts = [name.split("/") for name in robot.coordinate_names]
-    return [(int(part[0].removeprefix("link")), part[1]) for part in parts]
-
-
-def per_coordinate(robot: Robot, values: Sequence[float], key: str, by_kind: bool = False) -> Array:
-    """Spread values over the coordinates: one each, one a strain of a link, or by kind.
+    Allowed are one value a strain of a link (repeated for every link and for the coefficients of the strain),
+    one a coordinate, or one a coordinate of a link. Where two of these readings fit, the first counts.
 
     Raises
     ------
     ConfigError
-        If the number of values fits neither.
+        If the number of values fits none.
     """
-    found = strains(robot)
-    if by_kind:
-        return np.array([values[0] if strain in _STRETCH else values[1] for _, strain in found])
-    n, links = len(found), len(robot.links)
-    if len(values) == n:
-        return np.array(values, dtype=np.float64)
-    if n == links * len(values):
-        return np.tile(np.array(values, dtype=np.float64), links)
-    raise ConfigError(
-        "controller", key, list(values), f"{n} values, one a coordinate, or {n // links}, for a link"
-    )
+    n, links, given = len(fields.index), fields.links[-1] + 1, len(values)
+    array = np.array(values, dtype=np.float64)
+    if given * links == len(fields.strains):
+        return np.tile(array, links)[fields.index], True
+    if given == n:
+        return array, False
+    if given * links == n:
+        return np.tile(array, links), False
+    counts = sorted({len(fields.strains) // links, n // links, n})
+    allowed = f"{' or '.join(map(str, counts))} values: one a strain of a link, or one a coordinate"
+    raise ConfigError("controller", key, list(values), allowed)
 
 
-def coordinate_limits(robot: Robot, config: ReferenceConfig) -> Array:
-    """Return the largest absolute value of each coordinate (n_q,) that a reference may have."""
-    return np.array(
-        [
-            config.stretch_limit if strain in _STRETCH else config.bend_limit_rad / robot.links[link].length
-            for link, strain in strains(robot)
-        ]
-    )
+def gain_matrix(fields: StrainFields, values: Sequence[float], key: str) -> Array:
+    """Return K_p or K_d (n_q, n_q): values of strains times W, values of coordinates as the diagonal."""
+    spread, of_strains = per_coordinate(fields, values, key)
+    return spread[:, None] * fields.weight if of_strains else np.diag(spread)
 
 
-def configured_reference(arm: SoftArm, config: ControllerConfig, q: Array, t: float) -> Reference:
-    """Return the reference that the configuration asks for, from time `t` on, the arm being in `q`."""
-    settings, robot = config.reference, arm.robot
+def strain_limits(fields: StrainFields, config: ReferenceConfig) -> Array:
+    """Return the largest absolute strain that a reference may have, by coordinate (n_q,)."""
+    return np.where(fields.stretch, config.stretch_limit, config.bend_limit_rad / fields.length)
+
+
+def check_limits(fields: StrainFields, names: Sequence[str], limit: Array, q: Array) -> None:
+    """Refuse coordinates whose strains are beyond `limit` (n_q,) somewhere along a link.
+
+    Raises
+    ------
+    ConfigError
+        Naming the first coordinate of the strain.
+    """
+    peaks = fields.peaks(q)
+    for at in np.flatnonzero(peaks > limit)[:1]:
+        field, most = fields.index[at], float(limit[at])
+        key, got = f"positions of {names[at]}", float(q[at])
+        if np.count_nonzero(fields.index == field) > 1:
+            key, got = f"largest {fields.strains[field]} along link{fields.links[field]}", float(peaks[at])
+        raise ConfigError("trajectory", key, got, f"{-most:g} to {most:g}")
+
+
+def configured_reference(
+    arm: SoftArm, fields: StrainFields, config: ControllerConfig, q: Array, t: float
+) -> Reference:
+    """Return the reference that the configuration asks for, from time `t` on, the arm being in `q`.
+
+    Circles, and set points given a strain, are uniform along each link: their coefficients are
+    `StrainFields.uniform`.
+    """
+    settings = config.reference
     if settings.kind == "hold":
         return Hold(q)
     if settings.kind == "set_point":
-        return Hold(per_coordinate(robot, settings.set_point, "reference.set_point"))
-    kinds = [strain for _, strain in strains(robot)]
-    across = np.array([float(kind == "bending_x") for kind in kinds])
-    along = np.array([float(kind == "bending_y") for kind in kinds])
-    stretch = np.array([float(kind == "elongation") for kind in kinds])
+        values, of_strains = per_coordinate(fields, settings.set_point, "reference.set_point")
+        return Hold(values * fields.uniform if of_strains else values)
+    across, along, stretch = (
+        fields.of(strain) * fields.uniform for strain in ("bending_x", "bending_y", "elongation")
+    )
     if not (across.any() and along.any()):
         raise ConfigError(
             "controller", "reference.kind", "circle", "set_point or hold for an arm without two bendings"
@@ -77,5 +96,5 @@ def configured_reference(arm: SoftArm, config: ControllerConfig, q: Array, t: fl
         low = np.full(arm.n_u, config.pressures.minimum_pa)
         high = np.full(arm.n_u, config.pressures.maximum_pa)
         bent = settings.curvature_per_m * across
-        elongation = elongation_for_pressure(arm, bent, stretch, settings.mean_pressure_pa, low, high)
+        elongation = elongation_for_pressure(arm, fields, bent, stretch, settings.mean_pressure_pa, low, high)
     return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, t)

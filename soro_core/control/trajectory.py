@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -138,8 +138,8 @@ class Waypoints(Reference):
         Columns in the order of `names`; the last two may be None.
     start_s : float
         Time that ``times_s`` counts from.
-    limit : ndarray (n_q,) or None
-        Largest absolute positions, in the order of `coordinates`.
+    limit : Callable or None
+        Raises ConfigError for positions (n_q,), in the order of `coordinates`, that are too far out.
 
     Raises
     ------
@@ -156,7 +156,7 @@ class Waypoints(Reference):
         velocities: Array | Sequence[Sequence[float]] | None = None,
         accelerations: Array | Sequence[Sequence[float]] | None = None,
         start_s: float = 0.0,
-        limit: Array | None = None,
+        limit: Callable[[Array], None] | None = None,
     ) -> None:
         if sorted(names) != sorted(coordinates):
             raise ConfigError(
@@ -178,7 +178,8 @@ class Waypoints(Reference):
         shape = (times.size, len(coordinates))
         q = _table("positions", positions, shape)[:, order]
         if limit is not None:
-            _check_limit(coordinates, q, limit)
+            for row in q:
+                limit(row)
         qd = None if velocities is None else _table("velocities", velocities, shape)[:, order]
         qdd = None if accelerations is None else _table("accelerations", accelerations, shape)[:, order]
         if qdd is not None and qd is None:
@@ -210,12 +211,6 @@ def smooth_step(x: float) -> tuple[float, float, float]:
         30.0 * x * x * rest * rest,
         60.0 * x * rest * (1.0 - 2.0 * x),
     )
-
-
-def _check_limit(coordinates: Sequence[str], q: Array, limit: Array) -> None:
-    for row, column in np.argwhere(np.abs(q) > limit)[:1]:
-        key, most = f"positions of {coordinates[column]}", float(limit[column])
-        raise ConfigError("trajectory", key, float(q[row, column]), f"{-most:g} to {most:g}")
 
 
 def _table(key: str, rows: Array | Sequence[Sequence[float]], shape: tuple[int, int]) -> Array:

@@ -21,8 +21,8 @@ from soro_core.estimation.filter import Belief, Filter
 from soro_core.estimation.measurement import innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
 from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
-from soro_core.model import SoftArm
-from soro_core.robot import Robot
+from soro_core.model.discretised import discretised
+from soro_core.robot import Discretisation, Robot
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -65,11 +65,19 @@ class Estimator:
         Noise, gates and limits.
     dt : float
         Nominal step [s]; the size of the memory follows from it.
+    model : Discretisation
+        How the robot is computed; `arm` is what becomes of it.
     """
 
-    def __init__(self, robot: Robot, config: EstimatorConfig | None = None, dt: float = 0.005) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        config: EstimatorConfig | None = None,
+        dt: float = 0.005,
+        model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
+    ) -> None:
         self.config = config if config is not None else EstimatorConfig()
-        self.arm = SoftArm(robot)
+        self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))

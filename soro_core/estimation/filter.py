@@ -4,6 +4,13 @@ The disturbance is an acceleration per coordinate that the model does not explai
 stiffness), with its rate: an integrated random walk follows a disturbance that turns with the arm without
 falling behind, as a plain random walk would. Both are forgotten slowly, so that they stay bounded where
 nothing observes them.
+
+Noise is configured for strains that are uniform along a link; what it means for several coefficients does not
+depend on the basis (`soro_core.robot.coordinates`). At the start every shape of the arm is as likely as any
+other: variance times W^-1. What the model does not explain accelerates the strain uniformly: it then pulls
+like the inertia of a bending arm, mostly on its outer part, as a payload does, and the model says what that
+does to the higher coefficients. Free disturbances of each coefficient, most of which no sensor at the tip
+tells apart, wander off until the prediction fails (docs/adr/0010).
 """
 
 from __future__ import annotations
@@ -14,11 +21,13 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.measurement import Innovation
 from soro_core.integrate import State, make_stepper
 from soro_core.model import SoftArm
+from soro_core.robot.coordinates import strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -56,28 +65,37 @@ class Filter:
         self.arm, self.config = arm, config
         self.n = arm.n_q
         self.n_d = arm.n_q if config.disturbance else 0
-        self.stepper = make_stepper(config.integrator, arm)
-        kinds = [name.split("/")[1] for name in arm.robot.coordinate_names]
-        stretch = np.array([kind in ("elongation", "shear_x", "shear_y") for kind in kinds])
-        lengths = np.array([arm.robot.links[_link(name)].length for name in arm.robot.coordinate_names])
+        # Its linearisation is that of the rule alone, and the same in whatever basis the strain is written.
+        self.stepper = make_stepper(config.integrator, arm, guarded=False)
+        self.fields = strain_fields(arm.robot)
+        stretch, lengths = self.fields.stretch, self.fields.length
+        white = self.fields.root.T @ self.fields.root
+        same = self.fields.index[:, None] == self.fields.index
+        uniform = np.outer(self.fields.uniform, self.fields.uniform) * same
         noise, start = config.process, config.initial
         self.limit = np.where(stretch, config.stretch_limit, config.bend_limit_rad / lengths)
         acceleration = np.where(stretch, noise.stretch_acceleration, noise.curvature_acceleration_per_m)
         drift = np.where(stretch, noise.stretch_disturbance, noise.curvature_disturbance_per_m)
-        self.process = np.concatenate(
-            [np.zeros(self.n), acceleration**2, np.zeros(self.n_d), drift[: self.n_d] ** 2]
+        none = np.zeros((self.n, self.n))
+        self.process = self._blocks(
+            none, acceleration[:, None] ** 2 * uniform, none, drift[:, None] ** 2 * uniform
         )
         disturbance = np.where(stretch, start.stretch_disturbance_std, start.curvature_disturbance_std_per_m)
-        self.initial = np.concatenate(
-            [
-                np.where(stretch, start.stretch_std, start.curvature_std_per_m) ** 2,
-                np.where(stretch, start.stretch_rate_std_per_s, start.curvature_rate_std_per_m_s) ** 2,
-                disturbance[: self.n_d] ** 2,
-                # As fast as to change by itself within a second.
-                disturbance[: self.n_d] ** 2,
-            ]
+        position = np.where(stretch, start.stretch_std, start.curvature_std_per_m)
+        rate = np.where(stretch, start.stretch_rate_std_per_s, start.curvature_rate_std_per_m_s)
+        # The disturbance is as fast as to change by itself within a second.
+        self.initial = self._blocks(
+            *(std[:, None] ** 2 * white for std in (position, rate)),
+            *(std[:, None] ** 2 * uniform for std in (disturbance, disturbance)),
         )
-        self._increment = np.where(stretch, 1e-6, 1e-6 / lengths)
+        stds = [position, rate, disturbance, disturbance] if self.n_d else [position, rate]
+        # Variances of what no noise reaches (disturbances of higher coefficients) are round-off.
+        self._negligible = np.maximum(1e-12 * np.concatenate(stds) ** 2, 1e-300)
+        self._increment = np.where(stretch, 1e-6, 1e-6 / lengths) / np.sqrt(np.diag(self.fields.weight))
+
+    def _blocks(self, *four: Array) -> Array:
+        """Covariance of (q, qd, disturbance, drift), without the last two where they are not estimated."""
+        return np.asarray(block_diag(*(four if self.n_d else four[:2])))
 
     def start(self, q: Array | None = None) -> Belief:
         """Return the belief before anything was measured."""
@@ -87,7 +105,7 @@ class Filter:
             disturbance=np.zeros(self.n_d),
             drift=np.zeros(self.n_d),
             internal=np.zeros(self.arm.n_internal),
-            covariance=np.diag(self.initial),
+            covariance=self.initial.copy(),
         )
 
     def widen(self, belief: Belief) -> Belief:
@@ -144,12 +162,12 @@ class Filter:
         # The Cayley form is the trapezoidal rule's own transition: bounded for modes faster than the step.
         whole, middle = _cayley(system, dt), _cayley(system, 0.5 * dt)
         # Simpson's rule over the step for the white noise that enters along it.
-        noise = (middle * self.process) @ middle.T * (4.0 * dt / 6.0)
-        noise += (whole * self.process) @ whole.T * (dt / 6.0) + np.diag(self.process * (dt / 6.0))
+        noise = (middle @ self.process) @ middle.T * (4.0 * dt / 6.0)
+        noise += (whole @ self.process) @ whole.T * (dt / 6.0) + self.process * (dt / 6.0)
         spread = whole @ belief.covariance @ whole.T + noise
         if not ok:
-            spread += np.diag(self.initial) * dt
-        q = np.clip(q, -self.limit, self.limit)
+            spread += self.initial * dt
+        q = self.fields.within(q, self.limit)
         return Belief(q, qd, disturbance, drift, internal, 0.5 * (spread + spread.T)), ok
 
     def distance(self, belief: Belief, innovation: Innovation) -> float:
@@ -167,7 +185,7 @@ class Filter:
         n, size = self.n, belief.covariance.shape[0]
         prior = belief.mean
         mean: Array = np.array(prior)
-        scale = np.sqrt(np.maximum(np.diag(belief.covariance), 1e-300))
+        scale = np.sqrt(np.maximum(np.diag(belief.covariance), self._negligible))
         gain: Array = np.zeros((0, 0))
         jacobian: Array = gain
         variance: Array = np.zeros(0)
@@ -189,7 +207,7 @@ class Filter:
             if not np.all(np.isfinite(step)):
                 return None
             mean += step
-            mean[:n] = np.clip(mean[:n], -self.limit, self.limit)
+            mean[:n] = self.fields.within(mean[:n], self.limit)
             if float(np.max(np.abs(step) / scale)) < _CONVERGED:
                 break
         rest = np.eye(size) - gain @ jacobian
@@ -208,7 +226,3 @@ def _cayley(system: Array, dt: float) -> Array:
     except np.linalg.LinAlgError:
         # An unstable mode of exactly this rate; the caller sees that the covariance is not finite.
         return np.full_like(system, np.nan)
-
-
-def _link(coordinate: str) -> int:
-    return int(coordinate.split("/")[0].removeprefix("link"))

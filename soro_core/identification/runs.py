@@ -1,4 +1,8 @@
-"""The recorded runs again, with a robot model in place of the robot."""
+"""The recorded runs again, with a robot model in place of the robot.
+
+A measured curvature is the bending angle over the length. Of a strain that varies along the link that is its
+mean; of a release, the start is a curvature that is uniform along the link.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from soro_core.identification.records import ForcedRun
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium
+from soro_core.robot.coordinates import StrainFields, strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -35,13 +40,15 @@ def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int =
     t : array of shape (n,)
         In the time of the run [s].
     curvature : array of shape (n, 2)
-        kx, ky [1/m] of the model, in its own frame.
+        kx, ky [1/m] of the model, in its own frame: means over the link.
 
     Raises
     ------
     ModelError
-        If the simulation fails.
+        If the link lacks one of the two bendings, or the simulation fails.
     """
+    fields = strain_fields(arm.robot)
+    means = np.stack([_mean(fields, strain, link) for strain in ("bending_x", "bending_y")])
     begin = float(run.t[0])
     q0 = equilibrium(arm, run.pressure[0])
     steps = int((float(run.t[-1]) - begin) / dt + 1e-9)
@@ -53,7 +60,7 @@ def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int =
         raise ModelError(
             f"the forced run failed after {len(q)} of {steps + 1} samples: {result.status.message}"
         )
-    return begin + np.asarray(result.t, float), q[:, _bending(arm, link)]
+    return begin + np.asarray(result.t, float), q @ means.T
 
 
 def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> tuple[Array, Array]:
@@ -62,7 +69,7 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
     Parameters
     ----------
     arm : SoftArm
-        One link; it is bent along its second curvature.
+        One link with bending_y, along which it is bent.
     bend : float
         Bending angle at the start [rad].
     t_end, dt : float
@@ -71,23 +78,32 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
     Returns
     -------
     t, bend : arrays of shape (n,)
-        Time [s] and bending angle kappa L (1 + eps) [rad].
+        Time [s] and bending angle kappa L (1 + eps) [rad], both strains as means over the link.
 
     Raises
     ------
     ModelError
-        If the simulation fails.
+        If the arm has more than one link or no bending_y, or the simulation fails.
     """
+    if len(arm.robot.links) != 1:
+        raise ModelError(f"release of {arm.robot.name}: got {len(arm.robot.links)} links; allowed is one")
+    fields = strain_fields(arm.robot)
+    curvature, stretch = _mean(fields, "bending_y", 0), fields.of("elongation") * fields.mean
     length = arm.robot.links[0].length
     q0 = equilibrium(arm, np.zeros(arm.n_u))
-    q0[2] += bend / (length * (1 + q0[0]))
+    shape = fields.of("bending_y") * fields.uniform
+    q0 += shape * bend / (length * (1 + stretch @ q0) * (curvature @ shape))
     result = simulate(arm, q0, np.zeros(arm.n_q), t_end=t_end, dt=dt, pressure=None)
     q = np.asarray(result.q, float)
     if not np.isfinite(q).all() or result.t[-1] < t_end - 1.5 * dt:
         raise ModelError(f"the release failed at {result.t[-1]} s: {result.status.message}")
-    return np.asarray(result.t, float), q[:, 2] * length * (1 + q[:, 0])
+    return np.asarray(result.t, float), (q @ curvature) * length * (1 + q @ stretch)
 
 
-def _bending(arm: SoftArm, link: int) -> list[int]:
-    names = arm.robot.coordinate_names
-    return [names.index(f"link{link}/{strain}") for strain in ("bending_x", "bending_y")]
+def _mean(fields: StrainFields, strain: str, link: int) -> Array:
+    """Row (n_q,) that gives the mean of a strain over a link."""
+    row = fields.of(strain, link)
+    if not row.any():
+        found = ", ".join(f"link{i}/{name}" for i, name in zip(fields.links, fields.strains, strict=True))
+        raise ModelError(f"recorded run: got an arm with {found}; required is link{link}/{strain}")
+    return row * fields.mean

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
+from soro_core.integrate.air import NO_AIR, air_pressures, chamber_volumes, initial_air
 from soro_core.integrate.state import Status
-from soro_core.integrate.stepper import RUNS, describe, make_stepper
+from soro_core.integrate.stepper import describe, run_of, stepping
 from soro_core.model import SoftArm
-from soro_core.model.entries import make_box
+from soro_core.model.checks import finite, flat_wrench
+from soro_core.pneumatics.chamber import Gas, ValveModel, make_gas
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -29,6 +31,8 @@ class Result:
     q, qd : (n_t, n_q)
     internal : (n_t, n_internal)
         States of creep and hysteresis.
+    pressure : (n_t, n_u)
+        Gauge pressures of the chambers [Pa].
     status : Status
         ``ok``, or what failed, when, and what to do.
     """
@@ -37,6 +41,7 @@ class Result:
     q: Array
     qd: Array
     internal: Array
+    pressure: Array
     status: Status
 
 
@@ -50,7 +55,10 @@ def simulate(
     integrator: str = "trapezoidal",
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
     wrench: ArrayLike | None = None,
+    valves: ValveModel | None = None,
+    pressure0: ArrayLike | None = None,
     internal0: ArrayLike | None = None,
+    rtol: float | None = None,
 ) -> Result:
     """Simulate an arm with its creep and hysteresis.
 
@@ -62,13 +70,22 @@ def simulate(
     t_end, dt : float
         [s]; the last step is shorter where dt does not divide t_end.
     integrator : str
-        One of `soro_core.integrate.STEPPERS`.
-    pressure : callable or (n_u,), optional
-        Gauge pressures [Pa], as a function of time or constant; default 0.
-    wrench : (6,), optional
-        Constant, at the tip in its body frame: torque [N m], force [N].
+        One of `soro_core.integrate.STEPPERS`; docs/model.md compares them.
+    pressure : callable, (n_u,) or (n_t, 3, n_u), optional
+        Gauge pressures [Pa], with valves their set points: a function of time, constant, or given at the
+        start, the middle and the end of every step (the last row is not used); default 0.
+    wrench : (6,) or (n_wrenches, 6), optional
+        Constant, as for `SoftArm.forward_dynamics`.
+    valves : ValveModel, optional
+        Proportional valves on all chambers: the air in each is then a state, whose pressure follows from its
+        mass and from the volume that the arm leaves it (implicit integrators only).
+    pressure0 : (n_u,), optional
+        With valves, gauge pressures at the start [Pa]; default 0.
     internal0 : (n_internal,), optional
         Initial states of creep and hysteresis; default 0.
+    rtol : float, optional
+        Relative tolerance of the steppers with error control (dopri5), which take steps of their own inside
+        each dt; default 1e-6.
 
     Returns
     -------
@@ -78,25 +95,33 @@ def simulate(
     Raises
     ------
     ModelError
-        If a shape, q0, qd0, t_end, dt or the integrator is not allowed.
+        If a shape, q0, qd0, t_end, dt, rtol or the integrator is not allowed.
     """
-    make_stepper(integrator, arm)  # refuses an unknown name
+    air = NO_AIR if valves is None else make_gas(valves, chamber_volumes(arm))
+    run = run_of(integrator, rtol, air)
     if not (0.0 < dt < np.inf and 0.0 <= t_end < np.inf):
         raise ModelError(f"dt = {dt!r} s, t_end = {t_end!r} s: allowed are dt above 0 and t_end of 0 or more")
     times = _times(t_end, dt)
     q = np.empty((len(times), arm.n_q))
     v = np.empty_like(q)
-    z = np.empty((len(times), arm.n_internal))
+    z = np.empty((len(times), arm.n_internal + (0 if valves is None else 2 * arm.n_u)))
     q[0] = _initial(q0, arm.n_q, "q0")
     v[0] = _initial(qd0, arm.n_q, "qd0")
-    z[0] = _initial(internal0, arm.n_internal, "internal0")
-    w = _initial(wrench, 6, "wrench")
+    z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0")
+    w = finite(flat_wrench(arm.robot, wrench), "wrench")
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
     table = _pressure_table(pressure, times, arm.n_u)
-    last, code = RUNS[integrator](make_box(arm.tables), make_box(arm.tables), times, table, w, q, v, z)
+    if isinstance(air, Gas):
+        z[0, arm.n_internal :] = initial_air(
+            air, arm.displaced_volume(q[0]), _initial(pressure0, arm.n_u, "pressure0")
+        )
+    elif pressure0 is not None:
+        raise ModelError("pressure0 without valves: allowed is none, the pressures are given")
+    last, code = run(stepping(arm, air), times, table, w, q, v, z)
     end = last + 1
     status = describe(code, f" at t = {times[last]:.6g} s")
-    return Result(times[:end], q[:end], v[:end], z[:end], status)
+    pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
+    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status)
 
 
 def _times(t_end: float, dt: float) -> Array:
@@ -114,6 +139,8 @@ def _pressure_table(
     if pressure is None:
         return table
     if not callable(pressure):
+        if np.shape(pressure) == table.shape:
+            return np.array(pressure, dtype=np.float64)
         table[:] = _shaped(pressure, n_u, "pressure")
         return table
     for k, time in enumerate(times):

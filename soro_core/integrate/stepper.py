@@ -2,39 +2,70 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from soro_core._box import Box
 from soro_core.errors import ModelError
-from soro_core.integrate.rk4 import rk4_run
+from soro_core.integrate.air import NO_AIR, Air, with_air
+from soro_core.integrate.dopri5 import DOPRI5
+from soro_core.integrate.explicit import MAX_STEPS, explicit_run
+from soro_core.integrate.implicit import implicit_run
+from soro_core.integrate.midpoint import MIDPOINT
+from soro_core.integrate.midpoint_linear import MIDPOINT_LINEAR
+from soro_core.integrate.rk4 import RK4
+from soro_core.integrate.scheme import Scheme
 from soro_core.integrate.state import OK, State, Status
-from soro_core.integrate.trapezoidal import trapezoidal_run
+from soro_core.integrate.system import CLOSED, NOT_RESOLVED, TOO_STIFF, make_stepping
+from soro_core.integrate.tableau import Tableau
+from soro_core.integrate.tr_bdf2 import TR_BDF2
+from soro_core.integrate.tr_bdf2_linear import TR_BDF2_LINEAR
+from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
+from soro_core.model.checks import flat_wrench
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
-from soro_core.model.entries import make_box
+from soro_core.pneumatics.chamber import Gas
 
 Array: TypeAlias = NDArray[np.float64]
 Run: TypeAlias = Callable[..., tuple[int, int]]
 
-RUNS: dict[str, Run] = {"trapezoidal": trapezoidal_run, "rk4": rk4_run}
-STEPPERS = tuple(RUNS)
+_SCHEMES: dict[str, Scheme | Tableau] = {
+    "trapezoidal": TRAPEZOIDAL,
+    "rk4": RK4,
+    "midpoint_linear": MIDPOINT_LINEAR,
+    "midpoint": MIDPOINT,
+    "tr_bdf2": TR_BDF2,
+    "tr_bdf2_linear": TR_BDF2_LINEAR,
+    "dopri5": DOPRI5,
+}
+STEPPERS = tuple(_SCHEMES)
+_IMPLICIT = tuple(name for name, scheme in _SCHEMES.items() if isinstance(scheme, Scheme))
 
 _CAUSES = {
-    NOT_FINITE: "the state grew beyond all bounds",
+    NOT_FINITE: "the state is not finite, or grew beyond all bounds",
     COLLAPSED: "a link was compressed to nothing (elongation -1 or less)",
     SINGULAR: "the equations became singular",
     NOT_CONVERGED: "Newton's iteration did not converge",
     BAD_INPUT: "a pressure or wrench is not finite",
+    TOO_STIFF: f"the error control asked for more than {MAX_STEPS} steps in one of length dt",
+    NOT_RESOLVED: "the step is too long for what happens in it",
+    CLOSED: "a chamber was closed to nothing",
 }
 _CURES = {
-    NOT_FINITE: "use a smaller dt, or integrator='trapezoidal' for stiff arms",
-    COLLAPSED: "lower the load or the pressure, raise the axial stiffness, or use a smaller dt",
+    NOT_FINITE: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
+    COLLAPSED: "lower the load or the pressure, raise the axial stiffness, or use a smaller dt"
+    " (with an explicit integrator a much smaller one, or integrator='trapezoidal')",
     SINGULAR: "use a smaller dt, and check masses and stiffnesses of the robot",
-    NOT_CONVERGED: "use a smaller dt",
+    NOT_CONVERGED: "use a smaller dt, or integrator='tr_bdf2'",
     BAD_INPUT: "check the source of the pressures",
+    TOO_STIFF: "the arm is stiff: use integrator='tr_bdf2' or 'trapezoidal', or a larger rtol",
+    NOT_RESOLVED: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
+    CLOSED: "use a smaller dt, or give the chamber a larger volume_m3",
 }
 
 
@@ -45,15 +76,60 @@ def describe(code: int, when: str = "") -> Status:
     return Status(f"failed{when}: {_CAUSES[code]}; {_CURES[code]}")
 
 
+def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: bool = True) -> Run:
+    """Kernel of the stepper of that name: run(box, times, pressure, wrench, q, v, z) -> (last row, code).
+
+    Parameters
+    ----------
+    name : str
+        One of `STEPPERS`.
+    rtol : float, optional
+        Relative tolerance of one step, for steppers with error control.
+    air : Gas, optional
+        Air behind valves; default none.
+    guarded : bool
+        Whether an implicit stepper damps and divides steps that are too long for what happens in them (ADR
+        0009). Without, a step is one smooth map, as a filter that linearises it needs.
+
+    Raises
+    ------
+    ModelError
+        If there is no such stepper, it takes no such tolerance, or it takes no air.
+    """
+    if name not in _SCHEMES:
+        raise ModelError(f"integrator {name!r}: allowed are {', '.join(STEPPERS)}")
+    scheme = _SCHEMES[name]
+    if isinstance(scheme, Scheme):
+        alone = scheme._replace(resolved=math.inf, far=math.inf)
+        run: Run = partial(implicit_run, scheme if guarded else alone, air)
+    elif air is not NO_AIR:
+        raise ModelError(
+            f"integrator {name!r} with valves: allowed are the implicit ones, {', '.join(_IMPLICIT)}"
+        )
+    else:
+        run = partial(explicit_run, scheme if rtol is None else scheme._replace(rtol=float(rtol)))
+    if rtol is not None:
+        if isinstance(scheme, Scheme) or not scheme.adaptive:
+            raise ModelError(f"rtol = {rtol!r} with integrator {name!r}: allowed is none, its steps are dt")
+        if not 1e-14 <= rtol <= 0.1:
+            raise ModelError(f"rtol = {rtol!r}: allowed is 1e-14 to 0.1")
+    return run
+
+
+def stepping(arm: SoftArm, air: Air = NO_AIR) -> Box:
+    """Numbers and workspace for `run_of`; one thread at a time."""
+    tables = with_air(arm.tables, arm.n_u) if isinstance(air, Gas) else arm.tables
+    return make_stepping(tables, arm.n_q, len(tables.internal_kind), arm.n_u)
+
+
 class Stepper:
     """One integrator on one arm; use `make_stepper`."""
 
-    def __init__(self, name: str, arm: SoftArm) -> None:
+    def __init__(self, name: str, arm: SoftArm, guarded: bool = True) -> None:
         self.name = name
         self.arm = arm
-        self._run = RUNS[name]
-        self._boxes = make_box(arm.tables), make_box(arm.tables)
-        self._no_wrench = np.zeros(6)
+        self._run = run_of(name, guarded=guarded)
+        self._box = stepping(arm)
 
     def initial_state(self, q: ArrayLike | None = None, qd: ArrayLike | None = None) -> State:
         """Return a state with relaxed internal states; default straight and at rest."""
@@ -76,8 +152,8 @@ class Stepper:
             Gauge pressures [Pa].
         dt : float
             [s], above 0.
-        wrench : (6,), optional
-            At the tip, in its body frame: torque [N m], force [N].
+        wrench : (6,) or (n_wrenches, 6), optional
+            As for `SoftArm.forward_dynamics`.
 
         Returns
         -------
@@ -93,7 +169,7 @@ class Stepper:
         if not 0.0 < dt < float("inf"):
             raise ModelError(f"dt = {dt!r} s: allowed is a number above 0")
         p = _shaped(pressures, arm.n_u, "pressures")
-        w = self._no_wrench if wrench is None else _shaped(wrench, 6, "wrench")
+        w = flat_wrench(arm.robot, wrench)
         # A run of one step: rows are before and after.
         q, v, z = np.empty((2, arm.n_q)), np.empty((2, arm.n_q)), np.empty((2, arm.n_internal))
         q[0] = _shaped(state.q, arm.n_q, "q")
@@ -101,23 +177,21 @@ class Stepper:
         z[0] = _shaped(state.internal, arm.n_internal, "internal")
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
-        _, code = self._run(*self._boxes, np.array([0.0, dt]), table, w, q, v, z)
+        _, code = self._run(self._box, np.array([0.0, dt]), table, w, q, v, z)
         if code != GOOD:
             return state, describe(code)
         return State(q[1], v[1], z[1]), OK
 
 
-def make_stepper(name: str, arm: SoftArm) -> Stepper:
-    """Return the stepper of that name.
+def make_stepper(name: str, arm: SoftArm, guarded: bool = True) -> Stepper:
+    """Return the stepper of that name; `guarded` as in `run_of`.
 
     Raises
     ------
     ModelError
         If there is none.
     """
-    if name not in RUNS:
-        raise ModelError(f"integrator {name!r}: allowed are {', '.join(STEPPERS)}")
-    return Stepper(name, arm)
+    return Stepper(name, arm, guarded)
 
 
 def _shaped(values: ArrayLike, n: int, name: str) -> Array:

@@ -5,12 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.integrate.simulate import simulate
-from soro_core.integrate.stepper import STEPPERS, make_stepper
+from soro_core.integrate.stepper import make_stepper
 from soro_core.model import SoftArm
 
 
-def warm_up(arm: SoftArm, steppers: tuple[str, ...] = STEPPERS) -> None:
-    """Compile (or load from the cache) every kernel that `arm` and the steppers call."""
+def warm_up(arm: SoftArm, steppers: tuple[str, ...] = ("trapezoidal",)) -> None:
+    """Compile (or load from the cache) every kernel that `arm` and the steppers call.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    steppers : tuple of str
+        Names out of `soro_core.integrate.STEPPERS`. All implicit steppers share one kernel, and all explicit
+        ones another: what one of them compiles serves the rest.
+    """
     q, p = np.zeros(arm.n_q), np.zeros(arm.n_u)
     arm.inertia_matrix(q)
     arm.coriolis_matrix(q, q)

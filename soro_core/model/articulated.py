@@ -111,6 +111,10 @@ def factor(t: Tables, w: Work, added: float) -> bool:
         if i > 0:
             _cholesky_rows(m, D, U, K)
             complete_rigid(N)
+            if added > 0.0 and w.extra.shape[0] > 0:
+                for r in range(6):
+                    for c in range(6):
+                        N[r, c] += w.extra[i, r, c]
             for r in range(6):
                 for c in range(r + 1):
                     x = beyond[r, c] + N[r, c]

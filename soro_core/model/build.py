@@ -7,6 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.model.build_external import external_table, find, places_of, with_masses
 from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
 from soro_core.robot.basis import shape_values, strain_rows
@@ -38,12 +39,12 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     for row, name in enumerate(name for link in links for name in strain_rows(link)):
         component, sign = _COLUMN[name]
         basis[row, component] = sign
-    places, weights = radau(nodes)
+    places, weights, point_mass = with_masses(robot, *radau(nodes))
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
     actuation, axial_gain, runs_along = _chambers(robot, offset)
     kind = MdeTables if method == "mde" else Tables
-    return kind(
+    tables = kind(
         steps=steps,
         offset=offset,
         basis=basis,
@@ -58,6 +59,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         radius=np.array([link.radius for link in links], dtype=np.float64),
         mass=np.array([link.mass for link in links], dtype=np.float64),
         tip_mass=float(robot.tip_mass),
+        point_mass=point_mass,
         gravity=np.array(robot.gravity, dtype=np.float64),
         base_rotation=rotation_matrix(robot.base_quaternion),
         base_position=np.array(robot.base_position, dtype=np.float64),
@@ -80,7 +82,14 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         internal_coordinate=np.array(coordinates, dtype=np.int64),
         internal_stiffness=np.array(stiffnesses, dtype=np.float64),
         internal_scale=np.array(scales, dtype=np.float64),
+        external=external_table(robot, [], robot.n_q),
     )
+    sites = []
+    for link, place, what in places_of(robot):
+        site = build_site(robot, tables, link, place)
+        at_end = place == robot.links[link].length
+        sites.append((link, place, what, len(fraction) if at_end else site.whole, site.step, site.shape))
+    return tables._replace(external=external_table(robot, sites, robot.n_q))
 
 
 def radau(n: int) -> tuple[Array, Array]:
@@ -97,14 +106,14 @@ def radau(n: int) -> tuple[Array, Array]:
     return (1.0 - places[::-1]) / 2.0, np.ascontiguousarray(weights[::-1]) / 2.0
 
 
-def build_site(robot: Robot, t: Tables, s: float) -> Site:
+def find_site(robot: Robot, t: Tables, s: float) -> Site:
     """Look up the place `s` metres along the arm."""
-    link, start = 0, 0.0
-    while link < len(robot.links) - 1 and s > start + robot.links[link].length:
-        start += robot.links[link].length
-        link += 1
+    return build_site(robot, t, *find(robot, s))
+
+
+def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
+    """Look up the place so many metres along a link."""
     length = robot.links[link].length
-    place = min(s - start, length) if link < len(robot.links) - 1 else s - start
     ends = np.concatenate(([0.0], np.cumsum(t.fraction))) * length
     whole = min(int(np.searchsorted(ends, place, side="right")) - 1, len(t.fraction) - 1)
     step = place - ends[whole]

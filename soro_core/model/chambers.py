@@ -42,6 +42,20 @@ def actuation(t: Tables, q: Array, H: Array) -> None:
 
 
 @inner
+def volumes(t: Tables, q: Array, volume: Array) -> None:
+    """volume <- what each chamber displaces beyond its volume at q = 0 [m^3], (n_u,): dV/dq = H."""
+    for u in range(volume.shape[0]):
+        volume[u] = 0.0
+        for i in range(t.length.shape[0]):
+            if t.runs_along[i, u]:
+                work = 0.0
+                for c in range(t.offset[i], t.offset[i + 1]):
+                    work += t.actuation[c, u] * q[c]
+                slope, gain = t.area_slope[u], t.axial_gain[i, u]
+                volume[u] += gain * math.expm1(slope * work / gain) / slope if slope != 0.0 else work
+
+
+@inner
 def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> None:
     """force += H(q) p."""
     for i in range(t.length.shape[0]):

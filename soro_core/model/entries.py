@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
 from soro_core.model import chambers, dynamics, elasticity, internal
-from soro_core.model.linear import clear
-from soro_core.model.method import inertia, inverse_dynamics, kinematics, make_work, potential
+from soro_core.model.linear import assign, clear
+from soro_core.model.method import external_force, inertia, inertial_force, kinematics, make_work, potential
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Arm
 
@@ -63,9 +63,19 @@ def inertial_forces(
     arm = view(box)
     none = np.zeros(6)
     for k in range(forces.shape[0]):
-        inverse_dynamics(
+        inertial_force(
             arm.tables, arm.work, masses[k], tip_masses[k], gravity, none, q, qd, v[k], a[k], forces[k]
         )
+
+
+@entry
+def external_forces(box: Box, q: Array, qd: Array, wrench: Array, tau: Array, force: Array) -> float:
+    """tau <- generalised force, force <- that at each place (n_places, 3); gives the energy stored [J]."""
+    arm = view(box)
+    energy = external_force(arm.tables, arm.work, wrench, q, qd, tau)
+    for k in range(force.shape[0]):
+        assign(arm.work.site_force[k], force[k])
+    return energy
 
 
 @entry
@@ -124,6 +134,12 @@ def elastic_regressor(box: Box, q: Array, Y: Array) -> None:
 def actuation(box: Box, q: Array, H: Array) -> None:
     """H <- generalised force per pressure (n_q, n_u)."""
     chambers.actuation(view(box).tables, q, H)
+
+
+@entry
+def displaced_volumes(box: Box, q: Array, volume: Array) -> None:
+    """volume <- what each chamber displaces beyond its volume at q = 0 [m^3], (n_u,)."""
+    chambers.volumes(view(box).tables, q, volume)
 
 
 @entry

@@ -1,4 +1,4 @@
-"""The method `exact`: closed forms and Magnus steps along the links, Gauss-Legendre quadrature of mass."""
+"""The method `exact`: closed forms and Magnus steps along the links, Gauss-Radau quadrature of mass."""
 
 from __future__ import annotations
 
@@ -9,19 +9,11 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.articulated import complete_rigid, factor, inertia_to_parent, solve
-from soro_core.model.lie import (
-    compose,
-    dot6,
-    exponential,
-    stumpff,
-    tangent_coefficients,
-    to_body,
-    wrench_to_parent,
-)
-from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.link import ad_powers, columns_at, strain_twist
-from soro_core.model.magnus import magnus_step
-from soro_core.model.sweep import FREE, NO, REFERENCE, YES, sweep
+from soro_core.model.external import add_external_forces, add_external_tangents
+from soro_core.model.lie import compose, dot6, to_body, wrench_to_parent
+from soro_core.model.linear import assign, assign_matrix, clear_matrix
+from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.sweep import DRIVEN, FREE, NO, REFERENCE, YES, sweep
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -44,21 +36,44 @@ def close_forces(t: Tables, w: Work, wrench: Array, tau: Array) -> None:
 
 
 @inner
-def inverse_dynamics(
+def inertial_force(
     t: Tables,
     w: Work,
     mass: Array,
     tip_mass: float,
     gravity: Array,
-    wrench: Array,
+    none: Array,
     q: Array,
     qd: Array,
     v: Array,
     a: Array,
     tau: Array,
 ) -> None:
-    """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench, by the recursion of Newton and Euler."""
+    """tau <- M(q) a + C(q, qd) v + G(q), by the recursion of Newton and Euler; `none` (6,) is zero."""
     sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, NO, REFERENCE, tau)
+    close_forces(t, w, none, tau)
+
+
+@inner
+def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
+    """tau <- the generalised force of all that acts from outside; gives the energy stored in it [J]."""
+    rest = w.rows[0]
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, NO, NO, tau)
+    energy = add_external_forces(t, w, wrench, q, qd, tau)
+    close_forces(t, w, wrench, tau)
+    for b in range(q.shape[0]):
+        tau[b] = -tau[b]
+    return energy
+
+
+@inner
+def inverse_dynamics(
+    t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
+) -> None:
+    """tau <- M a + C qd + G - what acts from outside; `bodies` = YES leaves what `factor_system` needs."""
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, a, bodies, DRIVEN, tau)
+    if t.external.kind.shape[0] > 0:
+        add_external_forces(t, w, wrench, q, qd, tau)
     close_forces(t, w, wrench, tau)
 
 
@@ -104,9 +119,11 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
 
 @inner
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
-    """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
+    """qdd <- M^-1 (force + what acts from outside - C qd - G); False if M is not positive definite."""
     bias = w.rows[1]
     sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], YES, FREE, bias)
+    if t.external.kind.shape[0] > 0:
+        add_external_forces(t, w, wrench, q, qd, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
         qdd[b] = force[b] - bias[b]
@@ -117,10 +134,15 @@ def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: 
 
 
 @inner
-def factor_system(t: Tables, w: Work, q: Array) -> bool:
-    """Factor M(q) + w.block for `solve`; False if it is not positive definite."""
-    rest = w.rows[0]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
+def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float) -> bool:
+    """Factor M(q) + w.block - by_q dF/dq - by_v dF/dqd for `solve`, after `inverse_dynamics` with bodies.
+
+    F is what acts from outside, its tangents made symmetric (`contact.add_tangent`, also for `secant`).
+
+    False if it is not positive definite; `w` is then good for a new pass only.
+    """
+    if t.external.kind.shape[0] > 0 and by_q + by_v > 0.0:
+        add_external_tangents(t, w, q, qd, by_q, by_v, secant)
     return factor(t, w, YES)
 
 
@@ -145,8 +167,7 @@ def potential(t: Tables, w: Work, q: Array) -> float:
 @inner
 def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
     """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6), at a place of the arm."""
-    B1, rest, rate, xi = w.node, w.rows[0], w.vectors[10], w.vectors[8]
-    c, a = w.scalars[:8], w.scalars[8:]
+    B1 = w.node
     R1, p1 = w.frames[0, :3], w.frames[0, 3]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
@@ -156,22 +177,12 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: 
         first = t.offset[i]
         m = t.offset[i + 1] - first
         if t.varying[i]:
-            clear_matrix(B1)
-            clear_matrix(R1)
-            clear(p1)
-            R1[0, 0] = R1[1, 1] = R1[2, 2] = 1.0
-            for k in range(site.whole if last else t.fraction.shape[0]):
-                magnus_step(t, w, i, t.fraction[k] * t.length[i], t.shape[k], q, rest, rest, R1, p1, B1, rate)
+            begin_varying(R1, p1, B1)
+            along_varying(t, w, i, 0, site.whole if last else t.fraction.shape[0], q, R1, p1, B1)
             if last and site.step > 0.0:
-                magnus_step(t, w, i, site.step, site.shape, q, rest, rest, R1, p1, B1, rate)
+                step_varying(t, w, i, site.step, site.shape, q, R1, p1, B1)
         else:
-            s = site.place if last else t.length[i]
-            strain_twist(t, i, q, xi)
-            ad_powers(t, i, xi, w.powers)
-            stumpff((xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]) * s * s, c)
-            tangent_coefficients(c, a)
-            columns_at(m, s, a, w.powers, B1)
-            exponential(xi, s, c, R1, p1)
+            along_constant(t, w, i, site.place if last else t.length[i], q, R1, p1, B1)
         for j in range(m):
             assign(B1[j], J[first + j])
         for b in range(first + m):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.tables import CREEP, Tables
+from soro_core.model.tables import AIR, CREEP, Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -33,6 +33,8 @@ def internal_rate(t: Tables, qd: Array, z: Array, rate: Array) -> None:
         v = qd[t.internal_coordinate[j]]
         if t.internal_kind[j] == CREEP:
             rate[j] = -z[j] / t.internal_scale[j] - v
+        elif t.internal_kind[j] == AIR:
+            rate[j] = 0.0
         else:
             rate[j] = v - abs(v) * z[j] / t.internal_scale[j]
 
@@ -50,7 +52,9 @@ def advance_internal(
     for j in range(z0.shape[0]):
         a, b = v0[t.internal_coordinate[j]], v1[t.internal_coordinate[j]]
         scale = t.internal_scale[j]
-        if t.internal_kind[j] == CREEP:
+        if t.internal_kind[j] == AIR:
+            tangent[j] = 0.0
+        elif t.internal_kind[j] == CREEP:
             x = dt / scale
             decay = math.exp(-x)
             if x > 1e-2:

@@ -123,10 +123,13 @@ def momentum(mass: float, k2: float, R: Array, p: Array, V: Array, h: Array) -> 
 
 @inner
 def node(t: Tables, i: int, k: int, mass: Array, tip_mass: float) -> tuple[float, float, float]:
-    """Place, mass and squared gyration radius of node k; the last one carries the tip mass as well."""
+    """Place, mass and squared gyration radius of node k, with the point mass there and that of the tip."""
     dm = t.weights[k] * mass[i]
     k2 = 0.25 * t.radius[i] * t.radius[i]
-    if k == t.nodes.shape[0] - 1 and i == t.length.shape[0] - 1 and tip_mass > 0.0:
-        k2 *= dm / (dm + tip_mass)
-        dm += tip_mass
+    point = t.point_mass[i, k]
+    if k == t.nodes.shape[0] - 1 and i == t.length.shape[0] - 1:
+        point += tip_mass
+    if point > 0.0:
+        k2 *= dm / (dm + point)
+        dm += point
     return t.nodes[k] * t.length[i], dm, k2

@@ -25,6 +25,7 @@ from soro_core.model.linear import (
     lu_solve,
 )
 from soro_core.model.magnus import strain_at
+from soro_core.model.sweep import NO
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -220,42 +221,63 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
 
 
 @inner
-def inverse_dynamics(
+def inertial_force(
     t: Tables,
     w: Work,
     mass: Array,
     tip_mass: float,
     gravity: Array,
-    wrench: Array,
+    none: Array,
     q: Array,
     qd: Array,
     v: Array,
     a: Array,
     tau: Array,
 ) -> None:
-    """tau <- M(q) a + C(q, qd) v + G(q) - J_tip' wrench."""
+    """tau <- M(q) a + C(q, qd) v + G(q); `none` (6,) is not needed here."""
     M, C, J = w.matrix[0], w.matrix[1], w.dense[0]
     terms(t, mass, tip_mass, gravity, q, qd, M, C, tau, J)
     for b in range(q.shape[0]):
-        tau[b] -= dot6(J[b], wrench)
         for d in range(q.shape[0]):
             tau[b] += M[b, d] * a[d] + C[b, d] * v[d]
 
 
 @inner
+def inverse_dynamics(
+    t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
+) -> None:
+    """tau <- M a + C qd + G - J_tip' wrench; what `factor_system` needs is left in any case."""
+    inertial_force(t, w, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, a, tau)
+    for b in range(q.shape[0]):
+        tau[b] -= dot6(w.dense[0, b], wrench)
+
+
+@inner
+def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
+    """tau <- J_tip' wrench: all that can act from outside here, which stores no energy."""
+    terms(t, t.mass, t.tip_mass, t.gravity, q, w.rows[0], w.matrix[0], w.matrix[1], tau, w.dense[0])
+    for b in range(q.shape[0]):
+        tau[b] = dot6(w.dense[0, b], wrench)
+    return 0.0
+
+
+@inner
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
-    inverse_dynamics(t, w, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, w.rows[0], w.rows[1])
+    inverse_dynamics(t, w, wrench, q, qd, w.rows[0], NO, w.rows[1])
     for b in range(q.shape[0]):
         qdd[b] = force[b] - w.rows[1][b]
     return cholesky_solve(w.matrix[0], qdd)
 
 
 @inner
-def factor_system(t: Tables, w: Work, q: Array) -> bool:
-    """Factor M(q) + w.block for `solve`; False if it is singular."""
+def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float) -> bool:
+    """Factor M(q) + w.block for `solve`, after `inverse_dynamics` at q; False if it is singular.
+
+    There is no contact here: the last four do nothing.
+    """
     A = w.matrix[2]
-    inertia(t, w, t.mass, t.tip_mass, q, A)
+    assign_matrix(w.matrix[0], A)
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         for c in range(first, t.offset[i + 1]):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from soro_core._box import by_type
+from soro_core._by_type import by_type
 from soro_core.model import articulated, exact, mde, work
 from soro_core.model.tables import MdeTables
 
 # Each follows from the type of the first argument, in Python and in compiled code.
 inertia = by_type(MdeTables, mde.inertia, exact.inertia)
+inertial_force = by_type(MdeTables, mde.inertial_force, exact.inertial_force)
+external_force = by_type(MdeTables, mde.external_force, exact.external_force)
 inverse_dynamics = by_type(MdeTables, mde.inverse_dynamics, exact.inverse_dynamics)
 acceleration = by_type(MdeTables, mde.acceleration, exact.acceleration)
 factor_system = by_type(MdeTables, mde.factor_system, exact.factor_system)

@@ -10,29 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.model import dynamics, entries
-from soro_core.model.build import build_site, build_tables
+from soro_core.model.build import build_tables, find_site
+from soro_core.model.checks import REASONS, finite, flat_wrench, refuse_unsupported, shaped
+from soro_core.model.surroundings import ExternalForces
 from soro_core.robot import Robot
+from soro_core.robot.description import END_TOLERANCE
 
 Array: TypeAlias = NDArray[np.float64]
 
 DEFAULT_STEPS = 20
-# Round-off of a caller who adds up lengths.
-END_TOLERANCE = 1e-9
-
-REASONS = {
-    dynamics.NOT_FINITE: "a coordinate or velocity is not finite",
-    dynamics.COLLAPSED: "an elongation is -1 or less: a link would be compressed to nothing",
-    dynamics.SINGULAR: "the inertia matrix is not positive definite at this state",
-    dynamics.NOT_CONVERGED: "Newton's iteration did not converge",
-    dynamics.BAD_INPUT: "a pressure or wrench is not finite",
-}
 
 
 def default_nodes(robot: Robot) -> int:
     """Quadrature nodes a link where nobody says: 7 for constant strain, more the higher its order.
 
-    Seven leave 1e-10 of the inertia and Coriolis forces at a half circle a link; where strain varies, a node
-    is a Magnus step as well, of fourth order.
+    Seven leave 2e-9 of the inertia and Coriolis forces at a half circle a link (docs/model.md); where strain
+    varies, a node is a Magnus step as well, of fourth order.
     """
     most = max(field.size for link in robot.links for field in link.strains.values())
     varying = any(field.basis != "constant" for link in robot.links for field in link.strains.values())
@@ -73,18 +66,19 @@ class SoftArm:
         for name, value, least in (("nodes", nodes, 2), ("steps", steps, 1)):
             if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
                 raise ModelError(f"{name} {value!r}: allowed is a whole number of {least} or more")
+        refuse_unsupported(robot, method)
         self.robot = robot
         self.method = method
         self.nodes = nodes if nodes is not None else default_nodes(robot)
         self.steps = steps if steps is not None else DEFAULT_STEPS
         self.tables = build_tables(robot, method, self.nodes, self.steps)
         self._box = entries.make_box(self.tables)
-        self._site = lru_cache(maxsize=64)(lambda s: build_site(self.robot, self.tables, s))
+        self._site = lru_cache(maxsize=64)(lambda s: find_site(self.robot, self.tables, s))
         self.n_q = robot.n_q
         self.n_u = robot.n_u
         self.n_internal = len(self.tables.internal_kind)
         self.length = float(self.tables.length.sum())
-        self._no_wrench = np.zeros(6)
+        self._no_wrench = flat_wrench(robot, None)
         self._no_internal = np.zeros(self.n_internal)
         self._no_velocity = np.zeros(self.n_q)
 
@@ -154,6 +148,13 @@ class SoftArm:
 
     pressure_matrix = actuation_matrix
 
+    def displaced_volume(self, q: ArrayLike) -> Array:
+        """Volume of each chamber beyond that at q = 0 [m^3], (n_u,); its gradient is `actuation_matrix`."""
+        q, _ = self._state(q)
+        volume = np.empty(self.n_u)
+        entries.displaced_volumes(self._box, q, volume)
+        return volume
+
     def internal_force(self, q: ArrayLike, internal_state: ArrayLike) -> Array:
         """Force of creep and hysteresis on the left-hand side (n_q,), from the internal states."""
         self._state(q)
@@ -195,8 +196,8 @@ class SoftArm:
         q, qd : (n_q,)
         p : (n_u,)
             Gauge pressures [Pa].
-        wrench : (6,), optional
-            At the tip, in its body frame: torque [N m], force [N].
+        wrench : (6,) or (n_wrenches, 6), optional
+            Torque [N m], force [N] in the body frame: at the tip, or at each of the robot's `wrench_places`.
         internal : (n_internal,), optional
             States of creep and hysteresis, default 0.
         """
@@ -204,15 +205,27 @@ class SoftArm:
         q = self._shaped(q, self.n_q, "q")
         qd = self._shaped(qd, self.n_q, "qd")
         p = self._shaped(p, self.n_u, "p")
-        w = self._no_wrench if wrench is None else self._shaped(wrench, 6, "wrench")
+        w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         z = self._no_internal if internal is None else self._shaped(internal, self.n_internal, "internal")
         qdd = np.empty(self.n_q)
         code = entries.accelerations(self._box, q, qd, z, p, w, qdd)
         if code != dynamics.GOOD:
             for values, name in ((p, "p"), (w, "wrench"), (z, "internal")):
-                self._vector(values, len(values), name)
+                finite(values, name)
             raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
         return qdd
+
+    def external_forces(
+        self, q: ArrayLike, qd: ArrayLike | None = None, wrench: ArrayLike | None = None
+    ) -> ExternalForces:
+        """Forces of wrenches, contact and the held tip; at rest where no velocity is given."""
+        q, qd = self._state(q, qd)
+        t = self.tables
+        tau, force = np.empty(self.n_q), np.empty((len(t.external.kind), 3))
+        w = finite(flat_wrench(self.robot, wrench), "wrench")
+        energy = entries.external_forces(self._box, q, qd, w, tau, force)
+        base = np.repeat(np.cumsum(t.length) - t.length, np.diff(t.external.first))
+        return ExternalForces(tau, base + t.external.place, force, t.external.kind.copy(), energy)
 
     def energy(self, q: ArrayLike, qd: ArrayLike) -> tuple[float, float, float]:
         """Kinetic, gravitational (zero at the world's origin) and elastic energy [J]."""
@@ -225,16 +238,15 @@ class SoftArm:
         """M a + C(q, qd) v + G per kg of the tip mass and of each link, (n_q, 1 + n_links) (section 6)."""
         q, qd = self._state(q, qd)
         n = len(self.robot.links)
-        masses, tip_masses = np.zeros((1 + n, n)), np.zeros(1 + n)
-        masses[1:] = np.eye(n)
-        tip_masses[0] = 1.0
+        # The last row has none of them: point masses alone, which are in all rows.
+        masses, tip_masses = np.eye(2 + n, n, -1), np.eye(1, 2 + n)[0]
         v, a = self._vector(v, self.n_q, "v"), self._vector(a, self.n_q, "a")
-        rows = np.empty((1 + n, self.n_q))
-        velocities, accelerations = np.tile(v, (1 + n, 1)), np.tile(a, (1 + n, 1))
+        rows = np.empty((2 + n if self.robot.point_masses else 1 + n, self.n_q))
+        velocities, accelerations = np.tile(v, (len(rows), 1)), np.tile(a, (len(rows), 1))
         entries.inertial_forces(
             self._box, masses, tip_masses, self.tables.gravity, q, qd, velocities, accelerations, rows
         )
-        return np.ascontiguousarray(rows.T)
+        return np.ascontiguousarray((rows[: 1 + n] - rows[1 + n :].sum(axis=0)).T)
 
     def elastic_regressor(self, q: ArrayLike) -> Array:
         """dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links); zeros where a material holds."""
@@ -280,17 +292,7 @@ class SoftArm:
         return q, qd
 
     def _vector(self, values: ArrayLike, n: int, name: str) -> Array:
-        array = self._shaped(values, n, name)
-        if not entries.finite(array):
-            raise ModelError(f"{name} is not finite: {array}")
-        return array
+        return finite(self._shaped(values, n, name), name)
 
     def _shaped(self, values: ArrayLike, n: int, name: str) -> Array:
-        # A copy, so that kernels never see a read-only or strided array (each would be compiled for anew).
-        try:
-            array = np.array(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ModelError(f"{name}: got {values!r}, allowed are {n} numbers") from None
-        if array.shape != (n,):
-            raise ModelError(f"{name} has shape {array.shape}, allowed is ({n},) for {self.robot.name}")
-        return array
+        return shaped(values, (n,), name, self.robot.name)

@@ -15,7 +15,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = None) -> Array:
-    """Coordinates at rest under constant pressures, creep and hysteresis relaxed.
+    """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
 
     Parameters
     ----------
@@ -36,9 +36,11 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
     """
     p = np.asarray(pressure, float)
     at_rest = np.zeros(arm.n_q)
+    outside = arm.robot.contacts is not None or arm.robot.tip_constraint is not None
 
     def unbalanced(q: Array) -> Array:
-        return np.asarray(arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p)
+        force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p
+        return np.asarray(force - arm.external_forces(q).generalised if outside else force)
 
     # Forces on elongation and on curvature differ by orders of magnitude: weigh each by its stiffness.
     step = 1e-6

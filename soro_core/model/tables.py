@@ -12,7 +12,30 @@ Integers: TypeAlias = NDArray[np.int64]
 Booleans: TypeAlias = NDArray[np.bool_]
 
 DEFORMED, GEOMETRIC = 0, 1
-CREEP, DAHL = 0, 1
+CREEP, DAHL, AIR = 0, 1, 2
+# What acts at a place; 0 and above: the first number of its wrench.
+CONTACT, HELD = -1, -2
+
+
+class External(NamedTuple):
+    """Places where something acts from outside, outward along the arm; no places: all is skipped."""
+
+    first: Integers
+    """First place of each link, and behind the last: (n + 1,)."""
+    place: Array
+    """Metres from the base of the link, (n_places,)."""
+    kind: Integers
+    """CONTACT, HELD, or where its wrench begins."""
+    whole: Integers
+    """Sub-intervals of the link before it; all of them at its end."""
+    step: Array
+    """Metres beyond them."""
+    shape: Array
+    """Shape functions on that last piece, as in `Tables.shape`: (n_places, n_q, 2)."""
+    obstacles: Array
+    """Rows as in `soro_core.model.contact`, (n_obstacles, 11)."""
+    held: Array
+    """Where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
 
 
 class Tables(NamedTuple):
@@ -39,6 +62,8 @@ class Tables(NamedTuple):
     radius: Array
     mass: Array
     tip_mass: float
+    point_mass: Array
+    """What each quadrature node carries besides, (n, n_nodes)."""
     gravity: Array
     """In the world frame (3,)."""
     base_rotation: Array
@@ -64,11 +89,12 @@ class Tables(NamedTuple):
     area_slope: Array
     """Relative growth of the area per fibre strain, (n_u,)."""
     internal_kind: Integers
-    """CREEP or DAHL, (n_z,)."""
+    """CREEP, DAHL, or AIR of a run with valves, which moves by other equations; (n_z,)."""
     internal_coordinate: Integers
     internal_stiffness: Array
     internal_scale: Array
     """Relaxation time [s] of creep, range of hysteresis."""
+    external: External
 
 
 class MdeTables(Tables):

@@ -60,6 +60,18 @@ class Work(NamedTuple):
     matrix: Array
     """For the method `mde` (3, n_q, n_q); empty for `exact`."""
     pivots: Integers
+    extra: Array
+    """Tangents of what acts from outside, as bodies about the links' bases: (n, 6, 6), empty without."""
+    site_force: Array
+    """Force at each place where something acts, in the world, (n_places, 3)."""
+    site_frames: Array
+    """Poses on the way from place to place, (4, 4, 3)."""
+    site_vectors: Array
+    """Twists and wrenches there, (5, 6)."""
+    site_columns: Array
+    """B1 there, (2, m, 6)."""
+    points: Array
+    """Positions, velocities and forces there, (5, 3)."""
 
 
 class Arm(NamedTuple):
@@ -75,6 +87,7 @@ def workspace(t: Tables, dense: int) -> Work:
     n = t.length.shape[0]
     n_q = t.basis.shape[0]
     m = t.stiffness.shape[1]
+    n_places = t.external.kind.shape[0]
     return Work(
         np.zeros((m, 6)),
         np.zeros((5, max(m, 12), 6)),
@@ -97,6 +110,12 @@ def workspace(t: Tables, dense: int) -> Work:
         np.zeros((2, 6, 6)),
         np.zeros((dense, n_q, n_q)),
         np.zeros(n_q, dtype=np.int64),
+        np.zeros((n if n_places > 0 else 0, 6, 6)),
+        np.zeros((n_places, 3)),
+        np.zeros((4, 4, 3)),
+        np.zeros((5, 6)),
+        np.zeros((2, m, 6)),
+        np.zeros((5, 3)),
     )
 
 

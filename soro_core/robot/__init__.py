@@ -2,20 +2,28 @@
 
 from soro_core.robot.basis import shape_integrals, shape_values, strain_rows
 from soro_core.robot.description import Calibration, Robot
+from soro_core.robot.discretisation import Discretisation, with_basis
 from soro_core.robot.link import Chamber, Creep, Hysteresis, Link, Material
 from soro_core.robot.load import load_robot, robot_from_dict
 from soro_core.robot.section import link_damping, link_stiffness, shear_factors
 from soro_core.robot.strain import StrainField
+from soro_core.robot.surroundings import Contacts, Plane, PointMass, Sphere, TipConstraint
 
 __all__ = [
     "Calibration",
     "Chamber",
+    "Contacts",
     "Creep",
+    "Discretisation",
     "Hysteresis",
     "Link",
     "Material",
+    "Plane",
+    "PointMass",
     "Robot",
+    "Sphere",
     "StrainField",
+    "TipConstraint",
     "link_damping",
     "link_stiffness",
     "load_robot",
@@ -24,4 +32,5 @@ __all__ = [
     "shape_values",
     "shear_factors",
     "strain_rows",
+    "with_basis",
 ]

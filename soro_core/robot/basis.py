@@ -66,6 +66,15 @@ def shape_integrals(link: Link) -> Array:
     return total
 
 
+def shape_means(link: Link) -> Array:
+    """Mean of each shape function over the link, (n_q,); exact up to round-off."""
+    means = []
+    for field in link.strains.values():
+        at, weights = _nodes(field)
+        means.append(_values(field, at) @ weights)
+    return np.concatenate(means)
+
+
 def _values(field: StrainField, at: Array) -> Array:
     """Shape functions of one strain at fractions 0 ... 1 of the length, (size, n)."""
     x = 2 * at - 1

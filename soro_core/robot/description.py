@@ -7,10 +7,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from soro_core.config import Strict, parse
+from soro_core.config import Floats, Strict, parse
 from soro_core.robot.link import Link
 from soro_core.robot.parts import check_split, fields, plain, scaled_link, split_link
+from soro_core.robot.surroundings import Contacts, PointMass, TipConstraint
 from soro_core.robot.vectors import Vector2, Vector3, Vector4
+
+# Round-off of a caller who adds up lengths [m].
+END_TOLERANCE = 1e-9
 
 
 class Calibration(Strict):
@@ -36,6 +40,12 @@ class Robot(Strict):
     )
     base_position: Vector3 = Field((0.0, 0.0, 0.0), description="of the base frame in the world [m]")
     tip_mass: float = Field(0.0, ge=0, description="point mass at the tip [kg]")
+    point_masses: Annotated[tuple[PointMass, ...], Field(strict=False)] = ()
+    wrench_places: Floats = Field(
+        (), description="where wrenches can act, metres from the base; default: one wrench, at the tip"
+    )
+    contacts: Contacts | None = None
+    tip_constraint: TipConstraint | None = None
     bend_angle: Literal["deformed", "geometric"] = Field(
         "deformed", description="angle that the law k_b acts on"
     )
@@ -61,6 +71,16 @@ class Robot(Strict):
     def _range(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         if not -101325.0 <= value[0] < value[1]:
             raise ValueError("[lowest, highest] with -101325 <= lowest < highest")
+        return value
+
+    @field_validator("point_masses", "wrench_places")
+    @classmethod
+    def _along(cls, value: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
+        length = sum(link.length for link in info.data.get("links", ()))
+        for entry in value:
+            place = entry.place if isinstance(entry, PointMass) else entry
+            if length and not 0.0 <= place <= length + END_TOLERANCE:
+                raise ValueError(f"places from 0 to the length of the arm, {length:.6g} m (here {place!r})")
         return value
 
     @field_validator("refinement")

@@ -83,6 +83,11 @@ class Chamber(Strict):
         None, ge=0, description="generalised force on curvature per pressure [m^4]", validate_default=True
     )
 
+    volume_m3: float | None = Field(
+        None,
+        gt=0,
+        description="of its air, tubes included, at q = 0 [m^3]; default: effective area times length",
+    )
     area_slope: float = Field(
         0.0, ge=-50, le=50, description="the area grows as exp(area_slope * strain of the chamber's fibre)"
     )

@@ -1,6 +1,15 @@
 """A scene says what exists and what runs: robot, platform, twin, estimator, controller, recorder."""
 
+from soro_core.scene.model import ModelSection, Wish
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
 from soro_core.scene.scene import Scene, load_scene
 
-__all__ = ["ControllerNodeConfig", "EstimatorNodeConfig", "RegulatorNodeConfig", "Scene", "load_scene"]
+__all__ = [
+    "ControllerNodeConfig",
+    "EstimatorNodeConfig",
+    "ModelSection",
+    "RegulatorNodeConfig",
+    "Scene",
+    "Wish",
+    "load_scene",
+]

@@ -12,6 +12,7 @@ from pydantic import Field
 from soro_core.config import Strict
 from soro_core.control.config import ControllerConfig
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.robot import Discretisation
 from soro_core.safety import Limits
 
 Mode = Literal["real_time", "lockstep"]
@@ -38,6 +39,7 @@ class EstimatorNodeConfig(Strict):
 
     autostart: bool = Field(True, description="configure and activate at start")
     robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
+    model: Discretisation = Field(Discretisation(), description="how the arm is computed")
     mode: Mode = Field("real_time", description=_MODE)
     rate_hz: float = Field(200.0, gt=0, le=1000, description="expected rate of chambers/state")
     pose_location: float = Field(
@@ -68,6 +70,7 @@ class ControllerNodeConfig(Strict):
         False, description="control as soon as arm/state comes, without waiting for ~/enable"
     )
     robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
+    model: Discretisation = Field(Discretisation(), description="how the arm is computed")
     mode: Mode = Field("real_time", description=_MODE)
     rate_hz: float = Field(200.0, gt=0, le=1000, description="expected rate of arm/state")
     priority: int = Field(20, ge=0, le=99, description=_PRIORITY)

@@ -11,7 +11,9 @@ from soro_core.config import Strict, find_config, parse, read_yaml
 from soro_core.control.config import ControllerConfig
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.robot import Discretisation
 from soro_core.safety import Limits
+from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
 from soro_core.twin.config import TwinConfig
 
@@ -36,6 +38,12 @@ class Scene(Strict):
     duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
     seed: int = Field(1, ge=0, le=2**31, description="seed of all noise")
     limits: Limits = Field(Limits(), description="limits of commands and readings")
+    model: ModelSection | None = Field(
+        None, description="how the arm is computed: stated, or auto with a wish; default: as the robot file"
+    )
+    measured: str = Field(
+        "", description="CSV of a measured forced run (t, p1 ..., kx, ky) that soro trade compares with"
+    )
     twin: TwinConfig = Field(TwinConfig(), description="the simulated arm and its sensors")
     estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
@@ -44,10 +52,13 @@ class Scene(Strict):
     @model_validator(mode="after")
     def _stated_once(self) -> Scene:
         shared = {"robot", "mode", "rate_hz", "seed", "limits", "pressures", "plant_link", "autostart"}
-        shared |= {"duration_s", "paused", "priority"}
+        shared |= {"duration_s", "paused", "priority", "model"}
+        if self.model is not None:
+            shared |= {"integrator", "step_s"}
         twice = sorted(shared & self.twin.model_fields_set)
         if twice:
-            raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
+            where = "under model" if twice[0] in ("integrator", "step_s") else "at its top"
+            raise ValueError(f"no {twice[0]} under twin: the scene states it {where} and gives it to all")
         for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
             ticks = self.rate_hz / sensor.rate_hz
             if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
@@ -55,6 +66,34 @@ class Scene(Strict):
                     f"a {name} rate that divides rate_hz, not {sensor.rate_hz:g} of {self.rate_hz:g}"
                 )
         return self
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """How estimator and controller discretise the robot.
+
+        Raises
+        ------
+        ConfigError
+            If the model is still to be chosen (`soro_core.trade.with_chosen_model`).
+        """
+        if self.model is None:
+            return Discretisation()
+        if self.model.auto:
+            raise ConfigError(self.name or "scene", "model.auto", True, "a model that is stated or chosen")
+        return self.model.discretisation
+
+    def _plant(self) -> dict[str, Any]:
+        """What the model says of the twin: its own `refine`, where stated, keeps the plant finer."""
+        model = self.discretisation
+        if self.model is None:
+            return {}
+        own = "refine" in self.twin.model_fields_set
+        return {
+            "model": model.quadrature if own else model,
+            "refine": self.twin.refine if own else 1,
+            "integrator": self.model.integrator,
+            "step_s": self.model.dt_s,
+        }
 
     def twin_node(self, plant_link: str = "") -> TwinConfig:
         """Parameters of the twin node, with the socket of the emulated valves."""
@@ -69,6 +108,7 @@ class Scene(Strict):
                 "plant_link": plant_link if self.platform else "",
                 "duration_s": self.duration_s,
                 "paused": self.mode == "lockstep",
+                **self._plant(),
             }
         )
 
@@ -87,6 +127,7 @@ class Scene(Strict):
         pose, imu = self.twin.pose, self.twin.imu
         return EstimatorNodeConfig(
             robot=self.robot,
+            model=self.discretisation,
             mode=self.mode,
             rate_hz=self.rate_hz,
             pose_location=pose.location,
@@ -102,6 +143,7 @@ class Scene(Strict):
         """Parameters of the controller node; not enabled: it waits, so that everybody is there at t = 0."""
         return ControllerNodeConfig(
             robot=self.robot,
+            model=self.discretisation,
             mode=self.mode,
             rate_hz=self.rate_hz,
             control=self.controller,

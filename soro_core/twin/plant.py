@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.integrate import OK, State, Status, make_stepper
-from soro_core.model import SoftArm
+from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
 from soro_core.robot import Robot
 from soro_core.twin.config import TwinConfig
@@ -37,7 +37,7 @@ class Plant:
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
-        self.arm = SoftArm(true_robot(robot, config))
+        self.arm = discretised(true_robot(robot, config), config.model)
         self._stepper = make_stepper(config.integrator, self.arm)
         self._step_s = config.step_s
 

@@ -45,6 +45,10 @@ def run(
     with signals.noted() as interrupted:
         loaded = load_scene(scene, _changes(change or []))
         _check_files(loaded)
+        if loaded.model is not None and loaded.model.auto:
+            from soro_core.trade import with_chosen_model
+
+            loaded = with_chosen_model(loaded, called=scene)
         target = _new_folder(folder, loaded.name)
         shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
         used = yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False)

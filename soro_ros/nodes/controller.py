@@ -36,8 +36,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def setup(self, config: ControllerNodeConfig) -> None:
         robot = load_robot(find_config(config.robot, "robots"))
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._names, self._coordinates = robot.chamber_names, robot.coordinate_names
-        self._controller = Controller(robot, config.control)
+        self._controller = Controller(robot, config.control, config.model)
+        self._names, self._coordinates = robot.chamber_names, self._controller.robot.coordinate_names
         self._enabled = config.enabled
         # By this the limiter tells two controllers apart; in lockstep a run must be the same to the bit.
         self._source = self.get_fully_qualified_name() + ("" if self._lockstep else f" #{os.getpid()}")

@@ -28,8 +28,8 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def setup(self, config: EstimatorNodeConfig) -> None:
         robot = load_robot(find_config(config.robot, "robots"))
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._names, self._coordinates = robot.chamber_names, robot.coordinate_names
-        self._estimator = Estimator(robot, config.filter, 1.0 / config.rate_hz)
+        self._estimator = Estimator(robot, config.filter, 1.0 / config.rate_hz, config.model)
+        self._names, self._coordinates = robot.chamber_names, self._estimator.arm.robot.coordinate_names
         self._state: EstimatorState | None = None
         self._epoch_ns = 0
         self._malformed = 0

@@ -47,7 +47,7 @@ def adaptation(*names, **changes):
 
 def gains(n=3, k_p=(0.2, 1e-4, 1e-4), k_d=(1e-2, 1e-6, 1e-6), rate=5.0):
     links = n // 3
-    return FeedbackGains(np.tile(k_p, links), np.tile(k_d, links), np.full(n, rate))
+    return FeedbackGains(np.diag(np.tile(k_p, links)), np.diag(np.tile(k_d, links)), np.full(n, rate))
 
 
 def state(seed, n=3):
@@ -82,7 +82,7 @@ def test_with_true_parameters_the_law_is_the_model(seed, arm):
     a = reference.qdd - k.rate * (qd - reference.qd)
     expected = dynamics(arm, q, qd, v, a)
     assert terms.model == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    feedback = internal - k.k_p * e - k.k_d * (qd - v)
+    feedback = internal - k.k_p @ e - k.k_d @ (qd - v)
     assert terms.wished == pytest.approx(expected + feedback, rel=1e-9, abs=1e-12)
     assert terms.learnt == pytest.approx(np.zeros(arm.n_q), abs=1e-15)
 
@@ -140,7 +140,7 @@ def closed_loop(arm, parameters, k, reference, start, estimate, true_gain, secon
     def lyapunov(q, qd, pi, terms, true):
         e = terms.error
         return 0.5 * (
-            terms.s @ arm.inertia_matrix(q) @ terms.s + e @ (k.k_p * e) + np.sum((pi - true) ** 2 / metric)
+            terms.s @ arm.inertia_matrix(q) @ terms.s + e @ k.k_p @ e + np.sum((pi - true) ** 2 / metric)
         )
 
     true = np.array(
@@ -149,8 +149,8 @@ def closed_loop(arm, parameters, k, reference, start, estimate, true_gain, secon
     pi, t = estimate.copy(), 0.0
     for _ in range(round(seconds / h)):
         *a, terms = rates(t, q, qd, pi)
-        fall = terms.s @ (k.k_d * terms.s) + terms.s @ arm.damping_force(q, terms.s)
-        fall += terms.error @ (k.k_p * k.rate * terms.error)
+        fall = terms.s @ k.k_d @ terms.s + terms.s @ arm.damping_force(q, terms.s)
+        fall += terms.error @ k.k_p @ (k.rate * terms.error)
         yield t, lyapunov(q, qd, pi, terms, true), fall, terms.error
         b = rates(t + h / 2, q + h / 2 * a[0], qd + h / 2 * a[1], pi + h / 2 * a[2])
         c = rates(t + h / 2, q + h / 2 * b[0], qd + h / 2 * b[1], pi + h / 2 * b[2])

@@ -9,7 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from soro_core.control.allocation import allocate, balanced_weight
+from soro_core.control.allocation import allocate
+from soro_core.control.allocation import balanced_weight as weight_of_fields
+from soro_core.robot import robot_from_dict
+from soro_core.robot.coordinates import strain_fields
+
+MATERIAL = {"youngs_modulus": 1e6, "shear_modulus": 4e5}
+
+
+def balanced_weight(actuation):
+    """Of as many constant strains as there are rows: one link each."""
+    link = {"length": 0.1, "radius": 0.01, "mass": 0.1, "material": MATERIAL, "strains": {"elongation": {}}}
+    return weight_of_fields(actuation, strain_fields(robot_from_dict({"links": [link] * len(actuation)})))
 
 
 def problem(seed, n_q, n_u):
@@ -27,10 +38,10 @@ def problem(seed, n_q, n_u):
 def quadratic(actuation, force, lower, upper, weight, rho, preferred):
     """The problem in scaled pressures as one stacked least squares."""
     span = upper - lower
-    a = weight[:, None] * actuation * span
+    a = weight @ actuation * span
     r = np.sqrt(rho * np.trace(a.T @ a) / len(span))
     stacked = np.vstack([a, r * np.eye(len(span))])
-    right = np.concatenate([weight * (force - actuation @ lower), r * (preferred - lower) / span])
+    right = np.concatenate([weight @ (force - actuation @ lower), r * (preferred - lower) / span])
     return stacked, right
 
 
@@ -114,7 +125,7 @@ def test_input_that_is_no_number_returns_the_start_within_the_bounds(bad):
 
 def test_without_actuation_the_preferred_pressure_is_kept():
     low, high = np.zeros(2), np.full(2, 90e3)
-    found = allocate(np.zeros((3, 2)), np.ones(3), low, high, np.ones(3), 1e-6, np.full(2, 30e3), low)
+    found = allocate(np.zeros((3, 2)), np.ones(3), low, high, np.eye(3), 1e-6, np.full(2, 30e3), low)
     assert found.ok
     assert found.pressure_pa == pytest.approx([30e3, 30e3])
 

@@ -8,6 +8,7 @@ from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.kinematics import elongation_for_pressure, inverse_kinematics, mean_static_pressure
 from soro_core.errors import ConfigError
+from soro_core.robot.coordinates import strain_fields
 
 CHAMBERS = [{"angle_rad": k * 2 * np.pi / 3, "alpha_eps": 1.25e-6, "alpha_kappa": 1.0e-8} for k in range(3)]
 LINK = {
@@ -162,12 +163,15 @@ def test_a_trajectory_may_reach_its_limits():
 
 def test_the_chosen_elongation_takes_the_wished_pressure():
     arm = SoftArm(robot_from_dict(ROBOT))
+    fields = strain_fields(arm.robot)
     low, high = np.zeros(3), np.full(3, 90e3)
     bent, stretch = np.array([0.0, 7.0, 0.0]), np.array([1.0, 0.0, 0.0])
-    found = elongation_for_pressure(arm, bent, stretch, 40e3, low, high)
-    assert mean_static_pressure(arm, bent + found * stretch, low, high) == pytest.approx(40e3, rel=1e-6)
-    assert elongation_for_pressure(arm, bent, stretch, 9e9, low, high) == 0.6
-    assert elongation_for_pressure(arm, bent, stretch, -9e9, low, high) == -0.3
+    found = elongation_for_pressure(arm, fields, bent, stretch, 40e3, low, high)
+    assert mean_static_pressure(arm, fields, bent + found * stretch, low, high) == pytest.approx(
+        40e3, rel=1e-6
+    )
+    assert elongation_for_pressure(arm, fields, bent, stretch, 9e9, low, high) == 0.6
+    assert elongation_for_pressure(arm, fields, bent, stretch, -9e9, low, high) == -0.3
 
 
 @pytest.mark.parametrize("links", [1, 2])
@@ -177,7 +181,8 @@ def test_inverse_kinematics_finds_reachable_tips(links, seed):
     rng = np.random.default_rng(seed)
     q = np.tile([0.15, 12.0, 12.0], links) * rng.uniform(-1, 1, 3 * links)
     target = control.arm.pose(q, control.robot.length)
-    found = inverse_kinematics(control.arm, target[:3, 3], None, np.zeros(3 * links), control.limit)
+    start = np.zeros(3 * links)
+    found = inverse_kinematics(control.arm, control.fields, target[:3, 3], None, start, control.limit)
     assert found.position_error_m < 1e-8
     assert np.all(np.abs(found.q) <= control.limit)
     if links == 1:

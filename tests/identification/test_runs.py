@@ -8,7 +8,7 @@ from soro_core.identification import ForcedRun, forced_curvature, release_bend
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium
-from soro_core.robot import load_robot
+from soro_core.robot import Robot, load_robot, robot_from_dict
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +52,53 @@ def test_a_release_starts_where_it_is_told_and_ends_straight(arm: SoftArm) -> No
     t, bend = release_bend(arm, 0.3, 2.0)
     assert (t[0], bend[0]) == (0.0, pytest.approx(0.3))
     assert abs(bend[-1]) < 1e-3
+
+
+def varying(robot: Robot, order: int) -> Robot:
+    """Legendre polynomials for every strain of the bellow, losses shared out as those of a uniform strain."""
+    data = robot.model_dump(exclude_unset=True)
+    for link in data["links"]:
+        link["strains"] = {
+            name: {"basis": "legendre", "order": order} for name in ("elongation", "bending_x", "bending_y")
+        }
+        share = 1.0 / (2.0 * np.arange(order + 1) + 1.0)
+        link["damping"] = np.kron(link["damping"], share).tolist()
+        for branch in link["creep"]:
+            branch["stiffness"] = np.kron(branch["stiffness"], share).tolist()
+    return robot_from_dict(data)
+
+
+def test_runs_of_order_zero_are_those_of_constant_strain(arm: SoftArm) -> None:
+    other = SoftArm(varying(arm.robot, 0))
+    t = np.linspace(0, 0.5, 51)
+    run = ForcedRun(t, np.column_stack([1e4 + 5e3 * t, 1e4 + 0 * t, 2e4 + 0 * t]), np.zeros((51, 2)))
+    (_, one), (_, two) = (forced_curvature(which, run) for which in (arm, other))
+    np.testing.assert_allclose(one, two, atol=1e-7)
+    (_, one), (_, two) = (release_bend(which, 0.3, 0.3) for which in (arm, other))
+    np.testing.assert_allclose(one, two, atol=1e-8)
+
+
+def test_runs_of_varying_strain_are_near_those_of_constant_strain(arm: SoftArm) -> None:
+    """The curvature is the mean along the link; a lighter arm of many coefficients bends nearly uniformly."""
+    other = SoftArm(varying(arm.robot, 2))
+    t = np.linspace(0, 0.5, 51)
+    run = ForcedRun(t, np.column_stack([1e4 + 5e3 * t, 1e4 + 0 * t, 2e4 + 0 * t]), np.zeros((51, 2)))
+    (_, one), (_, two) = (forced_curvature(which, run) for which in (arm, other))
+    assert np.abs(one).max() > 1.0
+    assert np.abs(one - two).max() < 0.05 * np.abs(one).max()
+    _, bend = release_bend(other, 0.3, 2.0, dt=5e-4)
+    assert bend[0] == pytest.approx(0.3)
+    assert abs(bend[-1]) < 1e-3
+
+
+def test_an_arm_that_cannot_do_the_run_is_refused(arm: SoftArm) -> None:
+    link = {"length": 0.1, "radius": 0.01, "mass": 0.1, "strains": {"bending_x": {}, "elongation": {}}}
+    link["material"] = {"youngs_modulus": 1e6, "shear_modulus": 4e5}
+    planar = SoftArm(robot_from_dict({"links": [link]}))
+    run = ForcedRun(np.array([0.0, 1.0]), np.zeros((2, 0)), np.zeros((2, 2)))
+    with pytest.raises(ModelError, match="link0/bending_x, link0/elongation; required is link0/bending_y"):
+        forced_curvature(planar, run)
+    with pytest.raises(ModelError, match="required is link0/bending_y"):
+        release_bend(planar, 0.1, 0.1)
+    with pytest.raises(ModelError, match="got 2 links; allowed is one"):
+        release_bend(SoftArm(arm.robot.refine(2)), 0.1, 0.1)

@@ -17,6 +17,7 @@ from soro_core.pneumatics import RegulatorModel, initial_state, reading, step
 
 @dataclass(frozen=True)
 class Setup:
+    plant: object = None  # the robot that is true, where it is not the one of the loop
     payload_kg: float = 0.02
     refine: int = 4
     seed: int = 1
@@ -84,7 +85,7 @@ def without_adaptation(config: ControllerConfig) -> ControllerConfig:
 
 def run(robot, setup: Setup) -> Record:
     rng = np.random.default_rng(setup.seed)
-    true = scaled(robot, setup.stiffness, setup.damping, setup.gain).replace(
+    true = scaled(setup.plant or robot, setup.stiffness, setup.damping, setup.gain).replace(
         tip_mass=robot.tip_mass + setup.payload_kg
     )
     plant = SoftArm(true.refine(setup.refine))

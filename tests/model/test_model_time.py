@@ -1,4 +1,4 @@
-"""Steppers and simulate: order, energy, losses, and failure as a status."""
+"""Steppers and simulate: energy, losses, and failure as a status (order: tests/integrate)."""
 
 import numpy as np
 import pytest
@@ -23,32 +23,6 @@ def arm_of(n_links=1, method="exact", **keys):
 def start(arm):
     n = arm.n_q // 3
     return np.tile([0.05, 6.0, -3.0], n), np.tile([0.2, 10.0, 30.0], n)
-
-
-def orders(arm, integrator, steps, pressure):
-    q0, qd0 = start(arm)
-    t_end = 0.05
-
-    def end(n):
-        result = simulate(arm, q0, qd0, t_end=t_end, dt=t_end / n, integrator=integrator, pressure=pressure)
-        assert result.status.ok, result.status
-        return np.concatenate([result.q[-1], result.qd[-1] / 100, result.internal[-1]])
-
-    fine = end(steps[-1] * 8)
-    errors = np.array([np.abs(end(n) - fine).max() for n in steps])
-    return np.log2(errors[:-1] / errors[1:]), errors
-
-
-@pytest.mark.parametrize("integrator", STEPPERS)
-@pytest.mark.parametrize("n_links", [1, 2])
-def test_order_in_time(integrator, n_links):
-    """Creep included (smooth); pressures that change within the step."""
-    arm = arm_of(n_links, creep=LOSSY["creep"], damping=[0.05, 1e-6, 1e-6])
-    steps = (160, 320, 640) if integrator == "trapezoidal" else (80, 160, 320)
-    want = {"trapezoidal": 2, "rk4": 4}[integrator]
-    angles = np.arange(arm.n_u)
-    observed, errors = orders(arm, integrator, steps, lambda t: 1e4 * np.sin(60 * t + angles))
-    assert observed == pytest.approx(want, abs=0.25), errors
 
 
 @pytest.mark.parametrize(("integrator", "dt", "limit"), [("rk4", 2e-4, 1e-6), ("trapezoidal", 2e-4, 2e-4)])
@@ -102,8 +76,15 @@ def test_hysteresis_closes_a_loop_of_the_right_width():
     assert np.abs(z).max() <= 0.05
 
 
-@pytest.mark.parametrize("method", ["exact", "mde"])
-@pytest.mark.parametrize("name", STEPPERS)
+# A run knows more than its single steps: how the steps before went (the linearly-implicit ones iterate less
+# with that), or how long a step may be.
+AGREEMENT = dict.fromkeys(STEPPERS, 1e-7) | {"rk4": 1e-12, "dopri5": 1e-5}
+AGREEMENT |= {"midpoint_linear": 1e-3, "tr_bdf2_linear": 1e-4}
+
+
+@pytest.mark.parametrize(
+    ("name", "method"), [*((name, "exact") for name in STEPPERS), ("trapezoidal", "mde"), ("rk4", "mde")]
+)
 def test_stepper_and_simulate_agree(name, method):
     arm = arm_of(2, method=method, **LOSSY)
     stepper = make_stepper(name, arm)
@@ -114,8 +95,9 @@ def test_stepper_and_simulate_agree(name, method):
         state, status = stepper.step(state, p, 1e-3)
         assert status.ok
         assert str(status) == "ok"
-    np.testing.assert_allclose(result.q[-1], state.q, rtol=1e-9)
-    np.testing.assert_allclose(result.internal[-1], state.internal, rtol=1e-9)
+    np.testing.assert_allclose(result.q[-1], state.q, rtol=AGREEMENT[name])
+    largest = np.abs(state.internal).max()
+    np.testing.assert_allclose(result.internal[-1], state.internal, rtol=0, atol=AGREEMENT[name] * largest)
 
 
 @pytest.mark.parametrize("name", STEPPERS)
@@ -125,7 +107,7 @@ def test_a_failed_step_returns_the_old_state_and_says_why(name):
     good = stepper.initial_state(*start(arm))
     cases = [
         (good, [0, np.nan, 0], 1e-3, "a pressure or wrench is not finite"),
-        (State(np.array([np.nan, 0, 0]), np.zeros(3)), np.zeros(3), 1e-3, "grew beyond all bounds"),
+        (State(np.array([np.nan, 0, 0]), np.zeros(3)), np.zeros(3), 1e-3, "the state is not finite"),
         (State(np.array([-1.2, 0, 0]), np.zeros(3)), np.zeros(3), 1e-3, "compressed to nothing"),
         (State(np.array([-0.9, 0, 0]), np.array([-1e4, 0, 0])), np.zeros(3), 1e-3, "compressed to nothing"),
     ]
@@ -188,7 +170,7 @@ def test_rest_is_an_equilibrium_that_a_run_finds():
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"integrator": "euler"}, "allowed are trapezoidal, rk4"),
+        ({"integrator": "euler"}, "allowed are trapezoidal, "),
         ({"dt": 0.0}, "dt above 0"),
         ({"t_end": float("nan")}, "t_end"),
         ({"q0": [0, 0]}, "q0 has shape (2,)"),

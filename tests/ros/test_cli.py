@@ -14,7 +14,9 @@ def soro(*arguments: str) -> tuple[int, str, str]:
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("arguments", [(), ("run",), ("play",), ("emulate",), ("bag",), ("bag", "info")])
+@pytest.mark.parametrize(
+    "arguments", [(), ("run",), ("play",), ("emulate",), ("trade",), ("bag",), ("bag", "info")]
+)
 def test_every_command_explains_itself(arguments):
     status, out, _ = soro(*arguments, "--help")
     assert status == 0

@@ -1,0 +1,64 @@
+"""Extremes: what the arm and the loop do where numbers are very small, very large or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from benchmarks.extremes.cell import Cell, Outcome, Verdict
+from benchmarks.extremes.cells import cells
+from benchmarks.extremes.loop_cells import loop_cells
+from benchmarks.options import Options
+from benchmarks.report import table
+
+TITLE = "Extremes"
+INTRO = (
+    "Each cell: what became of the run; in brackets what had to, where that is not to finish. A run is "
+    "finished only when it is finite and physical: no elongation of -1 or less, no energy from nowhere. "
+    "What had to happen was stated beforehand; cells that are not as stated are in bold."
+)
+
+
+def run(options: Options) -> str:
+    """Measure and write."""
+    every = [*cells(), *loop_cells()]
+    # For a test of the writing, a cell of each group is enough.
+    chosen = list({cell.group: cell for cell in every if cell.quick}.values()) if options.quick else every
+    results: list[tuple[Cell, Verdict]] = []
+    for cell in chosen:
+        options.say(str(cell))
+        results.append((cell, cell.run()))
+    return text(results)
+
+
+def text(results: list[tuple[Cell, Verdict]]) -> str:
+    """Tables, one a group, and the cells that are not as stated."""
+    wrong = [(cell, verdict) for cell, verdict in results if not cell.must.allows(verdict.outcome)]
+    parts = [INTRO, f"As stated: {len(results) - len(wrong)} of {len(results)} cells."]
+    parts += [f"### {name}\n\n{_grid(part)}" for name, part in _by_group(results).items()]
+    if wrong:
+        parts.append(
+            "### Not as stated\n\n" + "\n".join(f"- {cell}: {verdict.note}" for cell, verdict in wrong)
+        )
+    return "\n\n".join(parts)
+
+
+def _by_group(results: Iterable[tuple[Cell, Verdict]]) -> dict[str, list[tuple[Cell, Verdict]]]:
+    groups: dict[str, list[tuple[Cell, Verdict]]] = {}
+    for cell, verdict in results:
+        groups.setdefault(cell.group, []).append((cell, verdict))
+    return groups
+
+
+def _grid(results: list[tuple[Cell, Verdict]]) -> str:
+    rows = list(dict.fromkeys(cell.row for cell, _ in results))
+    columns = list(dict.fromkeys(cell.column for cell, _ in results))
+    at = {(cell.row, cell.column): _mark(cell, verdict) for cell, verdict in results}
+    return table(["", *columns], [[row, *(at.get((row, column), "") for column in columns)] for row in rows])
+
+
+def _mark(cell: Cell, verdict: Verdict) -> str:
+    name = verdict.outcome.value
+    shown = name if cell.must.value == "finish" else f"{name} ({cell.must.value})"
+    if verdict.outcome is Outcome.FINISHED:
+        shown += f"; {verdict.note}"
+    return shown if cell.must.allows(verdict.outcome) else f"**{shown}**"

@@ -1,0 +1,159 @@
+"""Air behind valves as internal states of a run: mass and volume of each chamber, last among them.
+
+With `Gas` the pressures of a stage follow from how its volumes end, and their slope stiffens the arm; with
+`NoAir` the pressures are those given, and nothing of this is compiled in.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._by_type import by_type
+from soro_core._jit import inner
+from soro_core.errors import ModelError
+from soro_core.model import SoftArm
+from soro_core.model.chambers import area_factor, volumes
+from soro_core.model.linear import assign
+from soro_core.model.tables import AIR, Tables
+from soro_core.pneumatics.chamber import Gas, chamber_pressures, masses_at
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+class NoAir(NamedTuple):
+    """Pressures are given."""
+
+    nothing: float = 0.0
+
+
+NO_AIR = NoAir()
+Air: TypeAlias = Gas | NoAir
+
+
+@inner
+def _given(
+    air: NoAir,
+    t: Tables,
+    q: Array,
+    z0: Array,
+    command: Array,
+    span: float,
+    z: Array,
+    pressure: Array,
+    slope: Array,
+) -> bool:
+    assign(command, pressure)
+    return True
+
+
+@inner
+def _breathed(
+    air: Gas,
+    t: Tables,
+    q: Array,
+    z0: Array,
+    command: Array,
+    span: float,
+    z: Array,
+    pressure: Array,
+    slope: Array,
+) -> bool:
+    n_u, n_z = command.shape[0], z.shape[0]
+    mass, volume = n_z - 2 * n_u, n_z - n_u
+    end = z[volume:]
+    volumes(t, q, end)
+    for u in range(n_u):
+        end[u] += air.volume[u]
+    return chamber_pressures(
+        air, z0[mass:volume], z0[volume:], end, command, span, z[mass:volume], pressure, slope
+    )
+
+
+@inner
+def _no_stiffness(air: NoAir, t: Tables, q: Array, slope: Array, factor: float, K: Array) -> None:
+    return
+
+
+@inner
+def _add_stiffness(air: Gas, t: Tables, q: Array, slope: Array, factor: float, K: Array) -> None:
+    for u in range(slope.shape[0]):
+        along = 0.0
+        for i in range(t.length.shape[0]):
+            along += 1.0 if t.runs_along[i, u] else 0.0
+        for i in range(t.length.shape[0]):
+            if not t.runs_along[i, u]:
+                continue
+            # The air couples all links of its chamber; kept to their blocks, the sum over the links is
+            # bounded by their number times the blocks, so that Newton's iteration still converges.
+            scaled = -factor * along * slope[u] * area_factor(t, i, u, q) ** 2
+            for c in range(t.offset[i], t.offset[i + 1]):
+                for d in range(t.offset[i], t.offset[i + 1]):
+                    K[c, d - t.offset[i]] += scaled * t.actuation[c, u] * t.actuation[d, u]
+
+
+breathe = by_type(Gas, _breathed, _given)
+"""breathe(air, t, q, z0, command, span, z, pressure, slope): pressure <- that at the end of the span, slope
+<- its derivative by the volume, air in z <- what it is then; False where a chamber is closed to nothing."""
+add_air_stiffness = by_type(Gas, _add_stiffness, _no_stiffness)
+"""add_air_stiffness(air, t, q, slope, factor, K): K += factor * H (-dp/dV) H', the block of each link."""
+
+
+def with_air(t: Tables, n_u: int) -> Tables:
+    """Tables with two more internal states a chamber, which no force of creep or hysteresis comes from."""
+    n = 2 * n_u
+    return t._replace(
+        internal_kind=np.concatenate((t.internal_kind, np.full(n, AIR))),
+        internal_coordinate=np.concatenate((t.internal_coordinate, np.zeros(n, dtype=np.int64))),
+        internal_stiffness=np.concatenate((t.internal_stiffness, np.zeros(n))),
+        internal_scale=np.concatenate((t.internal_scale, np.ones(n))),
+    )
+
+
+def chamber_volumes(arm: SoftArm) -> Array:
+    """Volume of each chamber at q = 0 [m^3], (n_u,): that of the file, else effective area times length.
+
+    Raises
+    ------
+    ModelError
+        If a chamber has neither.
+    """
+    given = [chamber.volume_m3 for link in arm.robot.links for chamber in link.chambers]
+    derived = arm.tables.axial_gain.sum(axis=0)
+    volume = np.array([one if one is not None else own for one, own in zip(given, derived, strict=True)])
+    for name, one in zip(arm.robot.chamber_names, volume, strict=True):
+        if not one > 0.0:
+            raise ModelError(
+                f"{arm.robot.name}: {name} has no volume: allowed with valves is a volume_m3 above 0"
+            )
+    return volume
+
+
+def initial_air(air: Gas, displaced: Array, pressure: Array) -> Array:
+    """Masses and volumes (2 n_u,) of chambers at gauge pressures [Pa], beyond their volumes at q = 0.
+
+    Raises
+    ------
+    ModelError
+        If a pressure is a vacuum or less, or a volume 0 or less.
+    """
+    volume = air.volume + displaced
+    if not (volume > 0.0).all():
+        raise ModelError(
+            f"a chamber is closed to nothing at q0: volumes {volume} m^3, allowed are more than 0"
+        )
+    if not (pressure > -air.ambient).all():
+        raise ModelError(f"pressure0 = {pressure} Pa: allowed is above {-air.ambient:g} Pa, a vacuum")
+    mass = np.empty_like(volume)
+    masses_at(air, pressure, volume, mass)
+    return np.concatenate((mass, volume))
+
+
+def air_pressures(air: Gas, states: Array) -> Array:
+    """Gauge pressures [Pa] (n_t, n_u) of rows of masses and volumes."""
+    n_u = states.shape[1] // 2
+    density = states[:, :n_u] / states[:, n_u:]
+    pressures: Array = air.ambient * ((density / air.density) ** air.exponent - 1.0)
+    return pressures

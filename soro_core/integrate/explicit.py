@@ -1,0 +1,177 @@
+"""A run with an explicit stepper: one kernel for all of them, which differ by a `Tableau`."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._box import Box, view
+from soro_core._jit import inner, kernel
+from soro_core.integrate.system import (
+    NOT_RESOLVED,
+    RESOLVED,
+    TOO_STIFF,
+    StepWork,
+    interpolate,
+    jumps,
+)
+from soro_core.integrate.tableau import Tableau
+from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
+from soro_core.model.internal import internal_rate
+from soro_core.model.linear import assign
+from soro_core.model.tables import Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Most steps that the error control may take inside one of the grid.
+MAX_STEPS = 2000
+# Error that is allowed where everything is 0: this part of rtol, of the scale of a coordinate (1 for
+# strains, 1 / L for curvatures; for velocities the same per second).
+FLOOR = 1e-2
+
+
+@inner
+def explicit_step(
+    m: Tableau,
+    t: Tables,
+    work: StepWork,
+    q0: Array,
+    v0: Array,
+    z0: Array,
+    pressure: Array,
+    wrench: Array,
+    begin: float,
+    part: float,
+    step: float,
+    q1: Array,
+    v1: Array,
+    z1: Array,
+) -> int:
+    """One step of `step` seconds: the `part` of the grid's step from its fraction `begin` on; gives a code.
+
+    Leaves the accelerations of the stages in the rows 0 ... n - 1, their velocities in the n after.
+    """
+    n = m.nodes.shape[0]
+    n_q, n_z = q0.shape[0], z0.shape[0]
+    for stage in range(n + 1):
+        assign(q0, q1)
+        assign(v0, v1)
+        assign(z0, z1)
+        for j in range(min(stage, n)):
+            weight = step * m.matrix[stage, j]
+            if weight == 0.0:
+                continue
+            for b in range(n_q):
+                q1[b] += weight * work.rows[n + j, b]
+                v1[b] += weight * work.rows[j, b]
+            for b in range(n_z):
+                z1[b] += weight * work.states[j, b]
+        if stage == n:
+            break
+        assign(v1, work.rows[n + stage])
+        internal_rate(t, v1, z1, work.states[stage])
+        if stage == 0 and work.known[0] > 0:
+            # Known from the step before, or from one that was refused.
+            assign(work.memory[0], work.rows[0])
+            continue
+        interpolate(pressure, begin + part * m.nodes[stage], work.stage_pressure)
+        code = forward_dynamics(t, work.model, q1, v1, z1, work.stage_pressure, wrench, work.rows[stage])
+        if code != GOOD:
+            return code
+        if stage == 0:
+            assign(work.rows[0], work.memory[0])
+            work.known[0] = 1
+    code = check(t, q1, v1)
+    return code if code != GOOD or finite(z1) else NOT_FINITE
+
+
+@inner
+def error_of(m: Tableau, t: Tables, work: StepWork, q: Array, v: Array, step: float) -> float:
+    """Error of the step over what is allowed; all coordinates together, weighed by their scales.
+
+    Allowed is a part of the state with error control, and `RESOLVED` without.
+    """
+    n = m.nodes.shape[0]
+    error_q, error_v, scale_q, scale_v = 0.0, 0.0, 0.0, 0.0
+    for b in range(q.shape[0]):
+        e_q, e_v = 0.0, 0.0
+        for j in range(n):
+            e_q += m.error[j] * work.rows[n + j, b]
+            e_v += m.error[j] * work.rows[j, b]
+        error_q = max(error_q, abs(step * e_q) * work.weight[b])
+        error_v = max(error_v, abs(step * e_v) * work.weight[b])
+        scale_q = max(scale_q, abs(q[b]) * work.weight[b])
+        scale_v = max(scale_v, abs(v[b]) * work.weight[b])
+    for b in range(work.states.shape[1]):
+        e = 0.0
+        for j in range(n):
+            e += m.error[j] * work.states[j, b]
+        error_q = max(error_q, abs(step * e) * work.weight[t.internal_coordinate[b]])
+    if not m.adaptive:
+        return max(error_q, step * error_v) / RESOLVED
+    return max(error_q / (FLOOR + scale_q), error_v / (FLOOR + scale_v)) / m.rtol
+
+
+@kernel
+def explicit_run(
+    m: Tableau, box: Box, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
+) -> tuple[int, int]:
+    """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
+    stepping = view(box)
+    t, work = stepping.tables, stepping.work
+    work.known[0], work.size[0] = 0, math.inf
+    n = m.nodes.shape[0]
+    q0, v0, z0 = work.rows[2 * n], work.rows[2 * n + 1], work.states[n]
+    code = check(t, q[0], v[0])
+    if code != GOOD or not finite(z[0]):
+        return 0, code if code != GOOD else NOT_FINITE
+    before = 1.0
+    for k in range(times.shape[0] - 1):
+        p = pressure[k]
+        if not (finite(p[0]) and finite(p[1]) and finite(p[2]) and finite(wrench)):
+            return k, BAD_INPUT
+        if k > 0 and jumps(pressure[k - 1], p):
+            work.known[0] = 0
+        h = times[k + 1] - times[k]
+        q1, v1, z1 = q[k + 1], v[k + 1], z[k + 1]
+        assign(q[k], q0)
+        assign(v[k], v0)
+        assign(z[k], z0)
+        done, tries = 0.0, 0
+        while done < h:
+            left = h - done
+            size = work.size[0]
+            # Two halves rather than a whole step and a crumb.
+            step = left if size >= left else min(size, 0.5 * left)
+            code = explicit_step(m, t, work, q0, v0, z0, p, wrench, done / h, step / h, step, q1, v1, z1)
+            error = error_of(m, t, work, q0, v0, step) if code == GOOD else math.inf
+            if not m.adaptive:
+                if not error <= 1.0:
+                    return k, code if code != GOOD else NOT_RESOLVED
+            else:
+                tries += 1
+                if not error <= 1.0:
+                    if tries >= MAX_STEPS or step < 1e-9 * h:
+                        return k, code if code != GOOD else TOO_STIFF
+                    work.size[0] = step * (max(0.2, 0.9 * error**-0.2) if error < math.inf else 0.2)
+                    continue
+                if tries >= MAX_STEPS:
+                    return k, TOO_STIFF
+                # Proportional and integral control [Hairer and Wanner 1996, IV.2].
+                error = max(error, 1e-4)
+                grown = step * min(5.0, max(0.2, 0.9 * error**-0.17 * before**0.04))
+                # A step cut short by the grid says nothing against a longer one.
+                work.size[0] = grown if step == size else max(grown, size)
+                before = error
+            if m.same:
+                assign(work.rows[n - 1], work.memory[0])
+            else:
+                work.known[0] = 0
+            done = h if step == left else done + step
+            assign(q1, q0)
+            assign(v1, v0)
+            assign(z1, z0)
+    return times.shape[0] - 1, GOOD

@@ -1,0 +1,245 @@
+"""A run with an implicit stepper: one kernel for all of them, which differ by a `Scheme`.
+
+What takes time to compile is the model, so there is one place that calls it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._box import Box, view
+from soro_core._jit import inner, kernel
+from soro_core.integrate.air import Air, breathe
+from soro_core.integrate.newton import solve_stage
+from soro_core.integrate.scheme import Scheme
+from soro_core.integrate.system import CLOSED, NOT_RESOLVED, StepWork, interpolate, jumps
+from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite
+from soro_core.model.internal import advance_internal
+from soro_core.model.linear import assign, clear
+from soro_core.model.sweep import NO, YES
+from soro_core.model.tables import Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+# A step that cannot be done whole is done in parts, down to this fraction.
+SMALLEST_PART = 1.0 / 65536.0
+
+
+@inner
+def begin_stage(
+    m: Scheme,
+    stage: int,
+    first: int,
+    known: int,
+    weight: Array,
+    memory: Array,
+    q0: Array,
+    v0: Array,
+    q_last: Array,
+    v_last: Array,
+    h: float,
+    x: Array,
+    q_base: Array,
+    v_base: Array,
+) -> None:
+    """q_base, v_base <- what the stage is built on, x <- first guess of its acceleration.
+
+    `known` accelerations in `memory` hold; `q_last`, `v_last` are those of the stage before.
+    """
+    c = m.stages[stage]
+    begun = stage > first
+    part = c[0] / m.stages[first, 0] if begun else (c[0] if m.start else 1.0)
+    move = 0.0
+    for b in range(x.shape[0]):
+        a0 = memory[0, b] if known > 0 else 0.0
+        before = memory[1, b] if known > 1 else a0
+        a_last = x[b] if begun else 0.0
+        v_base[b] = v0[b] + h * (c[6] * a0 + c[7] * a_last)
+        q_base[b] = q0[b] + h * (c[2] * v0[b] + c[3] * v_last[b] + h * (c[4] * a0 + c[5] * a_last))
+        # On the straight line through the two latest accelerations.
+        x[b] = a0 + part * ((a_last - a0) if begun else (a0 - before))
+        move += ((q_base[b] + c[8] * h * h * x[b] - q_last[b]) * weight[b]) ** 2
+    if not move < m.far * m.far:
+        # In a stiff arm, velocity and acceleration at one time say little about a step later.
+        for b in range(x.shape[0]):
+            x[b] = (q_last[b] - q_base[b]) / (c[8] * h * h)
+
+
+@inner
+def extrapolate(
+    t: Tables,
+    air: Air,
+    work: StepWork,
+    h: float,
+    place: float,
+    q0: Array,
+    v0: Array,
+    z0: Array,
+    q1: Array,
+    v1: Array,
+    z1: Array,
+) -> int:
+    """Carry q1, v1 from the fraction `place` of a step on to its end, in a straight line; z1 after them."""
+    for b in range(q0.shape[0]):
+        q1[b] = q0[b] + (q1[b] - q0[b]) / place
+        v1[b] = v0[b] + (v1[b] - v0[b]) / place
+    code = check(t, q1, v1)
+    if code != GOOD:
+        return code
+    advance_internal(t, z0, v0, v1, h, z1, work.tangent)
+    if not breathe(air, t, q1, z0, work.command, h, z1, work.stage_pressure, work.pressure_slope):
+        return CLOSED
+    return GOOD if finite(z1) else NOT_FINITE
+
+
+@inner
+def implicit_step(
+    m: Scheme,
+    air: Air,
+    t: Tables,
+    work: StepWork,
+    damped: float,
+    q0: Array,
+    v0: Array,
+    z0: Array,
+    wrench: Array,
+    h: float,
+    q1: Array,
+    v1: Array,
+    z1: Array,
+) -> int:
+    """One step with the pressures in `work.pressure`; gives a code.
+
+    It is one of the method itself, or a damped one if `damped` is above 0. Leaves the acceleration of the
+    last stage in the first of `work.rows`.
+    """
+    x, q_base, v_base = work.rows[0], work.rows[1], work.rows[2]
+    first, behind = (m.own, m.stages.shape[0]) if damped > 0.0 else (0, m.own)
+    # What the steps before left is the acceleration at the start, or only a guess at it.
+    at_start = m.start or damped > 0.0
+    known = work.known[0] if m.start or not at_start else 0
+    guessed = known < 2
+    q_last, v_last, z_last = q0, v0, z0
+    for stage in range(first - 1 if at_start and known == 0 else first, behind):
+        q_new, v_new, z_new = q1, v1, z1
+        if stage < first:
+            # The acceleration at the start: M x = forces, linear in x.
+            span, c_q, c_v, tolerance, sweeps = 0.0, 0.0, 0.0, math.inf, 1
+            assign(work.pressure[0], work.command)
+            assign(q0, q_base)
+            assign(v0, v_base)
+            clear(x)
+        else:
+            c = m.stages[stage]
+            span, c_q, c_v, tolerance = c[1] * h, c[8] * h * h, c[9] * h, m.tolerance
+            sweeps = 2 if m.linear and guessed and stage == first else 1
+            interpolate(work.pressure, c[0], work.command)
+            begin_stage(
+                m, stage, first, known, work.weight, work.memory, q0, v0, q_last, v_last, h, x, q_base, v_base
+            )
+            if stage + 1 < behind:
+                q_new, v_new, z_new = work.rows[5], work.rows[6], work.states[1]
+        code = solve_stage(
+            t,
+            air,
+            work,
+            q_base,
+            v_base,
+            c_q,
+            c_v,
+            z_last,
+            v_last,
+            span,
+            wrench,
+            tolerance,
+            sweeps,
+            x,
+            q_new,
+            v_new,
+            z_new,
+        )
+        if code != GOOD:
+            return code
+        if stage < first:
+            assign(x, work.memory[0])
+            work.known[0] = known = 1
+        else:
+            q_last, v_last, z_last = q_new, v_new, z_new
+    code = GOOD
+    if m.stages[behind - 1, 0] < 1.0:
+        code = extrapolate(t, air, work, h, m.stages[behind - 1, 0], q0, v0, z0, q1, v1, z1)
+    moved, swing = 0.0, 0.0
+    for b in range(x.shape[0]):
+        moved += ((q1[b] - q0[b]) * work.weight[b]) ** 2
+        swing = max(swing, abs(x[b]) * work.weight[b])
+    if code == GOOD and (moved > m.far * m.far or (damped == 0.0 and 0.25 * h * h * swing > m.resolved)):
+        return NOT_RESOLVED
+    return code
+
+
+@kernel
+def implicit_run(
+    m: Scheme,
+    air: Air,
+    box: Box,
+    times: Array,
+    pressure: Array,
+    wrench: Array,
+    q: Array,
+    v: Array,
+    z: Array,
+) -> tuple[int, int]:
+    """Fill q, v, z (n_t, ...) from their first rows; gives (last good row, code).
+
+    `pressure` (n_t, 3, n_u) are those of the chambers, or with air behind valves their set points.
+    """
+    stepping = view(box)
+    t, work = stepping.tables, stepping.work
+    q0, v0, z0 = work.rows[3], work.rows[4], work.states[0]
+    work.known[0] = 0
+    damped = NO
+    code = check(t, q[0], v[0])
+    if code != GOOD or not finite(z[0]):
+        return 0, code if code != GOOD else NOT_FINITE
+    for k in range(times.shape[0] - 1):
+        row, q1, v1, z1 = pressure[k], q[k + 1], v[k + 1], z[k + 1]
+        if not (finite(row[0]) and finite(row[1]) and finite(row[2]) and finite(wrench)):
+            return k, BAD_INPUT
+        if k > 0 and m.start and jumps(pressure[k - 1], row):
+            # The acceleration kept from the last step does not know of it.
+            work.known[0] = 0
+        assign(q[k], q0)
+        assign(v[k], v0)
+        assign(z[k], z0)
+        # Fractions of the step are powers of 2, so their sums are exact.
+        done, part, damped = 0.0, 1.0, NO
+        while done < 1.0:
+            h = part * (times[k + 1] - times[k])
+            for i in range(3):
+                interpolate(row, done + 0.5 * i * part, work.pressure[i])
+            code = implicit_step(m, air, t, work, damped, q0, v0, z0, wrench, h, q1, v1, z1)
+            if code == GOOD:
+                done += part
+                assign(q1, q0)
+                assign(v1, v0)
+                assign(z1, z0)
+                assign(work.memory[0], work.memory[1])
+                assign(work.rows[0], work.memory[0])
+                work.known[0] = 1 if damped > 0.0 else min(work.known[0] + 1, 2)
+                # In a step that had to be divided, what is faster than its parts stays damped to its end.
+                damped = YES if part < 1.0 and m.own < m.stages.shape[0] else NO
+                if part < 1.0 and done % (2.0 * part) == 0.0:
+                    part *= 2.0
+                    work.known[0] = min(work.known[0], 1)
+            elif damped == 0.0 and m.own < m.stages.shape[0]:
+                damped = YES
+            else:
+                part *= 0.5
+                work.known[0] = min(work.known[0], 1)
+                if part < SMALLEST_PART:
+                    return k, code
+    return times.shape[0] - 1, GOOD

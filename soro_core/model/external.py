@@ -1,0 +1,269 @@
+"""What acts on the arm from outside at places along it: wrenches, contact, the held tip.
+
+Seen from the frame b of a link's base, a particle at x_b moves with V_b + B1 qd (`sweep`). A force on it is a
+wrench in b, and joins the wrench of the link's own mass before the chain is closed (`exact.close_forces`),
+so nothing here grows with more than the number of places. The tangent of a force at the point, a symmetric
+3 x 3 matrix K, adds A K A' to the link's inertia as a body (A' takes a twist in b to the velocity of the
+point), A K A' B1 to its coupling and B1' A K A' B1 to its matrix: the factors of `articulated` stay linear in
+the links with contact too.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._jit import inner
+from soro_core.model.contact import add_force, add_tangent, gap, stored_energy
+from soro_core.model.lie import compose, dot6, to_body, wrench_to_parent
+from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
+from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.tables import CONTACT, HELD, Tables
+from soro_core.model.work import Work
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@inner
+def add_external_forces(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
+    """w.own and tau -= what acts from outside, after `sweep` at q; gives the energy stored in it [J].
+
+    `wrench`: that at the tip, left to `close_forces`, then one for each place (6 numbers each, in the frame
+    of the place). Writes the force at each place, in the world, to w.site_force.
+    """
+    return _visit(t, w, wrench, q, qd, 0.0, 0.0, 0.0, tau)
+
+
+@inner
+def add_external_tangents(
+    t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float
+) -> None:
+    """w.mass, w.coupling += and w.extra <- by_q and by_v times the tangents, after `sweep` with bodies.
+
+    One of by_q and by_v must be above 0. `secant`: see `contact.add_tangent`.
+    """
+    for i in range(w.extra.shape[0]):
+        clear_matrix(w.extra[i])
+    _visit(t, w, w.rows[0], q, qd, by_q, by_v, secant, w.rows[0])
+
+
+@inner
+def _visit(
+    t: Tables,
+    w: Work,
+    wrench: Array,
+    q: Array,
+    qd: Array,
+    by_q: float,
+    by_v: float,
+    secant: float,
+    tau: Array,
+) -> float:
+    """Go outward from place to place; forces where by_q and by_v are 0, else tangents."""
+    e = t.external
+    R, p, V = w.site_frames[0, :3], w.site_frames[0, 3], w.site_vectors[0]
+    R_node, p_node, B_node = w.site_frames[1, :3], w.site_frames[1, 3], w.site_columns[0]
+    Rs, ps, B1 = w.site_frames[2, :3], w.site_frames[2, 3], w.site_columns[1]
+    energy = 0.0
+    assign_matrix(t.base_rotation, R)
+    assign(t.base_position, p)
+    clear(V)
+    for i in range(t.length.shape[0]):
+        first = t.offset[i]
+        m = t.offset[i + 1] - first
+        done = 0
+        if t.varying[i]:
+            begin_varying(R_node, p_node, B_node)
+        for k in range(e.first[i], e.first[i + 1]):
+            whole = e.whole[k]
+            if whole == t.fraction.shape[0]:
+                assign_matrix(w.rotation[i], Rs)
+                assign(w.position[i], ps)
+                assign_matrix(w.end[i], B1)
+            elif t.varying[i]:
+                along_varying(t, w, i, done, whole, q, R_node, p_node, B_node)
+                done = whole
+                assign_matrix(R_node, Rs)
+                assign(p_node, ps)
+                assign_matrix(B_node, B1)
+                if e.step[k] > 0.0:
+                    step_varying(t, w, i, e.step[k], e.shape[k], q, Rs, ps, B1)
+            else:
+                along_constant(t, w, i, e.place[k], q, Rs, ps, B1)
+            Vk = w.site_vectors[1]
+            assign(V, Vk)
+            for j in range(m):
+                for r in range(6):
+                    Vk[r] += B1[j, r] * qd[first + j]
+            if by_q + by_v > 0.0:
+                _add_tangent(t, w, i, k, R, p, Rs, ps, B1, Vk, by_q, by_v, secant)
+            else:
+                energy += _add_force(t, w, i, k, R, p, Rs, ps, B1, Vk, wrench, tau)
+        for j in range(m):
+            for r in range(6):
+                V[r] += w.end[i, j, r] * qd[first + j]
+        to_body(w.rotation[i], w.position[i], V)
+        compose(R, p, w.rotation[i], w.position[i])
+    return energy
+
+
+@inner
+def _place(R: Array, p: Array, c: Array, V: Array, x: Array, u: Array) -> None:
+    """x, u <- position and velocity in the world of the point c of the frame b = (R, p) with the twist V."""
+    u0 = V[3] + V[1] * c[2] - V[2] * c[1]
+    u1 = V[4] + V[2] * c[0] - V[0] * c[2]
+    u2 = V[5] + V[0] * c[1] - V[1] * c[0]
+    for r in range(3):
+        x[r] = p[r] + R[r, 0] * c[0] + R[r, 1] * c[1] + R[r, 2] * c[2]
+        u[r] = R[r, 0] * u0 + R[r, 1] * u1 + R[r, 2] * u2
+
+
+@inner
+def _touching(ps: Array, radius: float, R: Array, n: Array, c: Array) -> None:
+    """c <- the point of the round section that touches: at ps (in b), against the normal n (in the world)."""
+    for r in range(3):
+        c[r] = ps[r] - radius * (R[0, r] * n[0] + R[1, r] * n[1] + R[2, r] * n[2])
+
+
+@inner
+def _to_wrench(R: Array, c: Array, F: Array, f: Array) -> None:
+    """f += wrench in b of the force F (in the world) at the point c of b."""
+    x = R[0, 0] * F[0] + R[1, 0] * F[1] + R[2, 0] * F[2]
+    y = R[0, 1] * F[0] + R[1, 1] * F[1] + R[2, 1] * F[2]
+    z = R[0, 2] * F[0] + R[1, 2] * F[1] + R[2, 2] * F[2]
+    f[0] += c[1] * z - c[2] * y
+    f[1] += c[2] * x - c[0] * z
+    f[2] += c[0] * y - c[1] * x
+    f[3] += x
+    f[4] += y
+    f[5] += z
+
+
+@inner
+def _add_force(
+    t: Tables,
+    w: Work,
+    i: int,
+    k: int,
+    R: Array,
+    p: Array,
+    Rs: Array,
+    ps: Array,
+    B1: Array,
+    V: Array,
+    wrench: Array,
+    tau: Array,
+) -> float:
+    """Force at place k of link i; gives the energy stored in it."""
+    e = t.external
+    f, total = w.site_vectors[2], w.site_force[k]
+    x, u, n, c, F = w.points[0], w.points[1], w.points[2], w.points[3], w.points[4]
+    energy = 0.0
+    clear(f)
+    clear(total)
+    if e.kind[k] == CONTACT:
+        for o in range(e.obstacles.shape[0]):
+            _place(R, p, ps, V, x, u)
+            depth = t.radius[i] - gap(e.obstacles[o], x, n)
+            if depth > 0.0:
+                _touching(ps, t.radius[i], R, n, c)
+                _place(R, p, c, V, x, u)
+                clear(F)
+                add_force(e.obstacles[o], depth, n, u, F)
+                _to_wrench(R, c, F, f)
+                energy += stored_energy(e.obstacles[o], depth)
+                for r in range(3):
+                    total[r] += F[r]
+    elif e.kind[k] == HELD:
+        _place(R, p, ps, V, x, u)
+        for r in range(3):
+            off = x[r] - e.held[r]
+            total[r] = -e.held[3 + r] * off - e.held[6 + r] * u[r]
+            energy += 0.5 * e.held[3 + r] * off * off
+        _to_wrench(R, ps, total, f)
+    else:
+        for r in range(6):
+            f[r] = wrench[e.kind[k] + r]
+        wrench_to_parent(Rs, ps, f)
+        for r in range(3):
+            total[r] = R[r, 0] * f[3] + R[r, 1] * f[4] + R[r, 2] * f[5]
+    first = t.offset[i]
+    for r in range(6):
+        w.own[i, r] -= f[r]
+    for j in range(t.offset[i + 1] - first):
+        tau[first + j] -= dot6(B1[j], f)
+    return energy
+
+
+@inner
+def _add_tangent(
+    t: Tables,
+    w: Work,
+    i: int,
+    k: int,
+    R: Array,
+    p: Array,
+    Rs: Array,
+    ps: Array,
+    B1: Array,
+    V: Array,
+    by_q: float,
+    by_v: float,
+    secant: float,
+) -> None:
+    """Tangent at place k of link i."""
+    e = t.external
+    K = w.site_frames[3, :3]
+    x, u, n, c = w.points[0], w.points[1], w.points[2], w.points[3]
+    if e.kind[k] == CONTACT:
+        for o in range(e.obstacles.shape[0]):
+            _place(R, p, ps, V, x, u)
+            depth = t.radius[i] - gap(e.obstacles[o], x, n)
+            if depth > 0.0:
+                _touching(ps, t.radius[i], R, n, c)
+                _place(R, p, c, V, x, u)
+                clear_matrix(K)
+                add_tangent(e.obstacles[o], depth, n, u, by_q, by_v, secant, K)
+                _add_body(t, w, i, R, c, K, B1)
+    elif e.kind[k] == HELD:
+        clear_matrix(K)
+        for r in range(3):
+            K[r, r] = by_q * e.held[3 + r] + by_v * e.held[6 + r]
+        _add_body(t, w, i, R, ps, K, B1)
+
+
+@inner
+def _add_body(t: Tables, w: Work, i: int, R: Array, c: Array, K: Array, B1: Array) -> None:
+    """Add the matrix K (in the world) at the point c of b to the body of link i."""
+    unit, h = w.site_vectors[3], w.site_vectors[4]
+    F, M, N = w.coupling[i], w.mass[i], w.extra[i]
+    clear(unit)
+    for r in range(6):
+        unit[r] = 1.0
+        _momentum(R, c, K, unit, w.points[4], h)
+        unit[r] = 0.0
+        for d in range(6):
+            N[d, r] += h[d]
+    for j in range(t.offset[i + 1] - t.offset[i]):
+        _momentum(R, c, K, B1[j], w.points[4], h)
+        for r in range(6):
+            F[j, r] += h[r]
+        for d in range(j + 1):
+            M[j, d] += dot6(B1[d], h)
+
+
+@inner
+def _momentum(R: Array, c: Array, K: Array, V: Array, F: Array, h: Array) -> None:
+    """h <- A K A' V for a twist V in b."""
+    u0 = V[3] + V[1] * c[2] - V[2] * c[1]
+    u1 = V[4] + V[2] * c[0] - V[0] * c[2]
+    u2 = V[5] + V[0] * c[1] - V[1] * c[0]
+    x = R[0, 0] * u0 + R[0, 1] * u1 + R[0, 2] * u2
+    y = R[1, 0] * u0 + R[1, 1] * u1 + R[1, 2] * u2
+    z = R[2, 0] * u0 + R[2, 1] * u1 + R[2, 2] * u2
+    for r in range(3):
+        F[r] = K[r, 0] * x + K[r, 1] * y + K[r, 2] * z
+    clear(h)
+    _to_wrench(R, c, F, h)

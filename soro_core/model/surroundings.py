@@ -1,0 +1,37 @@
+"""What acts on an arm from outside, as a caller sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+Integers: TypeAlias = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ExternalForces:
+    """What acts from outside at one state; gravity is not part of it.
+
+    Attributes
+    ----------
+    generalised : (n_q,)
+        On the right-hand side of the equation of motion.
+    place : (n_places,)
+        Metres along the arm where something can act, outward.
+    force : (n_places, 3)
+        Force there, in the world [N]: of contact, of the held tip, of a wrench of `wrench_places`.
+    kind : (n_places,)
+        `soro_core.model.tables.CONTACT`, `HELD`, or 0 and above for a wrench.
+    energy : float
+        Stored in contact and in what holds the tip [J].
+    """
+
+    generalised: Array
+    place: Array
+    force: Array
+    kind: Integers
+    energy: float

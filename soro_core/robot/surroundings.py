@@ -1,0 +1,80 @@
+"""What acts on an arm from outside, and what it carries: as it stands in a robot file. SI units."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from soro_core.config import Strict
+from soro_core.robot.vectors import Vector3
+
+
+class PointMass(Strict):
+    """A mass without extent on the backbone."""
+
+    place: float = Field(gt=0, description="metres of undeformed length from the base of the arm")
+    mass: float = Field(ge=0, description="[kg]")
+
+
+class Surface(Strict):
+    """How an obstacle pushes back at each point of the arm that sinks in (see `soro_core.model.contact`)."""
+
+    stiffness: float = Field(gt=0, description="normal force per depth at one point [N/m]")
+    damping: float = Field(
+        0.0, ge=0, description="relative growth of the normal force by the speed of sinking in [s/m]"
+    )
+    friction: float = Field(0.0, ge=0, description="coefficient of Coulomb's friction")
+    slip_velocity: float = Field(
+        1e-3, gt=0, description="speed at which friction has reached 0.71 of its limit [m/s]"
+    )
+
+
+class Plane(Surface):
+    """A half space that the arm cannot enter; fixed in the world."""
+
+    point: Vector3 = Field(description="a point of its surface, in the world [m]")
+    normal: Vector3 = Field(description="direction out of it, in the world, of any length above 0")
+
+    @field_validator("normal")
+    @classmethod
+    def _direction(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if not math.hypot(*value) > 0.0:
+            raise ValueError("a direction, not all zeros")
+        return value
+
+
+class Sphere(Surface):
+    """A ball that the arm cannot enter; fixed in the world."""
+
+    centre: Vector3 = Field(description="in the world [m]")
+    radius: float = Field(gt=0, description="[m]")
+
+
+class Contacts(Strict):
+    """Obstacles, and how many points of the arm feel them."""
+
+    planes: Annotated[tuple[Plane, ...], Field(strict=False)] = ()
+    spheres: Annotated[tuple[Sphere, ...], Field(strict=False)] = ()
+    points_per_link: int = Field(
+        5, ge=1, le=200, description="evenly spaced up to the end of each link (of the original, if refined)"
+    )
+
+
+class TipConstraint(Strict):
+    """A stiff spring and damper that holds the tip at a point of the world and leaves it free to turn."""
+
+    point: Vector3 = Field(description="in the world [m]")
+    axes: Annotated[tuple[Literal["x", "y", "z"], ...], Field(strict=False, min_length=1)] = Field(
+        ("x", "y", "z"), description="directions of the world in which it is held"
+    )
+    stiffness: float = Field(1e5, gt=0, description="[N/m]")
+    damping: float = Field(100.0, ge=0, description="[N s/m]")
+
+    @field_validator("axes")
+    @classmethod
+    def _once(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(value)) != len(value):
+            raise ValueError("each of x, y, z at most once")
+        return value

@@ -1,0 +1,96 @@
+"""Results by content: what was measured once is not measured again until robot, run or sources change."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soro_core.scene import Scene
+from soro_core.trade.candidate import Candidate
+from soro_core.trade.case import Case
+from soro_core.trade.sources import sources
+
+
+class Cache:
+    """A folder of small JSON files; one that cannot be used is silently none."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = user_folder() if folder is None else folder
+
+    def get(self, key: str) -> dict[str, Any] | None:
+        """Return what was put under that key, or nothing."""
+        try:
+            found = json.loads((self.folder / f"{key}.json").read_text())
+        except (OSError, ValueError):
+            return None
+        return found if isinstance(found, dict) else None
+
+    def put(self, key: str, value: dict[str, Any]) -> None:
+        """Keep a value; whole or not at all, whoever else writes."""
+        path = self.folder / f"{key}.json"
+        draft = path.with_suffix(f".{os.getpid()}")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            draft.write_text(json.dumps(value))
+            draft.replace(path)
+        except OSError:
+            return
+
+
+def user_folder() -> Path:
+    """Folder of results in the user's cache, beside that of the kernels."""
+    user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(user) / "soro" / "trade"
+
+
+def case_key(case: Case) -> str:
+    """Hash of a robot and a run."""
+    arrays = b"".join(np.ascontiguousarray(a).tobytes() for a in (case.knots_s, case.pressure_pa))
+    return _digest(
+        robot=case.robot.model_dump(mode="json"),
+        start=case.start and dict(case.start),
+        pressures=hashlib.sha256(arrays).hexdigest(),
+        t_end=case.t_end,
+        tick_s=case.tick_s,
+    )
+
+
+def reference_key(case: str, tolerance: float) -> str:
+    """Key of a converged run."""
+    return "reference-" + _digest(case=case, tolerance=tolerance)
+
+
+def error_key(case: str, reference: str, candidate: Candidate) -> str:
+    """Key of the errors of a candidate; `case` and `reference` by their own keys."""
+    return "error-" + _digest(case=case, reference=reference, candidate=candidate.section)
+
+
+def cost_key(case: str, candidate: Candidate, repeats: int) -> str:
+    """Key of the cost of a candidate on this machine."""
+    machine = (platform.node(), platform.processor())
+    return "cost-" + _digest(case=case, machine=machine, candidate=candidate.section, repeats=repeats)
+
+
+def loop_key(scene: Scene, **more: Any) -> str:
+    """Key of a run of the loop."""
+    return "loop-" + _digest(scene=_of_scene(scene), **more)
+
+
+def choice_key(scene: Scene, robot: dict[str, Any], wish: str) -> str:
+    """Key of the model that was chosen for a scene and a wish."""
+    return "choice-" + _digest(scene=_of_scene(scene), robot=robot, wish=wish, machine=platform.node())
+
+
+def _of_scene(scene: Scene) -> dict[str, Any]:
+    return scene.model_dump(mode="json", exclude={"model", "name", "recorder", "duration_s", "mode"})
+
+
+def _digest(**parts: Any) -> str:
+    text = json.dumps({"sources": sources(), **parts}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]

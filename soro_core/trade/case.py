@@ -1,0 +1,158 @@
+"""What is simulated: a robot, how it starts, and the pressures that move it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.config import find_config
+from soro_core.errors import ModelError
+from soro_core.identification import ForcedRun, read_forced
+from soro_core.model import SoftArm
+from soro_core.model.statics import equilibrium
+from soro_core.robot import Robot, load_robot
+from soro_core.scene import Scene
+from soro_core.trade.closed_loop import drive
+
+Array: TypeAlias = NDArray[np.float64]
+
+SAMPLE_S = 0.02  # of all traces; time steps divide it
+TICK_S = 0.005
+RISE_S = 0.02
+FREE_BEND_RAD = 1.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run that every candidate computes; picklable.
+
+    Attributes
+    ----------
+    robot : Robot
+        As its file describes it.
+    text : str
+        The excitation in words.
+    knots_s, pressure_pa : (n,), (n, n_u)
+        Pressures [Pa], linear between the knots and held beyond them.
+    t_end : float
+        [s]
+    tick_s : float
+        Period whose longest computation is reported [s].
+    start : mapping of strain to value, or None
+        Uniform initial strain of all links, at rest; None: equilibrium under the first pressures.
+    scene : Scene or None
+        Where it comes from, for the closed loop.
+    measured : ForcedRun or None
+        A recorded run to compare with.
+    """
+
+    robot: Robot
+    text: str
+    knots_s: Array
+    pressure_pa: Array
+    t_end: float
+    tick_s: float = TICK_S
+    start: Mapping[str, float] | None = None
+    scene: Scene | None = None
+    measured: ForcedRun | None = field(default=None, repr=False)
+
+    def pressures(self, times: Array) -> Array:
+        """Pressures [Pa] at the start, the middle and the end of every step, (n_t, 3, n_u)."""
+        after = np.append(times[1:], times[-1])
+        table = np.empty((len(times), 3, self.robot.n_u))
+        for stage, at in enumerate((times, 0.5 * (times + after), after)):
+            for u in range(self.robot.n_u):
+                table[:, stage, u] = np.interp(at, self.knots_s, self.pressure_pa[:, u])
+        return table
+
+    def initial(self, arm: SoftArm) -> Array:
+        """Coordinates at the start, in the shape functions of `arm`.
+
+        Raises
+        ------
+        ModelError
+            If there is no equilibrium.
+        """
+        if self.start is None:
+            return equilibrium(arm, self.pressure_pa[0])
+        values = []
+        for link in arm.robot.links:
+            for name, strain in link.strains.items():
+                # The first shape function is 1 in every polynomial basis.
+                values += [self.start.get(name, 0.0)] + [0.0] * (strain.size - 1)
+        return np.array(values)
+
+
+def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
+    """Return the standard run of a robot without a scene.
+
+    With chambers: from rest, the first chamber of each link to half of the robot's range of pressure within
+    20 ms, a third of the time later the second too, after two thirds all released. Without: a uniform
+    bend of 1 rad in all, let go.
+    """
+    if not robot.n_u:
+        bending = [name for name in ("bending_x", "bending_y") if name in robot.links[0].strains]
+        start: dict[str, float] = {bending[0]: FREE_BEND_RAD / robot.length} if bending else {}
+        if not start:
+            raise ModelError(f"{robot.name} has neither chambers nor bending: nothing would move it")
+        none = np.zeros((1, 0))
+        text = f"uniform bend of {FREE_BEND_RAD:g} rad in all, let go; {seconds:g} s"
+        return Case(robot, text, np.zeros(1), none, seconds, start=start)
+    low, high = robot.pressure_range_pa
+    half = 0.5 * (max(low, 0.0) + high)
+    first = np.zeros(robot.n_u)
+    second = np.zeros(robot.n_u)
+    for u, name in enumerate(robot.chamber_names):
+        number = int(name.rsplit("chamber", 1)[1])
+        first[u] = half * (number == 0)
+        second[u] = half * (number <= 1)
+    third = SAMPLE_S * round(seconds / 3.0 / SAMPLE_S)
+    rest = np.zeros(robot.n_u)
+    knots = np.array([0.0, RISE_S, third, third + RISE_S, 2 * third, 2 * third + RISE_S])
+    table = np.array([rest, first, first, second, second, rest])
+    text = (
+        f"from rest, the first chamber of each link to {half / 1e3:g} kPa, the second too at {third:g} s, "
+        f"all released at {2 * third:g} s, each within {1e3 * RISE_S:g} ms; {seconds:g} s"
+    )
+    return Case(robot, text, knots, table, seconds)
+
+
+def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
+    """Return the run of a scene: the pressures that its loop makes in simulation, from rest.
+
+    Estimator and controller with the robot as its file has it act on the scene's twin once; the chamber
+    pressures of that run are then what every candidate gets, open loop.
+
+    Raises
+    ------
+    ConfigError
+        If robot, controller or measured run cannot be used.
+    ModelError
+        If the twin fails.
+    """
+    robot = load_robot(find_config(scene.robot, "robots"))
+    measured = read_forced(scene.measured) if scene.measured else None
+    plain = scene.model_copy(update={"model": None})
+    if not robot.n_u:
+        case = bare_case(robot, seconds)
+        return Case(**{**vars(case), "scene": plain, "tick_s": 1.0 / scene.rate_hz, "measured": measured})
+    record = drive(plain, plain.discretisation, seconds=seconds)
+    every = max(1, round(SAMPLE_S * scene.rate_hz))
+    text = (
+        f"from rest, the chamber pressures that the loop of scene {scene.name} makes in simulation "
+        f"(as its file has the robot), open loop; {seconds:g} s"
+    )
+    return Case(
+        robot,
+        text,
+        record.t[::every],
+        record.pressure_pa[::every],
+        seconds,
+        tick_s=1.0 / scene.rate_hz,
+        scene=plain,
+        measured=measured,
+    )

@@ -1,0 +1,115 @@
+"""What a candidate costs: CPU time, measured alone and in turns of whole runs, with compiled kernels."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from soro_core.integrate import make_stepper, simulate
+from soro_core.model.discretised import discretised
+from soro_core.trade.candidate import Candidate
+from soro_core.trade.case import Case
+from soro_core.trade.trace import time_grid
+
+# One tick is short: the least of so many equal ones is what it takes without interruptions.
+_TICK_REPEATS = 3
+_TICK_SECONDS = 1.0
+_LONG_RUN_S = 2.0
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU times of one core.
+
+    Attributes
+    ----------
+    cpu_s_per_s : float
+        Of a simulated second in the compiled loop: median of the repeats.
+    spread : float
+        Slowest repeat over the fastest.
+    worst_tick_us, typical_tick_us : float
+        Longest and median computation of a tick, called from Python step by step [us].
+    startup_s : float
+        From the robot to the end of the first step, kernels compiled and loaded [s].
+    repeats : int
+    """
+
+    cpu_s_per_s: float
+    spread: float
+    worst_tick_us: float
+    typical_tick_us: float
+    startup_s: float
+    repeats: int
+
+
+def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
+    """Time a candidate in this process, which should have nothing else to do.
+
+    Raises
+    ------
+    ModelError
+        If the run fails.
+    """
+    warm(case, candidate)
+    begun = time.process_time()
+    arm = discretised(case.robot, candidate.model)
+    stepper = make_stepper(candidate.integrator, arm)
+    stepper.step(stepper.initial_state(), np.zeros(arm.n_u), candidate.dt_s)
+    startup = time.process_time() - begun
+    start, times = case.initial(arm), time_grid(case, candidate.dt_s)
+    table = case.pressures(times)
+    seconds: list[float] = []
+    for _ in range(repeats):
+        begun = time.process_time()
+        simulate(
+            arm,
+            start,
+            t_end=times[-1],
+            dt=candidate.dt_s,
+            integrator=candidate.integrator,
+            pressure=table,
+        )
+        seconds.append(time.process_time() - begun)
+        if seconds[-1] > _LONG_RUN_S:
+            break
+    worst, typical = _ticks(case, candidate, start)
+    return Cost(
+        cpu_s_per_s=statistics.median(seconds) / times[-1],
+        spread=max(seconds) / max(min(seconds), 1e-9),
+        worst_tick_us=worst,
+        typical_tick_us=typical,
+        startup_s=startup,
+        repeats=len(seconds),
+    )
+
+
+def warm(case: Case, candidate: Candidate) -> None:
+    """Compile, or load from the cache, the kernels of a candidate."""
+    arm = discretised(case.robot, candidate.model)
+    stepper = make_stepper(candidate.integrator, arm)
+    stepper.step(stepper.initial_state(), np.zeros(arm.n_u), 1e-6)
+
+
+def _ticks(case: Case, candidate: Candidate, start: np.ndarray) -> tuple[float, float]:
+    """Longest and median time of a tick [us] over the first second, step by step as a node makes them."""
+    arm = discretised(case.robot, candidate.model)
+    stepper = make_stepper(candidate.integrator, arm)
+    steps = max(1, math.ceil(case.tick_s / candidate.dt_s - 1e-9))
+    h = candidate.dt_s if steps == 1 else case.tick_s / steps
+    ticks = max(1, int(min(_TICK_SECONDS, case.t_end) / (steps * h)))
+    times = np.arange(ticks * steps + 1, dtype=np.float64) * h
+    middle = case.pressures(times)[:, 1]
+    spent = np.full((_TICK_REPEATS, ticks), np.inf)
+    for repeat in range(_TICK_REPEATS):
+        state = stepper.initial_state(start)
+        for tick in range(ticks):
+            begun = time.thread_time_ns()
+            for k in range(tick * steps, (tick + 1) * steps):
+                state, _ = stepper.step(state, middle[k], h)
+            spent[repeat, tick] = 1e-3 * (time.thread_time_ns() - begun)
+    least = spent.min(axis=0)
+    return float(least.max()), float(np.median(least))

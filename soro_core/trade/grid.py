@@ -1,0 +1,142 @@
+"""Which combinations are run: a coarse grid first, then the neighbourhood of its front."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product, zip_longest
+
+from soro_core.errors import ConfigError
+from soro_core.robot import Discretisation, Robot
+from soro_core.trade.candidate import Candidate, describe
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Values that are combined.
+
+    Attributes
+    ----------
+    pieces : tuple of int
+        Links of constant strain a link of the robot.
+    polynomials : tuple of (basis, order, links)
+    nodes, steps : tuple of int
+        Of `exact` (0: chosen for the robot) and of `mde`.
+    dt_s : tuple of float
+        Whole parts of 20 ms.
+    coarse_dt_s : tuple of float
+        Those of the first pass.
+    most : int
+        Largest number of combinations of the second pass.
+    loops : int
+        Largest number of models of which the closed loop is run.
+    """
+
+    pieces: tuple[int, ...]
+    polynomials: tuple[tuple[str, int, int], ...]
+    nodes: tuple[int, ...]
+    steps: tuple[int, ...]
+    dt_s: tuple[float, ...]
+    coarse_dt_s: tuple[float, ...]
+    most: int
+    loops: int
+
+
+PRESETS = {
+    "quick": Grid((1, 2), (("legendre", 1, 1),), (0, 4), (10,), (0.01, 0.002), (0.01, 0.002), 12, 2),
+    "standard": Grid(
+        (1, 2, 4, 8),
+        (
+            ("legendre", 1, 1),
+            ("legendre", 2, 1),
+            ("legendre", 3, 1),
+            ("chebyshev", 2, 1),
+            ("legendre", 1, 2),
+        ),
+        (0, 2, 3, 4, 5, 8),
+        (5, 10, 20, 40),
+        (0.02, 0.01, 0.005, 0.002, 0.001),
+        (0.01, 0.002),
+        60,
+        4,
+    ),
+    "full": Grid(
+        (1, 2, 4, 8, 16),
+        tuple(
+            (basis, order, links)
+            for basis in ("legendre", "chebyshev")
+            for order in (1, 2, 3, 4, 6)
+            for links in (1, 2, 4)
+        ),
+        (0, 2, 3, 4, 5, 6, 8, 10, 12),
+        (2, 5, 10, 20, 40, 80),
+        (0.02, 0.01, 0.005, 0.004, 0.002, 0.001, 0.0005),
+        (0.01, 0.002),
+        400,
+        8,
+    ),
+}
+
+
+def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, str]]:
+    """Discretisations of the grid that the robot allows, and why it does not allow the others.
+
+    A robot whose file has varying strain comes as it is, first.
+    """
+    constant = all(strain.basis == "constant" for link in robot.links for strain in link.strains.values())
+    wanted = [
+        *([] if constant else [Discretisation()]),
+        *(Discretisation(basis="constant", links=k) for k in grid.pieces),
+        *(
+            Discretisation.model_validate({"basis": basis, "order": order, "links": links})
+            for basis, order, links in grid.polynomials
+        ),
+    ]
+    found: list[Discretisation] = []
+    refused: dict[str, str] = {}
+    for model in wanted:
+        try:
+            model.shape(robot)
+        except ConfigError as error:
+            refused[describe(model)] = str(error)
+        else:
+            found.append(model)
+    return found, refused
+
+
+def quadratures(grid: Grid, space: Discretisation) -> Iterator[Discretisation]:
+    """Every method, number of nodes and of steps on one space."""
+    for nodes in grid.nodes:
+        yield space.model_copy(update={"method": "exact", "nodes": nodes, "steps": 0})
+    for steps in grid.steps:
+        yield space.model_copy(update={"method": "mde", "nodes": 0, "steps": steps})
+
+
+def size(grid: Grid, n_spaces: int, n_steppers: int) -> int:
+    """Number of all combinations."""
+    return n_spaces * (len(grid.nodes) + len(grid.steps)) * n_steppers * len(grid.dt_s)
+
+
+def coarse(grid: Grid, found: Sequence[Discretisation], steppers: Sequence[str]) -> list[Candidate]:
+    """First pass: every space and stepper at a few steps, quadrature as the robot needs it; `mde` once."""
+    middle = {"method": "mde", "steps": grid.steps[len(grid.steps) // 2]}
+    mde = [space.model_copy(update=middle) for space in found]
+    return [
+        *(Candidate(*one) for one in product(found, steppers, grid.coarse_dt_s)),
+        *(Candidate(*one) for one in product(mde, steppers, grid.coarse_dt_s[:1])),
+    ]
+
+
+def around(grid: Grid, good: Iterable[Candidate], done: Iterable[Candidate]) -> list[Candidate]:
+    """Second pass: other steps and other quadrature for those that came near the front, in turns."""
+    lists = []
+    for candidate in good:
+        space = Discretisation(
+            links=candidate.model.links, basis=candidate.model.basis, order=candidate.model.order
+        )
+        others = [Candidate(space, candidate.integrator, dt) for dt in grid.dt_s]
+        others += [Candidate(q, candidate.integrator, candidate.dt_s) for q in quadratures(grid, space)]
+        lists.append(others)
+    turns = (one for turn in zip_longest(*lists) for one in turn if one is not None)
+    known = set(done)
+    return [one for one in dict.fromkeys(turns) if one not in known][: grid.most]

@@ -1,0 +1,121 @@
+"""What a study has found: a row for each candidate, the front, and the one that meets the wish."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from soro_core.scene import Wish
+from soro_core.trade.candidate import Candidate
+from soro_core.trade.case import Case
+from soro_core.trade.cost import Cost
+from soro_core.trade.front import pareto
+from soro_core.trade.late import LoopError
+from soro_core.trade.reference import Reference
+from soro_core.trade.trace import Errors
+
+
+@dataclass(frozen=True)
+class Row:
+    """What is known of one candidate."""
+
+    candidate: Candidate
+    errors: Errors | None
+    trouble: str = ""
+    cost: Cost | None = None
+    loop: LoopError | None = None
+    measured_per_m: float | None = None
+    """RMS error of the curvature against the measured run [1/m]."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether both error and cost are known."""
+        return self.errors is not None and self.cost is not None
+
+    @property
+    def tip(self) -> float:
+        """Error of the tip, % of the length; infinite where there is none."""
+        return self.errors.tip if self.errors else math.inf
+
+    @property
+    def cpu(self) -> float:
+        """CPU seconds a simulated second; infinite where not measured."""
+        return self.cost.cpu_s_per_s if self.cost else math.inf
+
+    @property
+    def tick_us(self) -> float:
+        """Longest tick [us]; infinite where not measured."""
+        return self.cost.worst_tick_us if self.cost else math.inf
+
+
+@dataclass(frozen=True)
+class Study:
+    """Everything that was found."""
+
+    case: Case
+    wish: Wish
+    reference: Reference
+    rows: tuple[Row, ...]
+    combinations: int
+    """All combinations of the grid."""
+    refused: dict[str, str] = field(default_factory=dict)
+    """Shape functions that the robot does not allow, and why."""
+    stopped: bool = False
+
+    @property
+    def front(self) -> list[Row]:
+        """Pareto front of tip error and CPU time, cheapest first."""
+        return pareto([row for row in self.rows if row.complete], lambda r: r.cpu, lambda r: r.tip)
+
+    def meets(self, row: Row) -> bool:
+        """Whether a row meets the wish, also if the reference is off by its own error."""
+        if self.wish.error:
+            return row.complete and row.tip + self.reference.own.tip <= self.wish.error_percent
+        return row.complete and row.tick_us <= self.wish.tick_us
+
+    @property
+    def choice(self) -> Row | None:
+        """Cheapest row within the wished error, or the most accurate one within the wished time."""
+        good = [row for row in self.rows if self.meets(row)]
+        by_cost = bool(self.wish.error)
+        return min(good, key=lambda r: (r.cpu, r.tip) if by_cost else (r.tip, r.cpu), default=None)
+
+    @property
+    def nearest(self) -> Row | None:
+        """Row that comes nearest to the wish."""
+        done = [row for row in self.rows if row.complete]
+        return min(done, key=lambda r: r.tip if self.wish.error else r.tick_us, default=None)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything in plain values, for JSON."""
+        chosen, front = self.choice, self.front
+        return {
+            "robot": self.case.robot.name,
+            "excitation": self.case.text,
+            "wish": str(self.wish),
+            "stopped": self.stopped,
+            "combinations": {"all": self.combinations, "run": len(self.rows)},
+            "not_available": self.refused,
+            "tick_s": self.case.tick_s,
+            "reference": {
+                "model": self.reference.candidate.section,
+                "own_error_percent": asdict(self.reference.own),
+                "converged": self.reference.converged,
+                "first_frequency_hz": self.reference.trace.frequency_hz,
+                "note": self.reference.note,
+            },
+            "rows": [
+                {
+                    "model": row.candidate.section,
+                    "errors_percent": row.errors and asdict(row.errors),
+                    "trouble": row.trouble,
+                    "cost": row.cost and asdict(row.cost),
+                    "closed_loop": row.loop and asdict(row.loop),
+                    "measured_curvature_rms_per_m": row.measured_per_m,
+                    "front": row in front,
+                }
+                for row in self.rows
+            ],
+            "choice": None if chosen is None else chosen.candidate.section,
+        }

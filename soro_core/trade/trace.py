@@ -1,0 +1,121 @@
+"""What a run leaves to compare: places along the backbone and energy over time, and the first frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from soro_core.errors import ModelError
+from soro_core.integrate import simulate
+from soro_core.model import SoftArm
+from soro_core.trade.case import SAMPLE_S, Case
+
+Array: TypeAlias = NDArray[np.float64]
+
+STATIONS = (0.2, 0.4, 0.6, 0.8, 1.0)  # parts of the arm's length
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A run at samples of equal distance in time, from 0.
+
+    Attributes
+    ----------
+    places : (n_t, n_stations, 3)
+        Positions along the backbone [m]; the last is the tip.
+    energy : (n_t,)
+        Kinetic, gravitational and elastic energy together [J].
+    frequency_hz : float
+        Of small undamped vibrations about the rest under the first pressures; 0 where there is none.
+    """
+
+    places: Array
+    energy: Array
+    frequency_hz: float
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Differences of two runs.
+
+    Attributes
+    ----------
+    tip, shape : float
+        RMS distance over time of the tip, and of places along the backbone, in % of the arm's length.
+    energy : float
+        RMS difference, in % of the span of the energy over the run.
+    frequency : float or None
+        Of the first natural frequency, in %; None where one of the two has none.
+    """
+
+    tip: float
+    shape: float
+    energy: float
+    frequency: float | None
+
+
+def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
+    """Run `arm` through `case` and sample it.
+
+    Raises
+    ------
+    ModelError
+        If there is no start, or the run fails: why.
+    """
+    every = round(SAMPLE_S / dt_s)
+    if every < 1 or abs(every * dt_s - SAMPLE_S) > 1e-9:
+        raise ModelError(f"dt_s = {dt_s:g}: allowed is a whole part of {SAMPLE_S:g} s")
+    start = case.initial(arm)
+    times = time_grid(case, dt_s)
+    result = simulate(
+        arm, start, t_end=times[-1], dt=dt_s, integrator=integrator, pressure=case.pressures(times)
+    )
+    if not result.status.ok:
+        raise ModelError(result.status.message)
+    q, qd = result.q[::every], result.qd[::every]
+    places = np.array([[arm.pose(row, part * arm.length)[:3, 3] for part in STATIONS] for row in q])
+    energy = np.array([sum(arm.energy(row, rate)) for row, rate in zip(q, qd, strict=True)])
+    return Trace(places, energy, first_frequency_hz(arm, start if case.start is None else np.zeros(arm.n_q)))
+
+
+def time_grid(case: Case, dt_s: float) -> Array:
+    """Times of the steps, as `simulate` has them: whole samples, so that all candidates end together."""
+    n = round(case.t_end / SAMPLE_S) * round(SAMPLE_S / dt_s)
+    times: Array = np.arange(n + 1, dtype=np.float64) * dt_s
+    times[-1] = SAMPLE_S * round(case.t_end / SAMPLE_S)
+    return times
+
+
+def errors(found: Trace, truth: Trace, length: float) -> Errors:
+    """Compare a run with the true one; `length` of the arm [m]."""
+    distance = np.linalg.norm(found.places - truth.places, axis=2)
+    span = float(np.ptp(truth.energy)) or 1.0
+    frequency = None
+    if found.frequency_hz and truth.frequency_hz:
+        frequency = 100.0 * abs(found.frequency_hz / truth.frequency_hz - 1.0)
+    return Errors(
+        tip=100.0 * _rms(distance[:, -1]) / length,
+        shape=100.0 * _rms(distance) / length,
+        energy=100.0 * _rms(found.energy - truth.energy) / span,
+        frequency=frequency,
+    )
+
+
+def first_frequency_hz(arm: SoftArm, q: Array) -> float:
+    """First natural frequency about a rest `q` [Hz], creep relaxed; 0 where the rest is not stable."""
+    # Of gravity by central differences; steps of unit strain over 1e-5 leave 1e-10 of it.
+    step = 1e-5
+    gravity = np.array(
+        [(arm.gravity_force(q + e) - arm.gravity_force(q - e)) / (2 * step) for e in step * np.eye(arm.n_q)]
+    )
+    stiffness = arm.stiffness_matrix(q) + 0.5 * (gravity + gravity.T)
+    slowest = float(eigh(stiffness, arm.inertia_matrix(q), eigvals_only=True, subset_by_index=(0, 0))[0])
+    return float(np.sqrt(slowest) / (2 * np.pi)) if slowest > 0.0 else 0.0
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,157 @@
+"""`soro trade SCENE`: what each way to compute the arm costs and how far it is off, and which one to take."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from soro_ros import signals
+
+if TYPE_CHECKING:
+    from soro_core.scene import Scene, Wish
+    from soro_core.trade.case import Case
+
+WIDTH = 160
+
+
+def trade(
+    scene: Annotated[str, typer.Argument(help="Scene or robot: a file, or the name of a shipped one.")],
+    error: Annotated[
+        str, typer.Option(help="Wish: cheapest model within this tip error, % of the length, like 1%.")
+    ] = "",
+    budget_us: Annotated[
+        float, typer.Option(help="Wish: most accurate model whose longest tick takes no more than this.")
+    ] = 0.0,
+    rate_hz: Annotated[
+        float, typer.Option(help="Wish: most accurate model whose longest tick fits into this rate.")
+    ] = 0.0,
+    preset: Annotated[str, typer.Option(help="How many combinations: quick, standard or full.")] = "standard",
+    seconds: Annotated[float, typer.Option(help="Simulated time; 0: 4 s of a scene, 1 s of a robot.")] = 0.0,
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Processes that compute errors; times are taken alone.")
+    ] = 1,
+    dask: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Compute errors on this Dask cluster (extra: dask).")
+    ] = "",
+    repeats: Annotated[int, typer.Option(min=1, help="Of each time; the median counts.")] = 3,
+    out: Annotated[Path | None, typer.Option(help="Folder of picture and JSON; default trade/NAME.")] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Measure again what is known already.")] = False,
+) -> None:
+    """Measure speed against accuracy for SCENE, and name the model that meets the wish.
+
+    Without a wish: that of the scene's `model: auto`, else 1 %. Ctrl-C writes what is done.
+    Ends with 0 if a model meets the wish, with 1 if none does.
+    """
+    from soro_core.trade.cache import Cache
+    from soro_core.trade.choice import keep_choice
+    from soro_core.trade.grid import PRESETS
+    from soro_core.trade.picture import draw
+    from soro_core.trade.study import Stopped, run_study
+    from soro_core.trade.workers import workers
+    from soro_ros.trade_report import notes, table, verdict
+
+    if preset not in PRESETS:
+        raise typer.BadParameter(f"{preset}: allowed are {', '.join(PRESETS)}", param_hint="--preset")
+    if seconds and not 0.1 <= seconds <= 600.0:
+        raise typer.BadParameter(f"{seconds:g}: allowed are 0.1 to 600 s", param_hint="--seconds")
+    if dask and jobs > 1:
+        raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
+    console = Console(stderr=True)
+    with signals.noted() as interrupted:
+        loaded, wish = _wish(scene, error, budget_us, rate_hz)
+        computing = workers(jobs, dask)
+        folder = _folder(out if out is not None else Path("trade") / Path(scene).stem)
+        console.print(f"[dim]wish: {wish}[/dim]")
+        case = _case(scene, loaded, wish, seconds)
+        console.print(f"[dim]excitation: {case.text}[/dim]", soft_wrap=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        cache = Cache()
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("reference", total=None)
+
+            def show(text: str, done: int, total: int) -> None:
+                bar.update(task, description=text, completed=done, total=total or None)
+
+            try:
+                study = run_study(
+                    case,
+                    PRESETS[preset],
+                    wish,
+                    computing,
+                    None if fresh else cache,
+                    repeats,
+                    show,
+                    lambda: bool(interrupted),
+                )
+            except Stopped:
+                console.print("interrupted: nothing was done yet")
+                raise typer.Exit(130) from None
+            finally:
+                computing.close()
+    written = [folder / "trade.png"] if draw(study, folder / "trade.png") else []
+    (folder / "trade.json").write_text(json.dumps(study.as_dict(), indent=1) + "\n")
+    screen = Console()
+    # Wrapped by a narrow terminal, if at all: a cut figure would be worse.
+    Console(width=max(WIDTH, screen.width)).print(table(study))
+    for line in notes(study):
+        screen.print(line, soft_wrap=True, markup=False, highlight=False)
+    screen.print(f"written: {', '.join(map(str, [*written, folder / 'trade.json']))}", soft_wrap=True)
+    chosen = study.choice
+    if chosen is not None and not study.stopped:
+        if loaded is not None:
+            keep_choice(loaded, wish, chosen.candidate, cache)
+        (folder / "model.yaml").write_text(chosen.candidate.block)
+    screen.print(verdict(study), soft_wrap=True, markup=False, highlight=False)
+    if study.stopped:
+        raise typer.Exit(130)
+    raise typer.Exit(0 if chosen is not None else 1)
+
+
+def _wish(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scene | None, Wish]:
+    """The scene, where there is one, and what is wished; raises ConfigError."""
+    from soro_core.config import parse
+    from soro_core.scene import Wish, load_scene
+
+    options: dict[str, Any] = {"error": error, "budget_us": float(budget_us), "rate_hz": float(rate_hz)}
+    wish = parse(options, Wish, where="soro trade")
+    loaded = load_scene(name) if _is_scene(name) else None
+    if not wish.given:
+        section = None if loaded is None else loaded.model
+        wish = section.wish if section is not None and section.auto else Wish(error="1%")
+    return loaded, wish
+
+
+def _is_scene(name: str) -> bool:
+    """Whether it is a scene, not a robot: robots have links."""
+    from soro_core.config import config_folder, read_yaml
+
+    path = Path(name)
+    if path.suffix:
+        return "links" not in read_yaml(path)
+    return not (config_folder() / "robots" / f"{name}.yaml").is_file()
+
+
+def _case(name: str, scene: Scene | None, wish: Wish, seconds: float) -> Case:
+    from dataclasses import replace
+
+    from soro_core.robot import load_robot
+    from soro_core.trade.case import bare_case, scene_case
+
+    case = bare_case(load_robot(name), seconds or 1.0) if scene is None else scene_case(scene, seconds or 4.0)
+    return replace(case, tick_s=1.0 / wish.rate_hz) if wish.rate_hz else case
+
+
+def _folder(path: Path) -> Path:
+    from soro_core.errors import ConfigError
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        allowed = f"a folder that can be written to ({error.strerror})"
+        raise ConfigError("--out", "", str(path), allowed) from None
+    return path

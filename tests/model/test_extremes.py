@@ -1,0 +1,15 @@
+"""Every cell of the table of extremes ends as was stated for it; the longest only in the benchmark."""
+
+import pytest
+
+from benchmarks.extremes.cells import cells
+
+CELLS = [pytest.param(cell, id=str(cell)) for cell in cells() if cell.quick]
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_it_ends_as_stated(cell):
+    verdict = cell.run()
+    assert cell.must.allows(verdict.outcome), (
+        f"must {cell.must.value}: {verdict.outcome.value}, {verdict.note}"
+    )

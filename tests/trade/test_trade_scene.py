@@ -1,0 +1,104 @@
+"""The section `model` of a scene: what it allows, and where it goes."""
+
+import pytest
+import yaml
+
+from soro_core.errors import ConfigError
+from soro_core.robot import Discretisation
+from soro_core.scene import Wish, load_scene
+from soro_core.trade import Candidate, late, with_chosen_model
+from soro_core.trade.cache import Cache
+from soro_core.trade.choice import keep_choice
+
+
+@pytest.fixture
+def scene(tmp_path):
+    def make(**keys):
+        path = tmp_path / "test.yaml"
+        path.write_text(yaml.safe_dump({"robot": "tue_three_bellow", **keys}))
+        return load_scene(path)
+
+    return make
+
+
+def test_without_a_model_nothing_changes(scene):
+    plain = scene()
+    twin = plain.twin_node()
+    assert (twin.refine, twin.step_s, twin.integrator) == (4, 0.0025, "trapezoidal")
+    parts = (twin.model, plain.estimator_node().model, plain.controller_node().model)
+    assert parts == (Discretisation(),) * 3
+    assert with_chosen_model(plain) is plain
+
+
+def test_a_model_goes_to_all(scene):
+    model = {"method": "mde", "steps": 7, "links": 2, "integrator": "rk4", "dt_s": 0.001}
+    all_of_it = scene(model=model)
+    wanted = Discretisation(method="mde", steps=7, links=2)
+    assert all_of_it.estimator_node().model == all_of_it.controller_node().model == wanted
+    twin = all_of_it.twin_node()
+    assert (twin.model, twin.refine, twin.integrator, twin.step_s) == (wanted, 1, "rk4", 0.001)
+    # A plant that the scene makes finer itself stays so.
+    finer = scene(model=model, twin={"refine": 3}).twin_node()
+    assert (finer.model, finer.refine) == (Discretisation(method="mde", steps=7), 3)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"model": {"auto": True}}, "model.*error: 1%, budget_us: 200 or rate_hz: 500"),
+        ({"model": {"auto": True, "error": "1%", "nodes": 4}}, "model.*no nodes beside auto"),
+        ({"model": {"auto": True, "error": 1}}, "model.error"),
+        ({"model": {"auto": True, "error": "1"}}, "like 1%"),
+        ({"model": {"auto": True, "error": "nan%"}}, "like 1%"),
+        ({"model": {"auto": True, "error": "1%", "rate_hz": 100}}, "one wish"),
+        ({"model": {"error": "1%"}}, "auto: true beside a wish"),
+        ({"model": {"method": "magic"}}, "model.method"),
+        ({"model": {"node": 3}}, "unknown key"),
+        ({"model": {}, "twin": {"step_s": 0.01}}, "no step_s under twin"),
+        ({"twin": {"model": {"links": 2}}}, "no model under twin"),
+    ],
+)
+def test_mistakes_are_named(scene, keys, message):
+    with pytest.raises(ConfigError, match=message):
+        scene(**keys)
+
+
+def test_auto_takes_the_choice_or_says_what_to_run(scene, tmp_path):
+    cache = Cache(tmp_path / "cache")
+    auto = scene(model={"auto": True, "error": "2%"})
+    with pytest.raises(ConfigError, match=r"model\.auto"):
+        auto.controller_node()
+    with pytest.raises(ConfigError, match=r"run first: soro trade test --error 2%"):
+        with_chosen_model(auto, cache)
+    candidate = Candidate(Discretisation(nodes=3, links=2), "rk4", 0.002)
+    keep_choice(auto, Wish(error="2%"), candidate, cache)
+    chosen = with_chosen_model(auto, cache)
+    assert chosen.controller_node().model == candidate.model
+    assert chosen.twin_node().step_s == 0.002
+    # Another wish, or another run, is another choice; a name or a recorder is not.
+    with pytest.raises(ConfigError, match="run first"):
+        with_chosen_model(scene(model={"auto": True, "error": "1%"}), cache)
+    with pytest.raises(ConfigError, match="run first"):
+        with_chosen_model(scene(model={"auto": True, "error": "2%"}, twin={"payload_kg": 0.01}), cache)
+    same = scene(model={"auto": True, "error": "2%"}, recorder={"enabled": False})
+    assert with_chosen_model(same, cache).model == chosen.model
+
+
+def test_auto_alone_wishes_one_per_cent(scene):
+    assert scene(model="auto").model.wish == Wish(error="1%")
+
+
+def test_a_controller_that_cannot_take_a_model_says_why(scene, monkeypatch):
+    """The closed loop gives a figure, or a reason in its place."""
+    monkeypatch.setattr(late, "LOOP_LAST_S", 0.1)
+    short = scene(rate_hz=50, controller={"reference": {"start_s": 0.1}}, twin={"pose": {"rate_hz": 50}})
+    truth = Candidate(Discretisation(), "trapezoidal", 0.01)
+    good = late.closed_loop(short, Discretisation(links=2), truth)
+    assert 0.0 < good.tracking_mm < 30.0
+    assert good.trouble == ""
+    six = scene(rate_hz=50, controller={"gains": {"k_p": [1.0, 1e-6]}}, twin={"pose": {"rate_hz": 50}})
+    refused = late.closed_loop(six, Discretisation(), truth)
+    assert refused.tracking_mm is None
+    assert "gains.k_p" in refused.trouble
+    varying = late.closed_loop(short, Discretisation(basis="legendre", order=1), truth)
+    assert (varying.tracking_mm is None) == bool(varying.trouble)

@@ -1,0 +1,193 @@
+"""The study finds the errors that are there, keeps what it found, and stops when told."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small import GRID, robot
+
+from soro_core import SoftArm, simulate
+from soro_core.identification import ForcedRun
+from soro_core.robot import Discretisation
+from soro_core.scene import Wish
+from soro_core.trade import Candidate, Case, bare_case, run_study
+from soro_core.trade.cache import Cache
+from soro_core.trade.late import mean_curvature, measured_error
+from soro_core.trade.reference import converge
+from soro_core.trade.study import Stopped
+from soro_core.trade.trace import errors, first_frequency_hz, trace
+from soro_core.trade.workers import Here, Outcome, compute
+
+
+@pytest.fixture(scope="module")
+def case():
+    return bare_case(robot(), 0.3)
+
+
+@pytest.fixture(scope="module")
+def reference(case):
+    return converge(case, 0.02)
+
+
+def test_the_reference_states_its_error(case, reference):
+    """Polynomials of twice the degree at a quarter of the step differ by no more than it says."""
+    assert reference.converged
+    arm = SoftArm(Discretisation(basis="legendre", order=4, links=2).shape(case.robot))
+    finer = trace(case, arm, "trapezoidal", reference.candidate.dt_s / 4)
+    found = errors(reference.trace, finer, case.robot.length)
+    assert found.tip <= reference.own.tip
+    assert found.shape <= reference.own.shape
+    assert found.frequency <= max(reference.own.frequency, 1e-6)
+
+
+def test_errors_fall_with_refinement(case, reference):
+    def error(model, dt):
+        return compute(case, reference.trace, Candidate(model, "trapezoidal", dt)).errors
+
+    coarse, fine = error(Discretisation(), 0.005), error(Discretisation(links=4), 0.005)
+    assert fine.tip < 0.3 * coarse.tip
+    assert fine.shape < 0.3 * coarse.shape
+    assert fine.frequency < 0.3 * coarse.frequency
+    smooth = Discretisation(basis="legendre", order=3)
+    slow, fast = error(smooth, 0.02), error(smooth, 0.0025)
+    assert fast.tip < 0.25 * slow.tip
+    assert fast.energy < 0.25 * slow.energy
+
+
+def test_errors_are_in_per_cent_of_length_and_span(case, reference):
+    truth = reference.trace
+    moved = type(truth)(
+        truth.places + np.array([0.0, 0.003, 0.004]), truth.energy + 0.01, 1.02 * truth.frequency_hz
+    )
+    found = errors(moved, truth, length=0.5)
+    assert found.tip == pytest.approx(1.0)
+    assert found.shape == pytest.approx(1.0)
+    assert found.energy == pytest.approx(1.0 / np.ptp(truth.energy))
+    assert found.frequency == pytest.approx(2.0)
+
+
+def test_pressures_are_what_simulate_makes_of_a_function(case):
+    arm = SoftArm(case.robot)
+    times = np.arange(61) * 0.005
+    table = simulate(arm, t_end=0.3, dt=0.005, integrator="rk4", pressure=case.pressures(times))
+
+    def pressure(t):
+        return [np.interp(t, case.knots_s, case.pressure_pa[:, 0])]
+
+    function = simulate(arm, t_end=0.3, dt=0.005, integrator="rk4", pressure=pressure)
+    np.testing.assert_allclose(table.q, function.q, atol=1e-12)
+    assert np.abs(function.q).max() > 1.0
+
+
+def test_the_first_frequency_is_that_of_a_beam():
+    """Euler-Bernoulli cantilever without gravity: 1.875^2 sqrt(EI / (rho A)) / (2 pi L^2)."""
+    link = {**robot().links[0].model_dump(exclude_unset=True)}
+    link["material"] = {**link["material"], "shear_correction": False}
+    free = robot().replace(links=[link], gravity=[0.0, 0.0, 0.0])
+    arm = SoftArm(Discretisation(basis="legendre", order=4).shape(free))
+    slender = 3e5 * np.pi * 0.01**4 / 4, 1100.0 * np.pi * 0.01**2
+    beam = 1.8751**2 * np.sqrt(slender[0] / slender[1]) / (2 * np.pi * 0.2**2)
+    assert first_frequency_hz(arm, np.zeros(arm.n_q)) == pytest.approx(beam, rel=5e-3)
+    heavy = SoftArm(robot().replace(tip_mass=10.0, base_quaternion=[0.0, 0.0, 0.0, 1.0]))
+    assert first_frequency_hz(heavy, np.zeros(1)) == 0.0  # it buckles
+
+
+def test_mean_curvature_of_pieces_and_polynomials():
+    for model in (Discretisation(links=3), Discretisation(basis="chebyshev", order=2)):
+        arm = SoftArm(model.shape(robot()))
+        q = np.random.default_rng(2).normal(size=arm.n_q)
+        pose = np.linalg.inv(arm.pose(q, 0.0)) @ arm.pose(q, arm.length)
+        # In the plane the mean curvature is the angle of the tip over the length.
+        angle = np.arctan2(pose[0, 2], pose[2, 2])
+        assert (mean_curvature(arm, model.links) @ q)[0] == pytest.approx(angle / 0.2)
+
+
+class Counting:
+    """Counts what is computed."""
+
+    def __init__(self):
+        self.done = []
+
+    def run(self, case, truth, candidates, stop):
+        for outcome in Here().run(case, truth, candidates, stop):
+            self.done.append(outcome.candidate)
+            yield outcome
+
+
+@pytest.fixture(scope="module")
+def studied(case, tmp_path_factory):
+    cache, workers = Cache(tmp_path_factory.mktemp("cache")), Counting()
+    wish = Wish(error="5%")
+    return cache, workers, run_study(case, GRID, wish, workers, cache, repeats=1)
+
+
+def test_front_and_choice(studied):
+    _, _, study = studied
+    assert study.combinations == 3 * 3 * len({row.candidate.integrator for row in study.rows}) * 3
+    assert 0 < len(study.rows) <= study.combinations
+    front = study.front
+    assert [row.tip for row in front] == sorted((row.tip for row in front), reverse=True)
+    assert study.choice.tip <= 5.0
+    assert not any(row.tip <= 5.0 and row.cpu < study.choice.cpu for row in study.rows)
+    assert (
+        json.loads(json.dumps(study.as_dict(), allow_nan=False))["choice"] == study.choice.candidate.section
+    )
+    fast = type(study)(**{**vars(study), "wish": Wish(budget_us=1e9)})
+    assert fast.choice.tip == min(row.tip for row in study.rows)
+    never = type(study)(**{**vars(study), "wish": Wish(error="0.000001%")})
+    assert never.choice is None
+    assert never.nearest.tip == min(row.tip for row in study.rows)
+
+
+def test_what_is_known_is_not_computed_again(case, studied):
+    cache, workers, study = studied
+    assert workers.done
+    again = Counting()
+    second = run_study(case, GRID, study.wish, again, cache, repeats=1)
+    assert again.done == []
+    np.testing.assert_array_equal(second.reference.trace.places, study.reference.trace.places)
+    assert second.reference.candidate == study.reference.candidate
+    assert second.rows == study.rows
+    # Another robot is another study.
+    other = Counting()
+    heavier = bare_case(robot().replace(tip_mass=0.01), 0.3)
+    run_study(heavier, GRID, study.wish, other, cache, repeats=1, stop=lambda: len(other.done) > 1)
+    assert other.done
+
+
+def test_stopping_keeps_what_is_done(case, studied):
+    workers = Counting()
+    study = run_study(case, GRID, Wish(error="5%"), workers, None, 1, stop=lambda: len(workers.done) >= 3)
+    assert study.stopped
+    assert {row.candidate for row in study.rows} == set(workers.done[:3])
+    with pytest.raises(Stopped):
+        run_study(case, GRID, Wish(error="5%"), Here(), stop=lambda: True)
+
+
+def test_a_failure_is_a_row_with_its_cause(case, reference):
+    stiff = robot().replace(links=[{**case.robot.links[0].model_dump(exclude_unset=True), "material": STIFF}])
+    outcome = compute(bare_case(stiff, 0.3), reference.trace, Candidate(Discretisation(links=2), "rk4", 0.02))
+    assert outcome == Outcome(outcome.candidate, None, outcome.trouble)
+    assert "t = " in outcome.trouble
+
+
+STIFF = {"youngs_modulus": 1e8, "shear_modulus": 3e7, "viscosity": 1e3}
+
+
+def test_a_measured_run_is_compared_in_its_own_frame():
+    """A run made by a candidate itself, seen in a turned frame with an offset, has no error for it."""
+    candidate = Candidate(Discretisation(links=2), "trapezoidal", 0.01)
+    seen = robot().replace(calibration={"frame_rotation_rad": 0.7, "curvature_offset": [0.3, -0.2]})
+    t = np.arange(31) * 0.01
+    pressure = 2e4 * np.sin(10 * t)[:, None] ** 2
+    arm = SoftArm(seen.refine(2))
+    start = Case(seen, "", t, pressure, 0.3)
+    result = simulate(arm, start.initial(arm), t_end=0.3, dt=0.01, pressure=start.pressures(t))
+    shown = np.cos(0.7), np.sin(0.7)
+    curvature = np.outer(result.q.mean(axis=1), shown) + np.array([0.3, -0.2])
+    case = replace(start, measured=ForcedRun(t, pressure, curvature))
+    assert measured_error(case, candidate) == pytest.approx(0.0, abs=1e-6)
+    coarse = Candidate(Discretisation(), "trapezoidal", 0.01)
+    assert measured_error(case, coarse) > 0.02
+    assert measured_error(start, candidate) is None

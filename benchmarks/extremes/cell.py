@@ -19,6 +19,8 @@ class Outcome(Enum):
     """Early at a physical state, with a status that names cause and remedy."""
     REFUSED = "refused"
     """By one of our errors, before anything ran."""
+    OPEN = "open"
+    """Not at its end within the time that the benchmark gives a cell."""
     NONSENSE = "NONSENSE"
     """Anything else: a number that is none, energy from nowhere, an error of Python's."""
 

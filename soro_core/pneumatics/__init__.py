@@ -1,21 +1,28 @@
 """Pressure regulators and the air behind them."""
 
-from soro_core.pneumatics.chamber import (
-    Gas,
-    ValveModel,
-    chamber_pressures,
-    inflows,
-    make_gas,
-    masses_at,
-)
-from soro_core.pneumatics.regulator import (
-    RegulatorModel,
-    RegulatorState,
-    initial_state,
-    reading,
-    step,
-    vent_time,
-)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soro_core._lazy import lazy
+
+if TYPE_CHECKING:
+    from soro_core.pneumatics.chamber import (
+        Gas,
+        ValveModel,
+        chamber_pressures,
+        inflows,
+        make_gas,
+        masses_at,
+    )
+    from soro_core.pneumatics.regulator import (
+        RegulatorModel,
+        RegulatorState,
+        initial_state,
+        reading,
+        step,
+        vent_time,
+    )
 
 __all__ = [
     "Gas",
@@ -31,3 +38,21 @@ __all__ = [
     "step",
     "vent_time",
 ]
+
+__getattr__ = lazy(
+    __name__,
+    {
+        "Gas": "soro_core.pneumatics.chamber",
+        "RegulatorModel": "soro_core.pneumatics.regulator",
+        "RegulatorState": "soro_core.pneumatics.regulator",
+        "ValveModel": "soro_core.pneumatics.chamber",
+        "chamber_pressures": "soro_core.pneumatics.chamber",
+        "inflows": "soro_core.pneumatics.chamber",
+        "initial_state": "soro_core.pneumatics.regulator",
+        "make_gas": "soro_core.pneumatics.chamber",
+        "masses_at": "soro_core.pneumatics.chamber",
+        "reading": "soro_core.pneumatics.regulator",
+        "step": "soro_core.pneumatics.regulator",
+        "vent_time": "soro_core.pneumatics.regulator",
+    },
+)

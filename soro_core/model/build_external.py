@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.model.tables import CONTACT, HELD, External
+from soro_core.model.tables import CONTACT, HELD, External, NoExternal
 from soro_core.robot import Robot
 
 Array: TypeAlias = NDArray[np.float64]
@@ -69,7 +69,8 @@ def external_table(
 ) -> External:
     """Table of places: link, place, kind, whole sub-intervals before it, metres beyond, shape functions."""
     link = np.array([site[0] for site in sites], dtype=np.int64)
-    return External(
+    kind = External if sites else NoExternal
+    return kind(
         first=np.searchsorted(link, np.arange(len(robot.links) + 1)).astype(np.int64),
         place=np.array([site[1] for site in sites], dtype=np.float64),
         kind=np.array([site[2] for site in sites], dtype=np.int64),

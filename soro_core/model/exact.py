@@ -59,7 +59,7 @@ def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: 
     """tau <- the generalised force of all that acts from outside; gives the energy stored in it [J]."""
     rest = w.rows[0]
     sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, NO, NO, tau)
-    energy = add_external_forces(t, w, wrench, q, qd, tau)
+    energy = add_external_forces(t.external, t, w, wrench, q, qd, tau)
     close_forces(t, w, wrench, tau)
     for b in range(q.shape[0]):
         tau[b] = -tau[b]
@@ -72,8 +72,7 @@ def inverse_dynamics(
 ) -> None:
     """tau <- M a + C qd + G - what acts from outside; `bodies` = YES leaves what `factor_system` needs."""
     sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, a, bodies, DRIVEN, tau)
-    if t.external.kind.shape[0] > 0:
-        add_external_forces(t, w, wrench, q, qd, tau)
+    add_external_forces(t.external, t, w, wrench, q, qd, tau)
     close_forces(t, w, wrench, tau)
 
 
@@ -122,8 +121,7 @@ def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: 
     """qdd <- M^-1 (force + what acts from outside - C qd - G); False if M is not positive definite."""
     bias = w.rows[1]
     sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], YES, FREE, bias)
-    if t.external.kind.shape[0] > 0:
-        add_external_forces(t, w, wrench, q, qd, bias)
+    add_external_forces(t.external, t, w, wrench, q, qd, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
         qdd[b] = force[b] - bias[b]
@@ -141,8 +139,7 @@ def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: fl
 
     False if it is not positive definite; `w` is then good for a new pass only.
     """
-    if t.external.kind.shape[0] > 0 and by_q + by_v > 0.0:
-        add_external_tangents(t, w, q, qd, by_q, by_v, secant)
+    add_external_tangents(t.external, t, w, q, qd, by_q, by_v, secant)
     return factor(t, w, YES)
 
 

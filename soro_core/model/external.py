@@ -15,38 +15,16 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core._by_type import by_type
 from soro_core._jit import inner
 from soro_core.model.contact import add_force, add_tangent, gap, stored_energy
 from soro_core.model.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
-from soro_core.model.tables import CONTACT, HELD, Tables
+from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Tables
 from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
-
-
-@inner
-def add_external_forces(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
-    """w.own and tau -= what acts from outside, after `sweep` at q; gives the energy stored in it [J].
-
-    `wrench`: that at the tip, left to `close_forces`, then one for each place (6 numbers each, in the frame
-    of the place). Writes the force at each place, in the world, to w.site_force.
-    """
-    return _visit(t, w, wrench, q, qd, 0.0, 0.0, 0.0, tau)
-
-
-@inner
-def add_external_tangents(
-    t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float
-) -> None:
-    """w.mass, w.coupling += and w.extra <- by_q and by_v times the tangents, after `sweep` with bodies.
-
-    One of by_q and by_v must be above 0. `secant`: see `contact.add_tangent`.
-    """
-    for i in range(w.extra.shape[0]):
-        clear_matrix(w.extra[i])
-    _visit(t, w, w.rows[0], q, qd, by_q, by_v, secant, w.rows[0])
 
 
 @inner
@@ -267,3 +245,41 @@ def _momentum(R: Array, c: Array, K: Array, V: Array, F: Array, h: Array) -> Non
         F[r] = K[r, 0] * x + K[r, 1] * y + K[r, 2] * z
     clear(h)
     _to_wrench(R, c, F, h)
+
+
+@inner
+def _no_forces(e: External, t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
+    return 0.0
+
+
+@inner
+def _forces(e: External, t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
+    return _visit(t, w, wrench, q, qd, 0.0, 0.0, 0.0, tau)
+
+
+@inner
+def _no_tangents(
+    e: External, t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float
+) -> None:
+    return
+
+
+@inner
+def _tangents(
+    e: External, t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float
+) -> None:
+    for i in range(w.extra.shape[0]):
+        clear_matrix(w.extra[i])
+    if by_q + by_v > 0.0:
+        _visit(t, w, w.rows[0], q, qd, by_q, by_v, secant, w.rows[0])
+
+
+add_external_forces = by_type(NoExternal, _no_forces, _forces)
+"""add_external_forces(t.external, t, w, wrench, q, qd, tau), after `sweep` at q: w.own and tau -= what acts
+from outside; gives the energy stored in it [J].
+
+`wrench`: that at the tip, left to `close_forces`, then one for each place (6 numbers each, in the frame of
+the place). Writes the force at each place, in the world, to w.site_force."""
+add_external_tangents = by_type(NoExternal, _no_tangents, _tangents)
+"""add_external_tangents(t.external, t, w, q, qd, by_q, by_v, secant), after `sweep` with bodies: w.mass,
+w.coupling += and w.extra <- by_q and by_v times the tangents. `secant`: see `contact.add_tangent`."""

@@ -38,6 +38,10 @@ class External(NamedTuple):
     """Where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
 
 
+class NoExternal(External):
+    """The same without a place: a type of its own, so that nothing of it is compiled where nothing acts."""
+
+
 class Tables(NamedTuple):
     """Everything that the kernels know about a robot; n links, n_q coordinates, n_z internal states."""
 

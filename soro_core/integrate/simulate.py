@@ -70,7 +70,7 @@ def simulate(
     t_end, dt : float
         [s]; the last step is shorter where dt does not divide t_end.
     integrator : str
-        One of `soro_core.integrate.STEPPERS`; docs/model.md compares them.
+        One of `soro_core.integrate.STEPPERS`; docs/adr/0009 says which is for what.
     pressure : callable, (n_u,) or (n_t, 3, n_u), optional
         Gauge pressures [Pa], with valves their set points: a function of time, constant, or given at the
         start, the middle and the end of every step (the last row is not used); default 0.

@@ -134,9 +134,9 @@ def around(grid: Grid, good: Iterable[Candidate], done: Iterable[Candidate]) -> 
         space = Discretisation(
             links=candidate.model.links, basis=candidate.model.basis, order=candidate.model.order
         )
-        others = [Candidate(space, candidate.integrator, dt) for dt in grid.dt_s]
-        others += [Candidate(q, candidate.integrator, candidate.dt_s) for q in quadratures(grid, space)]
-        lists.append(others)
+        steps = (Candidate(space, candidate.integrator, dt) for dt in grid.dt_s)
+        rules = (Candidate(q, candidate.integrator, candidate.dt_s) for q in quadratures(grid, space))
+        lists.append([one for pair in zip_longest(rules, steps) for one in pair if one is not None])
     turns = (one for turn in zip_longest(*lists) for one in turn if one is not None)
     known = set(done)
     return [one for one in dict.fromkeys(turns) if one not in known][: grid.most]

@@ -48,6 +48,10 @@ class Row:
         """Longest tick [us]; infinite where not measured."""
         return self.cost.worst_tick_us if self.cost else math.inf
 
+    def price(self, wish: Wish) -> float:
+        """What the wish is about: the longest tick, or CPU time."""
+        return self.cpu if wish.error else self.tick_us
+
 
 @dataclass(frozen=True)
 class Study:
@@ -65,8 +69,9 @@ class Study:
 
     @property
     def front(self) -> list[Row]:
-        """Pareto front of tip error and CPU time, cheapest first."""
-        return pareto([row for row in self.rows if row.complete], lambda r: r.cpu, lambda r: r.tip)
+        """Pareto front of tip error and what the wish is about, cheapest first."""
+        complete = [row for row in self.rows if row.complete]
+        return pareto(complete, lambda r: r.price(self.wish), lambda r: r.tip)
 
     def meets(self, row: Row) -> bool:
         """Whether a row meets the wish, also if the reference is off by its own error."""

@@ -102,7 +102,7 @@ class _Run:
         first = coarse(self.grid, found, steppers)
         self._errors(first, "coarse grid")
         self._costs("coarse grid")
-        near = near_front(self._complete(), lambda r: r.cpu, lambda r: r.tip, NEAR)
+        near = near_front(self._complete(), lambda r: r.price(self.wish), lambda r: r.tip, NEAR)
         self._errors(around(self.grid, (row.candidate for row in near), self.rows), "around the front")
         self._costs("around the front")
         if not self.stop():
@@ -174,8 +174,8 @@ class _Run:
 
     def _late(self) -> None:
         """Closed loop and measured run of what is on the front or near it."""
-        near = near_front(self._complete(), lambda r: r.cpu, lambda r: r.tip, NEAR)
-        front = pareto(near, lambda r: r.cpu, lambda r: r.tip)
+        near = near_front(self._complete(), lambda r: r.price(self.wish), lambda r: r.tip, NEAR)
+        front = pareto(near, lambda r: r.price(self.wish), lambda r: r.tip)
         scene = self.case.scene
         models = list(dict.fromkeys(row.candidate.model for row in near))[: self.grid.loops]
         loops = models if scene is not None and self.case.robot.n_u else []

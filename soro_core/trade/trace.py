@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
+from soro_core.model.statics import equilibrium
 from soro_core.trade.case import SAMPLE_S, Case
 
 Array: TypeAlias = NDArray[np.float64]
@@ -79,7 +80,7 @@ def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
     q, qd = result.q[::every], result.qd[::every]
     places = np.array([[arm.pose(row, part * arm.length)[:3, 3] for part in STATIONS] for row in q])
     energy = np.array([sum(arm.energy(row, rate)) for row, rate in zip(q, qd, strict=True)])
-    return Trace(places, energy, first_frequency_hz(arm, start if case.start is None else np.zeros(arm.n_q)))
+    return Trace(places, energy, first_frequency_hz(arm, start if case.start is None else rest(arm)))
 
 
 def time_grid(case: Case, dt_s: float) -> Array:
@@ -103,6 +104,14 @@ def errors(found: Trace, truth: Trace, length: float) -> Errors:
         energy=100.0 * _rms(found.energy - truth.energy) / span,
         frequency=frequency,
     )
+
+
+def rest(arm: SoftArm) -> Array:
+    """Coordinates at rest without pressure; straight where no rest is found from there."""
+    try:
+        return equilibrium(arm, np.zeros(arm.n_u))
+    except ModelError:
+        return np.zeros(arm.n_q)
 
 
 def first_frequency_hz(arm: SoftArm, q: Array) -> float:

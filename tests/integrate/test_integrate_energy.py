@@ -1,4 +1,4 @@
-"""Energy of an arm without damping and input: kept by the midpoint rule, not gained by the dissipative but for their error."""
+"""Energy of an arm without damping and input: kept by the midpoint rule, hardly gained by the dissipative."""
 
 import numpy as np
 import pytest

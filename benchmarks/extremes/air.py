@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.extremes.arms import FULL_SCALE_PA, Arm, least_stretch
 from benchmarks.extremes.cell import Outcome, Verdict, stopped
-from benchmarks.extremes.measure import DEFAULT, GAIN, SWING, scale_of
+from benchmarks.extremes.measure import DEFAULT, SWING, scale_of
 from soro_core import SoftArm, simulate
 from soro_core.integrate import Result
 from soro_core.pneumatics import ValveModel, chamber_pressures, make_gas, masses_at
@@ -103,7 +103,7 @@ class Breathe:
             good = short <= 1e-2 * FULL_SCALE_PA
             return Verdict(Outcome.FINISHED if good else Outcome.NONSENSE, f"{short:.0e} Pa off")
         gain = self._gain(arm, result)
-        good = gain <= GAIN.get(DEFAULT, SWING)
+        good = gain <= SWING
         return Verdict(Outcome.FINISHED if good else Outcome.NONSENSE, f"gained {gain:.0e}")
 
     def _gain(self, arm: SoftArm, result: Result) -> float:

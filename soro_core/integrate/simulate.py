@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -14,10 +16,13 @@ from soro_core.integrate.air import NO_AIR, air_pressures, chamber_volumes, init
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import describe, run_of, stepping
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, flat_wrench
+from soro_core.model.checks import finite, flat_wrench, shaped
 from soro_core.pneumatics.chamber import Gas, ValveModel, make_gas
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Beyond this a run does not fit into memory.
+MOST_STEPS = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -97,23 +102,24 @@ def simulate(
     ModelError
         If a shape, q0, qd0, t_end, dt, rtol or the integrator is not allowed.
     """
+    if not (valves is None or isinstance(valves, ValveModel)):
+        raise ModelError(f"valves = {valves!r}: allowed is a ValveModel")
     air = NO_AIR if valves is None else make_gas(valves, chamber_volumes(arm))
     run = run_of(integrator, rtol, air)
-    if not (0.0 < dt < np.inf and 0.0 <= t_end < np.inf):
-        raise ModelError(f"dt = {dt!r} s, t_end = {t_end!r} s: allowed are dt above 0 and t_end of 0 or more")
+    name = arm.robot.name
     times = _times(t_end, dt)
     q = np.empty((len(times), arm.n_q))
     v = np.empty_like(q)
     z = np.empty((len(times), arm.n_internal + (0 if valves is None else 2 * arm.n_u)))
-    q[0] = _initial(q0, arm.n_q, "q0")
-    v[0] = _initial(qd0, arm.n_q, "qd0")
-    z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0")
+    q[0] = _initial(q0, arm.n_q, "q0", name)
+    v[0] = _initial(qd0, arm.n_q, "qd0", name)
+    z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0", name)
     w = finite(flat_wrench(arm.robot, wrench), "wrench")
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
-    table = _pressure_table(pressure, times, arm.n_u)
+    table = _pressure_table(pressure, times, arm.n_u, name)
     if isinstance(air, Gas):
         z[0, arm.n_internal :] = initial_air(
-            air, arm.displaced_volume(q[0]), _initial(pressure0, arm.n_u, "pressure0")
+            air, arm.displaced_volume(q[0]), _initial(pressure0, arm.n_u, "pressure0", name)
         )
     elif pressure0 is not None:
         raise ModelError("pressure0 without valves: allowed is none, the pressures are given")
@@ -125,14 +131,23 @@ def simulate(
 
 
 def _times(t_end: float, dt: float) -> Array:
+    if not (_number(t_end) and _number(dt) and dt > 0.0 and 0.0 <= t_end <= MOST_STEPS * dt):
+        raise ModelError(
+            f"dt = {dt!r} s, t_end = {t_end!r} s: allowed are dt above 0, t_end of 0 or more, and at most "
+            f"{MOST_STEPS:g} steps"
+        )
     n = int(np.ceil(t_end / dt - 1e-9))
     times: Array = np.arange(n + 1, dtype=np.float64) * dt
     times[-1] = t_end
     return times
 
 
+def _number(value: object) -> bool:
+    return isinstance(value, Real) and math.isfinite(value)
+
+
 def _pressure_table(
-    pressure: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n_u: int
+    pressure: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n_u: int, whose: str
 ) -> Array:
     """Pressures at the start, the middle and the end of every step, (n_t, 3, n_u)."""
     table = np.zeros((len(times), 3, n_u))
@@ -141,27 +156,16 @@ def _pressure_table(
     if not callable(pressure):
         if np.shape(pressure) == table.shape:
             return np.array(pressure, dtype=np.float64)
-        table[:] = _shaped(pressure, n_u, "pressure")
+        table[:] = shaped(pressure, (n_u,), "pressure", whose)
         return table
     for k, time in enumerate(times):
-        table[k, 0] = _shaped(pressure(float(time)), n_u, "pressure(t)")
+        table[k, 0] = shaped(pressure(float(time)), (n_u,), "pressure(t)", whose)
         if k + 1 < len(times):
-            table[k, 1] = _shaped(pressure(float(0.5 * (time + times[k + 1]))), n_u, "pressure(t)")
+            middle = float(0.5 * (time + times[k + 1]))
+            table[k, 1] = shaped(pressure(middle), (n_u,), "pressure(t)", whose)
     table[:-1, 2] = table[1:, 0]
     return table
 
 
-def _initial(values: ArrayLike | None, n: int, name: str) -> Array:
-    if values is None:
-        return np.zeros(n)
-    array = _shaped(values, n, name)
-    if not np.isfinite(array).all():
-        raise ModelError(f"{name} is not finite: {array}")
-    return array
-
-
-def _shaped(values: ArrayLike, n: int, name: str) -> Array:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != (n,):
-        raise ModelError(f"{name} has shape {array.shape}, allowed is ({n},)")
-    return array
+def _initial(values: ArrayLike | None, n: int, name: str, whose: str) -> Array:
+    return np.zeros(n) if values is None else finite(shaped(values, (n,), name, whose), name)

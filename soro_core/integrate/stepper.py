@@ -27,7 +27,7 @@ from soro_core.integrate.tr_bdf2 import TR_BDF2
 from soro_core.integrate.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
-from soro_core.model.checks import flat_wrench
+from soro_core.model.checks import flat_wrench, shaped
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from soro_core.pneumatics.chamber import Gas
 
@@ -96,7 +96,7 @@ def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: boo
     ModelError
         If there is no such stepper, it takes no such tolerance, or it takes no air.
     """
-    if name not in _SCHEMES:
+    if name not in STEPPERS:
         raise ModelError(f"integrator {name!r}: allowed are {', '.join(STEPPERS)}")
     scheme = _SCHEMES[name]
     if isinstance(scheme, Scheme):
@@ -135,8 +135,8 @@ class Stepper:
         """Return a state with relaxed internal states; default straight and at rest."""
         n = self.arm.n_q
         return State(
-            np.zeros(n) if q is None else _shaped(q, n, "q"),
-            np.zeros(n) if qd is None else _shaped(qd, n, "qd"),
+            np.zeros(n) if q is None else shaped(q, (n,), "q", self.arm.robot.name),
+            np.zeros(n) if qd is None else shaped(qd, (n,), "qd", self.arm.robot.name),
             np.zeros(self.arm.n_internal),
         )
 
@@ -168,13 +168,13 @@ class Stepper:
         arm = self.arm
         if not 0.0 < dt < float("inf"):
             raise ModelError(f"dt = {dt!r} s: allowed is a number above 0")
-        p = _shaped(pressures, arm.n_u, "pressures")
+        p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
         w = flat_wrench(arm.robot, wrench)
         # A run of one step: rows are before and after.
         q, v, z = np.empty((2, arm.n_q)), np.empty((2, arm.n_q)), np.empty((2, arm.n_internal))
-        q[0] = _shaped(state.q, arm.n_q, "q")
-        v[0] = _shaped(state.qd, arm.n_q, "qd")
-        z[0] = _shaped(state.internal, arm.n_internal, "internal")
+        q[0] = shaped(state.q, (arm.n_q,), "q", arm.robot.name)
+        v[0] = shaped(state.qd, (arm.n_q,), "qd", arm.robot.name)
+        z[0] = shaped(state.internal, (arm.n_internal,), "internal", arm.robot.name)
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
         _, code = self._run(self._box, np.array([0.0, dt]), table, w, q, v, z)
@@ -192,10 +192,3 @@ def make_stepper(name: str, arm: SoftArm, guarded: bool = True) -> Stepper:
         If there is none.
     """
     return Stepper(name, arm, guarded)
-
-
-def _shaped(values: ArrayLike, n: int, name: str) -> Array:
-    array = np.array(values, dtype=np.float64)
-    if array.shape != (n,):
-        raise ModelError(f"{name} has shape {array.shape}, allowed is ({n},)")
-    return array

@@ -178,6 +178,11 @@ def test_rest_is_an_equilibrium_that_a_run_finds():
         ({"q0": [-2.0, 0, 0]}, "elongation is -1 or less"),
         ({"pressure": [0.0]}, "pressure has shape (1,)"),
         ({"pressure": lambda t: 0.0}, "pressure(t) has shape ()"),
+        ({"q0": "abc"}, "q0: got 'abc', allowed are 3 numbers"),
+        ({"dt": "1"}, "dt = '1' s"),
+        ({"dt": 1e-12}, "at most 1e+08 steps"),
+        ({"integrator": ["rk4"]}, "integrator ['rk4']"),
+        ({"valves": {"fill_m3_s_pa": 1e-9}}, "allowed is a ValveModel"),
     ],
 )
 def test_wrong_use_of_simulate_is_refused(keys, words):

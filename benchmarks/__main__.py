@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.status import Status
 
 from benchmarks import extremes, forward, peer, realtime, report, sixlink, startup, terms, trade
 from benchmarks.options import Options
 from benchmarks.timing import CLOCK, one_core
+
+# Without a terminal progress is told this often [s].
+TELL_S = 20.0
 
 SECTIONS = {
     "startup": startup,
@@ -48,13 +53,26 @@ def bench(
         start = time.perf_counter()
         CLOCK.reset()
         with one_core(), console.status(name) as status:
-            say = lambda text, name=name, status=status: status.update(f"{name}: {text}")  # noqa: E731
             module = SECTIONS[name]
-            text = module.run(Options(measured, quick, out, say))
+            text = module.run(Options(measured, quick, out, _teller(console, status, name)))
         report.write(out / "RESULTS.md", {module.TITLE: f"{text}\n\n{report.machine(CLOCK.share)}"})
         console.print(f"{name}: {time.perf_counter() - start:.0f} s")
         console.print(text, markup=False, highlight=False, soft_wrap=True)
     console.print(f"written: {out / 'RESULTS.md'}")
+
+
+def _teller(console: Console, status: Status, name: str) -> Callable[[str], None]:
+    """What shows the progress of a section: a line that changes, or without a terminal one now and then."""
+    told = time.monotonic()
+
+    def say(text: str) -> None:
+        nonlocal told
+        status.update(f"{name}: {text}")
+        if not console.is_terminal and time.monotonic() - told > TELL_S:
+            told = time.monotonic()
+            console.print(f"{name}: {text}", markup=False, highlight=False, soft_wrap=True)
+
+    return say
 
 
 if __name__ == "__main__":

@@ -5,12 +5,10 @@ from __future__ import annotations
 import contextlib
 import gc
 import os
-import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator
-from types import FrameType
+from collections.abc import Callable
 from typing import ClassVar, Generic, TypeVar
 
 import rclpy
@@ -23,10 +21,9 @@ from rclpy.timer import Timer
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError, SoroError
-from soro_ros import command_line, signals
+from soro_ros import command_line, middleware, signals
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.parameters import declare, read
-from soro_ros.signals import SIGNALS
 
 RCLError = rclpy_implementation.RCLError
 
@@ -198,7 +195,7 @@ def _run(node_class: type[SoroNode[Config]], args: list[str] | None, stopping: l
     try:
         command_line.initialise(node_class, args)
         node = _make(node_class)
-        with _interruptible(stopping):
+        with signals.raised(stopping):
             _start(node)
         _spin(node, stopping)
         status = 0 if node.failure is None else 2 if isinstance(node.failure, ConfigError) else 1
@@ -217,27 +214,10 @@ def _run(node_class: type[SoroNode[Config]], args: list[str] | None, stopping: l
             with contextlib.suppress(RCLError):  # interrupted within a transition: there is none from there
                 node.trigger_shutdown()
             node.diagnostics.publish()
+            middleware.deliver(node)
             node.destroy_node()
         rclpy.try_shutdown()
     return status
-
-
-@contextlib.contextmanager
-def _interruptible(stopping: list[int]) -> Iterator[None]:
-    """Raise KeyboardInterrupt on a signal: nobody looks at the list while kernels or devices are prepared."""
-
-    def on_signal(number: int, frame: FrameType | None) -> None:
-        stopping.append(number)
-        raise KeyboardInterrupt
-
-    previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
-    try:
-        if stopping:
-            raise KeyboardInterrupt
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:

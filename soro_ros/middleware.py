@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import os
+import time
 
 import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+
+# Longest wait [s] for readers that have not taken everything when a node ends.
+DELIVERY_S = 3.0
 
 
 def init(args: list[str] | None = None) -> None:
@@ -15,3 +21,10 @@ def init(args: list[str] | None = None) -> None:
     """
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def deliver(node: Node) -> None:
+    """Wait until every reader has what the node published: what is on its way is lost with its writer."""
+    deadline = time.monotonic() + DELIVERY_S
+    for publisher in node.publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))

@@ -128,6 +128,7 @@ def table(summary: Summary, scene: Scene) -> Table:
     adapting = " (while adapting)" if scene.controller.adapt else ""
     for name, value in (
         ("adaptation", "on" if scene.controller.adapt else "off"),
+        ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
         (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
         (f"tip error RMS, last {WINDOW_S:g} s", _mm(summary.tip_error_last_rms_m)),
         (f"tip error max, last {WINDOW_S:g} s", _mm(summary.tip_error_last_max_m)),

@@ -25,6 +25,31 @@ def noted() -> Iterator[list[int]]:
 
 
 @contextlib.contextmanager
+def raised(seen: list[int]) -> Iterator[None]:
+    """Note these signals and raise KeyboardInterrupt: for work in which nobody looks at the list."""
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        seen.append(number)
+        raise KeyboardInterrupt
+
+    previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
+    try:
+        if seen:
+            raise KeyboardInterrupt
+        try:
+            yield
+        except Exception:
+            if not seen:
+                raise
+        # A compiler's callback makes an error of its own of an interrupt, or forgets it.
+        if seen:
+            raise KeyboardInterrupt
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
 def quick_end(name: str) -> Iterator[None]:
     """End at once on Ctrl-C, as is right while a process only imports: an exception there is a traceback."""
 

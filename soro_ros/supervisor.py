@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
@@ -19,7 +20,7 @@ from soro_ros.processes import NodeError
 
 
 class Supervisor:
-    """Listens to /diagnostics and /clock; a context manager.
+    """Listens to /diagnostics, /clock and for the first tip that the controller wants; a context manager.
 
     Parameters
     ----------
@@ -33,6 +34,10 @@ class Supervisor:
         self._prefix = f"/{namespace}/"
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self._node.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
+        self._first = self._node.create_subscription(
+            PoseStamped, "arm/desired/tip", self._on_wanted, qos.NEWEST
+        )
+        self._control_began: float | None = None
         self._executor = EventsExecutor()
         self._executor.add_node(self._node)
         self.clock_s = 0.0
@@ -50,6 +55,14 @@ class Supervisor:
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
+        if self._first is not None and self._control_began is not None:
+            self._node.destroy_subscription(self._first)  # one was enough: they come at the rate of the loop
+            self._first = None
+
+    @property
+    def controlled_s(self) -> float:
+        """Wall time [s] since the controller's first set point; 0 before it."""
+        return 0.0 if self._control_began is None else time.monotonic() - self._control_began
 
     def active(self, name: str) -> bool:
         """Whether a node says that it is active."""
@@ -110,6 +123,10 @@ class Supervisor:
         for status in message.status:
             if status.name.startswith(self._prefix):
                 self.status[status.name.removeprefix(self._prefix)] = status
+
+    def _on_wanted(self, message: PoseStamped) -> None:
+        if self._control_began is None:
+            self._control_began = time.monotonic()
 
     def _on_clock(self, message: Clock) -> None:
         self.clock_s = messages.to_ns(message.clock) * 1e-9

@@ -1,4 +1,4 @@
-"""Cells one after the other in a process of their own, which is ended where a cell takes too long.
+"""Cells in processes of their own, one a core, each ended where a cell takes too long.
 
 A run inside a kernel hears no signal, and the violent cells of many links would take hours.
 """
@@ -6,41 +6,74 @@ A run inside a kernel hears no signal, and the violent cells of many links would
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from queue import SimpleQueue
 
 from benchmarks.extremes.cell import Cell, Outcome, Verdict
 
 LIMIT_S = 15.0
 
 
-def _serve(connection: Connection) -> None:
-    while True:
-        cell: Cell = connection.recv()
-        connection.send(cell.run())
-
-
 def verdicts(cells: Sequence[Cell], limit_s: float = LIMIT_S) -> Iterator[tuple[Cell, Verdict]]:
-    """Run the cells in their order; one that takes longer than `limit_s` is left open."""
-    context = multiprocessing.get_context("spawn")
-    process, here = None, None
+    """Run the cells; one that takes longer than `limit_s` is left open. They come in their order."""
+    cores = os.cpu_count() or 1
+    runners: SimpleQueue[_Runner] = SimpleQueue()
+    every = [_Runner(cells[0], limit_s) for _ in range(cores)]
+    for runner in every:
+        runners.put(runner)
+
+    def run(cell: Cell) -> Verdict:
+        runner = runners.get()
+        try:
+            return runner.run(cell)
+        finally:
+            runners.put(runner)
+
+    pool = ThreadPoolExecutor(cores)
     try:
-        for cell in cells:
-            if process is None or here is None:
-                here, there = context.Pipe()
-                process = context.Process(target=_serve, args=(there,), daemon=True)
-                process.start()
-                here.send(cells[0])  # loads the kernels, which is not the cell's time
-                here.recv()
-            here.send(cell)
-            if here.poll(limit_s):
-                yield cell, here.recv()
-                continue
-            process.kill()
-            process.join()
-            process = None
-            yield cell, Verdict(Outcome.OPEN, f"not at its end after {limit_s:g} s")
+        yield from zip(cells, pool.map(run, cells), strict=True)
     finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for runner in every:
+            runner.end()
+
+
+class _Runner:
+    """A process that runs one cell after the other; replaced where it had to be ended."""
+
+    def __init__(self, first: Cell, limit_s: float) -> None:
+        self._first, self._limit_s = first, limit_s
+        self._process: SpawnProcess | None = None
+        self._here: Connection | None = None
+
+    def run(self, cell: Cell) -> Verdict:
+        if self._process is None or self._here is None:
+            context = multiprocessing.get_context("spawn")
+            self._here, there = context.Pipe()
+            self._process = context.Process(target=_serve, args=(there,), daemon=True)
+            self._process.start()
+            self._here.send(self._first)  # loads the kernels, which is not the cell's time
+            self._here.recv()
+        self._here.send(cell)
+        if self._here.poll(self._limit_s):
+            return self._here.recv()
+        self.end()
+        return Verdict(Outcome.OPEN, f"not at its end after {self._limit_s:g} s")
+
+    def end(self) -> None:
+        process, self._process = self._process, None
         if process is not None:
             process.kill()
             process.join()
+
+
+def _serve(connection: Connection) -> None:
+    if hasattr(os, "sched_setaffinity"):  # the benchmarks themselves keep to one core
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    while True:
+        cell: Cell = connection.recv()
+        connection.send(cell.run())

@@ -104,8 +104,7 @@ def _execute(scene: Scene, folder: Path, interrupted: list[int], console: Consol
 
 def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], console: Console) -> None:
     """Show progress until the scene's time is over; raises SoroError when something goes wrong."""
-    begun = moved = time.monotonic()
-    last = 0.0
+    moved, last = time.monotonic(), 0.0
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -117,7 +116,7 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
             supervisor.spin(0.1)
             run.check()
             supervisor.check()
-            now = supervisor.clock_s if scene.mode == "lockstep" else time.monotonic() - begun
+            now = supervisor.clock_s if scene.mode == "lockstep" else supervisor.controlled_s
             if now > last:
                 last, moved = now, time.monotonic()
             elif time.monotonic() - moved > STALL_S:

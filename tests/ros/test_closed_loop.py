@@ -1,9 +1,12 @@
 """The main job in lockstep: real nodes, real topics, real frames on a pseudo-terminal."""
 
+import os
+import signal
+
 import pytest
 
 from soro_core.bag import BagReader
-from tests.ros.running import payloads, run, summary
+from tests.ros.running import alive, child, only_run, payloads, run, start_run, summary, wait_until
 
 
 @pytest.mark.timeout(600)
@@ -54,6 +57,25 @@ def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, platfo
         assert ticks >= max(len(messages), len(second[topic])) - 2, topic
         assert messages[:ticks] == second[topic][:ticks], topic
     assert len(set(first["/track_circle/sensors/pose0"])) > 100
+
+
+@pytest.mark.timeout(120)
+def test_what_a_node_published_before_it_ended_is_in_the_bag(domain, tmp_path):
+    """A recorder that is held up hears the rest of a run, for no node ends before its readers have it all."""
+    process = start_run(tmp_path, "mode=lockstep", "duration_s=3", "platform=")
+    try:
+        wait_until(lambda: child(process.pid, "nodes.controller") is not None, 60, "controller")
+        controller, recorder = (child(process.pid, f"nodes.{name}") for name in ("controller", "recorder"))
+        os.kill(recorder, signal.SIGSTOP)
+        wait_until(lambda: not alive(controller), 60, "end of the run")
+        os.kill(recorder, signal.SIGCONT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0, out + err
+    found = payloads(only_run(tmp_path) / "bag")
+    assert len(found["/clock"]) == 601
+    assert len(found["/track_circle/truth/tip"]) == 601
 
 
 def test_topics_types_and_rates_are_those_of_the_documentation(domain, tmp_path):

@@ -1,5 +1,6 @@
 """Ctrl-C at any moment of a start: one clean end, whoever is still importing, compiling or configuring."""
 
+import contextlib
 import os
 import signal
 import sys
@@ -8,7 +9,7 @@ import time
 import pytest
 
 from soro_core.scene import load_scene
-from soro_ros import kernels, processes
+from soro_ros import kernels, processes, signals
 from soro_ros.compose import Run
 from tests.ros.running import end, start_run
 
@@ -26,6 +27,22 @@ def test_ctrl_c_while_the_nodes_start_is_one_clean_end(domain, tmp_path, after_s
     assert "Traceback" not in out + err
     assert "trouble" not in err
     assert "ended with status" not in err
+
+
+def interrupted_compiler(raises: bool) -> None:
+    """As numba does with a signal that meets it within a callback of its compiler."""
+    with contextlib.suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    if raises:
+        raise RuntimeError("no compiled object yet")
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_an_interrupt_that_became_an_error_or_was_forgotten_is_the_interrupt(raises):
+    seen: list[int] = []
+    with pytest.raises(KeyboardInterrupt), signals.raised(seen):
+        interrupted_compiler(raises)
+    assert seen == [signal.SIGINT]
 
 
 def python(text: str, folder) -> processes.Child:

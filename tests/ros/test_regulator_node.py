@@ -176,7 +176,7 @@ def test_refusals_are_a_warning_while_they_last(bench):
         seen.add(bench.supervisor.status["regulator"].message)
     assert seen == {"active", "commands refused"}
     assert bench.supervisor.status["regulator"].message == "active"
-    assert bench.rejected("out of range") >= 5
+    assert bench.rejected("out of range") >= 1  # only the newest of those that waited is looked at
 
 
 @pytest.mark.parametrize(("lockstep", "taken"), [(False, 1), (True, 20)])
@@ -226,16 +226,17 @@ def test_vent_service_and_a_second_source(bench):
 @pytest.mark.timeout(120)
 def test_a_second_controller_on_the_same_topic_is_refused(bench):
     bench.send([30e3] * 3, 0.5)
-    for _ in range(20):
-        bench.send([30e3] * 3, 0.02)
+    until = time.monotonic() + 20.0
+    while bench.rejected("second source") < 15:  # the node takes the newest alone: some are never seen
+        assert time.monotonic() < until
         rogue = messages.chambers(NAMES, np.full(3, 80e3), bench.node.get_clock().now().nanoseconds)
         rogue.header.frame_id = "/bench/forgotten"
         bench.command.publish(rogue)
-    bench.send([30e3] * 3, 0.1)
-    assert bench.true_pressure().max() < 35e3
+        bench.supervisor.spin(0.01)
+        bench.send([30e3] * 3, 0.02)
+        assert bench.true_pressure().max() < 35e3
     assert bench.supervisor.call("regulator/vent") == "vented until ~/reset"
     assert bench.fault() == "vented: vent requested"
-    bench.wait_rejected("second source", 15)
 
 
 @pytest.mark.timeout(120)

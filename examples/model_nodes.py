@@ -53,12 +53,12 @@ def row(first: str, cells: Sequence[str]) -> None:
 
 def main() -> None:
     """Print both tables."""
-    nodes = (3, 4, 5, 6, 7, 8)
+    nodes = (3, 4, 5, 6, 7, 8, 10, 12, 16)
     row("bending angle", [f"{n} nodes" for n in nodes])
-    for degrees in (90, 180, 360):
+    for degrees in (45, 90, 180, 360, 450, 720):
         curvature = np.radians(degrees) / LENGTH
         q, qd = np.array([0.8 * curvature, 0.6 * curvature, 0.1]), np.array([10.0, -5.0, 0.3])
-        row(f"{degrees} degrees", [f"{worst:.0e}" for _, worst in errors(rod({}), q, qd, nodes, 30)])
+        row(f"{degrees} degrees", [f"{worst:.0e}" for _, worst in errors(rod({}), q, qd, nodes, 40)])
     nodes = (8, 12, 16, 20, 24, 48)
     row("degree", [f"{n} nodes" for n in nodes])
     for degree in (1, 3, 5):

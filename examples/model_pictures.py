@@ -27,6 +27,8 @@ SHOWN = {
     "shear_y": 0.35,
 }
 AXES = (("x", "tab:red"), ("y", "tab:green"), ("z", "tab:blue"))
+ELEVATION, AZIMUTH = 18.0, -55.0
+BAR = 0.05
 
 
 def rod(fields: dict[str, Any], n_links: int = 1, youngs_modulus: float = 1e5) -> Robot:
@@ -66,6 +68,14 @@ def draw_arm(axes: Any, arm: SoftArm, q: Any, frames: int, size: float) -> None:
         limits(at - half, at + half)
     axes.set_box_aspect((1, 1, 1), zoom=1.5)
     axes.set_axis_off()
+    # Lengths can be compared: no perspective, and a bar beside the base.
+    axes.set_proj_type("ortho")
+    axes.view_init(ELEVATION, AZIMUTH)
+    turn = np.radians(AZIMUTH)
+    beside = -3.2 * RADIUS * np.array([-np.sin(turn), np.cos(turn), 0.0])
+    bar = beside + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, BAR]])
+    axes.plot(*bar.T, color="black", linewidth=3, solid_capstyle="butt")
+    axes.text(*(bar[0] - [0.0, 0.0, 0.005]), f"{1e3 * BAR:g} mm", fontsize=8, ha="center", va="top")
 
 
 def picture_of_frames(path: Path) -> None:
@@ -75,19 +85,17 @@ def picture_of_frames(path: Path) -> None:
     axes = left.add_subplot(projection="3d")
     arm = SoftArm(robot_from_dict({"links": [_upright(legendre(bending_x=1, bending_y=2, torsion=0))]}))
     draw_arm(axes, arm, np.array([8.0, 6.0, 4.0, 5.0, -3.0, 6.0]), 10, 0.022)
-    axes.view_init(18, -55)
     for name, colour in AXES:
         axes.plot([], [], [], color=colour, label=f"{name} of the frame Phi(sigma)")
     axes.plot([], [], [], color="black", label="backbone p(sigma)")
     axes.legend(loc="upper left", fontsize=8)
-    left.suptitle("pose along the arm, base at the bottom")
+    left.suptitle(f"pose along an arm of {1e3 * LENGTH:g} mm, base at the bottom")
     right.suptitle("each strain alone, uniform (bending_x turns about y, bending_y about minus x)")
     for k, (name, amount) in enumerate(SHOWN.items()):
         axes = right.add_subplot(2, 3, k + 1, projection="3d")
         arm = SoftArm(robot_from_dict({"links": [_upright({name: {}})]}))
         axes.plot([0, 0], [0, 0], [0, LENGTH], color="0.6", linestyle=":")
         draw_arm(axes, arm, np.array([amount]), 6, 0.03)
-        axes.view_init(18, -55)
         unit = "1/m" if name in ("bending_x", "bending_y", "torsion") else ""
         axes.set_title(f"{name} {amount:g} {unit}", fontsize=9)
     figure.savefig(path, dpi=110)
@@ -120,6 +128,7 @@ def picture_of_bases(path: Path) -> None:
         axes.set_xlabel("sigma / L")
         axes.grid(True, alpha=0.3)
         if name == "constant":
+            axes.set_ylabel("shape function phi (no unit)")
             for k in range(1, 5):
                 axes.plot([], [], color=f"C{k}")
             axes.legend([f"coordinate {k}" for k in range(5)], fontsize=8, loc="lower left")
@@ -148,7 +157,10 @@ def picture_of_convergence(path: Path) -> None:
             arm = SoftArm(rod(legendre(bending_x=degree, elongation=degree), 1, modulus), nodes=80)
             curves[arm.n_q] = shape_error(arm, exact)
         left.semilogy(
-            *zip(*curves.items(), strict=True), "o-", color=colour, label=f"polynomials, E = {modulus:g} Pa"
+            *zip(*curves.items(), strict=True),
+            "o-",
+            color=colour,
+            label=f"polynomials, E = {1e-3 * modulus:g} kPa",
         )
         curves = {}
         for n in (1, 2, 3, 4, 6, 8):
@@ -179,6 +191,7 @@ def picture_of_convergence(path: Path) -> None:
     right.text(60, 1.6e-3, "order 2", fontsize=8)
     right.text(60, 4e-7, "order 4", fontsize=8)
     right.set_xlabel("steps (mde) or nodes (exact) a link")
+    right.set_ylabel("relative error")
     right.set_title("one strongly bent link of cubic strain", fontsize=10)
     for axes in (left, right):
         axes.grid(True, which="major", alpha=0.3)

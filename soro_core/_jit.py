@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
+import logging
+import multiprocessing
 import platform
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -19,6 +19,9 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba import config as numba_config
+from numba.core import event
+
+from soro_core.kernel_folder import kernel_folder, locked
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -38,24 +41,35 @@ def source_hash() -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder() -> Path:
-    """Return a writable folder for compiled kernels: the user's cache, else one below the temp folder."""
-    name = f"kernels-{source_hash()}"
-    user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    # Two users of one machine must not meet in the same temp folder.
-    me = os.getuid() if hasattr(os, "getuid") else 0
-    for root in (Path(user) / "soro", Path(tempfile.gettempdir()) / f"soro-{me}"):
-        folder = root / name
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                return folder
-        except OSError:
-            continue
-    return Path(tempfile.mkdtemp(prefix="soro-"))
+numba_config.CACHE_DIR = str(kernel_folder(source_hash()))
 
 
-numba_config.CACHE_DIR = str(_cache_folder())
+class _Announcement(event.Listener):  # type: ignore[misc]
+    """Says once, to the log (by default stderr), that kernels are compiled: who waits should know for what.
+
+    Numba tells only of what is really compiled, not of what it finds in the cache.
+    """
+
+    def on_start(self, event: Any) -> None:
+        # Functions that numba makes up have no module.
+        function = getattr(event.data.get("dispatcher"), "py_func", None)
+        ours = str(getattr(function, "__module__", "")).startswith("soro_core.")
+        # A worker leaves it to the process that started it.
+        if self.told or not ours or multiprocessing.parent_process() is not None:
+            return
+        self.told = True
+        logging.getLogger("soro_core").warning(
+            "soro: compiling the model's kernels (half a minute for all of them, cached in %s)",
+            numba_config.CACHE_DIR,
+        )
+
+    def on_end(self, event: Any) -> None:
+        """Nothing to say."""
+
+    told = False
+
+
+event.register("numba:compile", _Announcement())
 
 
 @contextlib.contextmanager
@@ -64,13 +78,7 @@ def compiling_once() -> Iterator[None]:
 
     Several nodes that start together would each compile the same kernels, each slower for the others.
     """
-    try:
-        import fcntl
-    except ImportError:  # not a POSIX system: compile side by side
-        yield
-        return
-    with (Path(numba_config.CACHE_DIR) / "compiling.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with locked(Path(numba_config.CACHE_DIR) / "compiling.lock"):
         yield
 
 

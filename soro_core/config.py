@@ -15,9 +15,34 @@ from soro_core.errors import ConfigError
 
 
 class Strict(BaseModel):
-    """Base of every configuration object: frozen, no unknown keys, no NaN, no silent conversions."""
+    """Base of every configuration object: frozen, no unknown keys, no NaN, no silent conversions.
+
+    Raises
+    ------
+    ConfigError
+        If a value is not allowed, or changed afterwards.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    def __init__(self, /, *values: Any, **data: Any) -> None:
+        name = type(self).__name__
+        if values:
+            raise ConfigError(name, "", values[0], f"values by name: {', '.join(type(self).model_fields)}")
+        try:
+            super().__init__(**data)
+        except ValidationError as error:
+            raise _first(error, type(self), where=name) from None
+
+    # A section inside another one is checked by the outer one, which knows its place.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except ValidationError:
+            allowed = "no change; make a new one with model_copy, a robot with replace"
+            raise ConfigError(type(self).__name__, name, value, allowed) from None
 
 
 # A YAML list for a frozen tuple; the elements stay strict.
@@ -44,11 +69,12 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(str(path), "", "no such file", "an existing YAML file") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:  # ValueError: no UTF-8, or no path
         raise ConfigError(str(path), "", str(error), "a readable UTF-8 file") from None
     try:
         data = yaml.load(text, Loader=_StrictLoader)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        # Others than YAMLError: a date that does not exist, a list as a key, a thousand brackets.
         raise ConfigError(str(path), "", " ".join(str(error).split()), "valid YAML") from None
     if not isinstance(data, dict):
         raise ConfigError(str(path), "", data, "a mapping of keys to values")
@@ -57,6 +83,8 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 
 def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
     """Check a mapping against `model`; `where` is named in the error."""
+    if not isinstance(data, Mapping):
+        raise ConfigError(where, "", data, "a mapping of keys to values")
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
@@ -73,6 +101,8 @@ def find_config(name: str | Path, kind: str) -> Path:
     kind : str
         robots, platforms, scenes or controllers.
     """
+    if not isinstance(name, str | Path):
+        raise ConfigError(kind, "", name, "a path ending in .yaml, or the name of a shipped file")
     path = Path(name)
     if path.suffix:
         return path
@@ -125,6 +155,14 @@ _StrictLoader.add_implicit_resolver(
 )
 
 
+# Where pydantic speaks of Python's types.
+_PLAIN = {
+    "tuple_type": "a list",
+    "dict_type": "a mapping of keys to values",
+    "model_type": "a mapping of keys to values",
+}
+
+
 def _first(error: ValidationError, model: type[BaseModel], where: str) -> ConfigError:
     details = error.errors()[0]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in details["loc"]).lstrip(".")
@@ -133,7 +171,7 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
         return ConfigError(where, key, "an unknown key", known)
     if details["type"] == "missing":
         return ConfigError(where, key, "nothing", "a value; this key is required")
-    allowed = details["msg"].removeprefix("Value error, ")
+    allowed = _PLAIN.get(details["type"]) or details["msg"].removeprefix("Value error, ")
     return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:])
 
 

@@ -25,7 +25,7 @@ class ConfigError(SoroError):
     def __init__(self, where: str, key: str, got: object, allowed: str) -> None:
         self.where, self.key, self.got, self.allowed = where, key, got, allowed
         at = f"{where}: {key}" if key else where
-        super().__init__(f"{at}: got {_short(got)}; allowed: {allowed}")
+        super().__init__(f"{at}: got {short(got)}; allowed: {allowed}")
 
 
 class ModelError(SoroError):
@@ -40,6 +40,7 @@ class BagError(SoroError):
     """A recording cannot be read or written."""
 
 
-def _short(value: object, limit: int = 80) -> str:
+def short(value: object, limit: int = 80) -> str:
+    """Return what was found as part of one line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."

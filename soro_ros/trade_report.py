@@ -68,17 +68,23 @@ def notes(study: Study) -> list[str]:
     """Say what the figures mean, and what is missing and why."""
     own, truth = study.reference.own, study.reference
     failed = [row for row in study.rows if row.trouble]
+    tick = f"{1e3 * study.case.tick_s:g} ms" + (
+        "" if study.case.paced else ", or a step where that is longer"
+    )
     lines = [
         f"{len(study.rows)} of {study.combinations} combinations were run ({len(failed)} of them failed); "
         f"the table shows at most {SHOWN}, the JSON all.",
-        f"Reference: {truth.candidate}; its own error: tip {own.tip:.2g} %, shape {own.shape:.2g} %, energy "
+        f"Reference: {truth.candidate}; its own error: "
+        + (f"of space unknown: {truth.unknown}; of quadrature and time: " if truth.unknown else "")
+        + f"tip {own.tip:.2g} %, shape {own.shape:.2g} %, energy "
         f"{own.energy:.2g} %"
         + (f", frequency {own.frequency:.2g} %." if own.frequency is not None else ".")
-        + ("" if truth.converged else " It did not converge as far as asked: smaller errors mean nothing."),
+        + ("" if truth.converged else " It did not converge as far as asked: smaller errors mean nothing.")
+        + (" Errors are those beside the same basis." if truth.unknown else ""),
         "Errors: RMS over the run, tip and shape (five places) in % of the length, energy in % of its span. "
         "Times: CPU, kernels compiled, one candidate at a time, median of "
         f"{max((row.cost.repeats for row in study.rows if row.cost), default=0)} runs; a tick is "
-        f"{1e3 * study.case.tick_s:g} ms, called from Python.",
+        f"{tick}, called from Python. The wish looks at the tip only.",
     ]
     if truth.note:
         lines.append(f"Of the reference: {truth.note}")
@@ -109,12 +115,12 @@ def verdict(study: Study) -> str:
         figures = f"tip {chosen.tip:.3g} %, {1e3 * chosen.cpu:.3g} ms a simulated second"
         return (
             f"{best} model for the wish ({study.wish}): {figures}, longest tick {chosen.tick_us:.3g} us\n\n"
-            + chosen.candidate.block
+            + study.block
         )
     if nearest is None:
         return f"no model came to its end: nothing meets the wish ({study.wish})"
     own = study.reference.own.tip
     got = f"longest tick {nearest.tick_us:.3g} us"
     if study.wish.error:
-        got = f"tip error {nearest.tip:.3g} % (of the reference itself: {own:.2g} %)"
+        got = f"tip error {nearest.tip:.3g} % (of the reference itself: {own:.2g} %, which counts too)"
     return f"nothing meets the wish ({study.wish}); nearest: {got} with {nearest.candidate}"

@@ -1,4 +1,4 @@
-"""Numbers that are none, put in wherever a number goes in."""
+"""Values that are not numbers, put in wherever a number goes in."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from benchmarks.extremes.arms import Arm
 from benchmarks.extremes.bad_input import BAD, IN_THE_RUN, PLACES, BadInput
 from benchmarks.extremes.cell import Cell, Must
 from benchmarks.extremes.measure import Acceleration, Hours, Release, Seams, Straight, Swing
+from soro_core.integrate.stepper import DISSIPATIVE
 
 KPA, MPA = 1e3, 1e6
 MODULI = (10 * KPA, 1 * MPA, 100 * MPA)
@@ -32,6 +33,7 @@ def cells() -> list[Cell]:
         *_straight(),
         *_accelerations(),
         *_grid(),
+        *_dissipative(),
         *_sizes(),
         *_loads(),
         *_long(),
@@ -93,6 +95,25 @@ def _grid() -> Iterator[Cell]:
             replace(task, steps=10) if quick else task,
             quick,
         )
+
+
+def _dissipative() -> Iterator[Cell]:
+    """Steppers that may gain no energy, without losses: stiffness by step by links by curvature."""
+    for name, n, modulus, turns, dt in product(DISSIPATIVE, (1, 4, 16), MODULI, TURNS, STEPS[1:]):
+        task = Release(Arm(n, modulus), turns=turns, dt=dt, steps=100, integrator=name)
+        quick = n == 4 and turns in (0.05, 1.0) and dt == 5e-3
+        yield Cell(
+            f"Release, no losses, {name}, {n} links",
+            f"{modulus / MPA:g} MPa, {turns:g} turns a link",
+            f"{1e3 * dt:g} ms",
+            Must.FINISH_OR_STOP,
+            replace(task, steps=10) if quick else task,
+            quick,
+        )
+    for name, n, dt in product(DISSIPATIVE, (1, 2), STEPS[1:]):
+        task = Release(Arm(n), turns=0.1, elongation=-0.9, dt=dt, steps=20, integrator=name)
+        group, row = "Release, no losses, elongation -0.9, 0.1 turns", f"{name}, {n} links"
+        yield Cell(group, row, f"{1e3 * dt:g} ms", Must.FINISH_OR_STOP, task)
 
 
 def _sizes() -> Iterator[Cell]:
@@ -186,4 +207,4 @@ def _long() -> Iterator[Cell]:
 def _bad_inputs() -> Iterator[Cell]:
     for place, value in product(PLACES, BAD):
         must = Must.STOP if place in IN_THE_RUN else Must.REFUSE
-        yield Cell("Numbers that are none", place, f"{value:g}", must, BadInput(place, value))
+        yield Cell("Input that is not a number", place, f"{value:g}", must, BadInput(place, value))

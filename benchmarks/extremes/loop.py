@@ -35,7 +35,7 @@ class ClosedLoop:
     drop: float = 0.0
     outlier: float = 0.0
     no_number: float = 0.0
-    """Part of the ticks at which pressures and poses are no numbers."""
+    """Part of the ticks at which pressures and poses are not numbers."""
     duration_s: float = 10.0
     tracks: bool = True
     """Whether it has to track; else it only has to stay finite and bounded."""

@@ -14,7 +14,6 @@ from soro_core.control.adaptive import FeedbackGains, adapt, law
 from soro_core.control.allocation import allocate, balanced_weight
 from soro_core.control.command import Command, ControllerState, ControllerStatus
 from soro_core.control.config import ControllerConfig, require_chambers
-from soro_core.control.kinematics import inverse_kinematics
 from soro_core.control.lag import advance, compensate
 from soro_core.control.parameters import ParameterSet
 from soro_core.control.references import (
@@ -23,6 +22,7 @@ from soro_core.control.references import (
     gain_matrix,
     per_coordinate,
     strain_limits,
+    tip_reference,
 )
 from soro_core.control.trajectory import Blend, Hold, Reference, Stop, Waypoints
 from soro_core.errors import ConfigError
@@ -219,15 +219,16 @@ class Controller:
         ConfigError
             If names, times or numbers are wrong, or a position is beyond `limit`.
         """
+        known = self.robot.coordinate_names
         return Waypoints(
-            self.robot.coordinate_names,
+            known,
             names,
             times_s,
             positions,
             velocities,
             accelerations,
             start_s=t,
-            limit=lambda q: check_limits(self.fields, self.robot.coordinate_names, self.limit, q),
+            limit=lambda q: check_limits(self.fields, known, self.limit, q),
         )
 
     def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
@@ -238,21 +239,10 @@ class Controller:
         ConfigError
             If a number is not finite or the arm cannot come within the configured tolerance.
         """
-        where = np.asarray(position, dtype=np.float64)
-        turn = None if quaternion is None else np.asarray(quaternion, dtype=np.float64)
-        if where.shape != (3,) or not np.all(np.isfinite(where)):
-            raise ConfigError("tip reference", "position", position, "three finite numbers [m]")
-        if turn is not None and (turn.shape != (4,) or not abs(float(turn @ turn) - 1.0) < 0.02):
-            raise ConfigError("tip reference", "orientation", quaternion, "a unit quaternion x, y, z, w")
-        settings = self.config.reference
         start = np.zeros(self.arm.n_q) if state.point is None else state.point.q
-        found = inverse_kinematics(
-            self.arm, self.fields, where, turn, start, self.limit, settings.rotation_weight_m
+        return tip_reference(
+            self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion
         )
-        if found.position_error_m > settings.tip_tolerance_m:
-            got = f"{where.tolist()}, missed by {1e3 * found.position_error_m:.1f} mm"
-            raise ConfigError("tip reference", "position", got, "a point that the tip can reach")
-        return Hold(found.q)
 
     def _trouble(self, q: Array, qd: Array, t: float, dt: float) -> str:
         n = self.arm.n_q

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig, ReferenceConfig
-from soro_core.control.kinematics import elongation_for_pressure
+from soro_core.control.kinematics import elongation_for_pressure, inverse_kinematics
 from soro_core.control.trajectory import Circle, Hold, Reference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
@@ -98,3 +98,34 @@ def configured_reference(
         bent = settings.curvature_per_m * across
         elongation = elongation_for_pressure(arm, fields, bent, stretch, settings.mean_pressure_pa, low, high)
     return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, t)
+
+
+def tip_reference(
+    arm: SoftArm,
+    fields: StrainFields,
+    config: ReferenceConfig,
+    limit: Array,
+    start: Array,
+    position: Array,
+    quaternion: Array | None = None,
+) -> Reference:
+    """Return a set point that brings the tip to a position [m] (and orientation, as far as its weight says).
+
+    The search starts at the coordinates `start` (n_q,) and stays within `limit` (n_q,).
+
+    Raises
+    ------
+    ConfigError
+        If a number is not finite or the arm cannot come within the configured tolerance.
+    """
+    where = np.asarray(position, dtype=np.float64)
+    turn = None if quaternion is None else np.asarray(quaternion, dtype=np.float64)
+    if where.shape != (3,) or not np.all(np.isfinite(where)):
+        raise ConfigError("tip reference", "position", position, "three finite numbers [m]")
+    if turn is not None and (turn.shape != (4,) or not abs(float(turn @ turn) - 1.0) < 0.02):
+        raise ConfigError("tip reference", "orientation", quaternion, "a unit quaternion x, y, z, w")
+    found = inverse_kinematics(arm, fields, where, turn, start, limit, config.rotation_weight_m)
+    if found.position_error_m > config.tip_tolerance_m:
+        got = f"{where.tolist()}, missed by {1e3 * found.position_error_m:.1f} mm"
+        raise ConfigError("tip reference", "position", got, "a point that the tip can reach")
+    return Hold(found.q)

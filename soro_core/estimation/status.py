@@ -18,7 +18,7 @@ class Counts:
     Attributes
     ----------
     accepted, outliers, invalid : int
-        Samples fused; refused by the chi-square gate; refused for a number that is none.
+        Samples fused; refused by the chi-square gate; refused for a value that is not a number.
     stale, early : int
         Samples refused because their stamp did not increase or is too old; because it lies in the future.
     reacquired : int

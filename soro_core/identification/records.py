@@ -68,7 +68,7 @@ def read_forced(path: str | Path) -> ForcedRun:
     Raises
     ------
     ConfigError
-        If the file is missing, lacks a column, holds a value that is no finite number, or time does not rise.
+        If the file is missing, lacks a column, holds a value that is not finite, or time does not rise.
     """
     columns = _read(path, ("t", "p1", "kx", "ky"))
     pressures = [columns[name] for name in columns if name[:1] == "p" and name[1:].isdigit()]

@@ -15,8 +15,8 @@ from soro_core._by_type import by_type
 from soro_core._jit import inner
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
-from soro_core.model.chambers import area_factor, volumes
-from soro_core.model.linear import assign
+from soro_core.model.chambers import add_gradient, volumes
+from soro_core.model.linear import assign, clear
 from soro_core.model.tables import AIR, Tables
 from soro_core.pneumatics.chamber import Gas, chamber_pressures, masses_at
 
@@ -73,32 +73,39 @@ def _breathed(
 
 
 @inner
-def _no_stiffness(air: NoAir, t: Tables, q: Array, slope: Array, factor: float, K: Array) -> None:
+def _no_stiffness(
+    air: NoAir, t: Tables, q: Array, slope: Array, factor: float, gradient: Array, K: Array
+) -> None:
     return
 
 
 @inner
-def _add_stiffness(air: Gas, t: Tables, q: Array, slope: Array, factor: float, K: Array) -> None:
+def _add_stiffness(
+    air: Gas, t: Tables, q: Array, slope: Array, factor: float, gradient: Array, K: Array
+) -> None:
     for u in range(slope.shape[0]):
+        clear(gradient)
         along = 0.0
         for i in range(t.length.shape[0]):
-            along += 1.0 if t.runs_along[i, u] else 0.0
+            along += 1.0 if t.looks[i, u] > 0 else 0.0
         for i in range(t.length.shape[0]):
-            if not t.runs_along[i, u]:
+            if t.looks[i, u] == 0:
                 continue
             # The air couples all links of its chamber; kept to their blocks, the sum over the links is
             # bounded by their number times the blocks, so that Newton's iteration still converges.
-            scaled = -factor * along * slope[u] * area_factor(t, i, u, q) ** 2
+            add_gradient(t, i, u, q, 1.0, gradient)
+            scaled = -factor * along * slope[u]
             for c in range(t.offset[i], t.offset[i + 1]):
                 for d in range(t.offset[i], t.offset[i + 1]):
-                    K[c, d - t.offset[i]] += scaled * t.actuation[c, u] * t.actuation[d, u]
+                    K[c, d - t.offset[i]] += scaled * gradient[c] * gradient[d]
 
 
 breathe = by_type(Gas, _breathed, _given)
 """breathe(air, t, q, z0, command, span, z, pressure, slope): pressure <- that at the end of the span, slope
 <- its derivative by the volume, air in z <- what it is then; False where a chamber is closed to nothing."""
 add_air_stiffness = by_type(Gas, _add_stiffness, _no_stiffness)
-"""add_air_stiffness(air, t, q, slope, factor, K): K += factor * H (-dp/dV) H', the block of each link."""
+"""add_air_stiffness(air, t, q, slope, factor, gradient, K): K += factor * H (-dp/dV) H', the block of each
+link; `gradient` is room for a column of H (n_q,)."""
 
 
 def with_air(t: Tables, n_u: int) -> Tables:

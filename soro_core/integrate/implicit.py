@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.integrate.air import Air, breathe
+from soro_core.integrate.balance import begin_balance, keep_balance
 from soro_core.integrate.newton import solve_stage
 from soro_core.integrate.scheme import Scheme
 from soro_core.integrate.system import CLOSED, NOT_RESOLVED, StepWork, interpolate, jumps
@@ -200,7 +201,7 @@ def implicit_run(
     stepping = view(box)
     t, work = stepping.tables, stepping.work
     q0, v0, z0 = work.rows[3], work.rows[4], work.states[0]
-    work.known[0] = 0
+    work.known[0], work.energy[0] = 0, math.inf
     damped = NO
     code = check(t, q[0], v[0])
     if code != GOOD or not finite(z[0]):
@@ -215,6 +216,7 @@ def implicit_run(
         assign(q[k], q0)
         assign(v[k], v0)
         assign(z[k], z0)
+        begin_balance(m, t, work, row, wrench, q0, v0, z0)
         # Fractions of the step are powers of 2, so their sums are exact.
         done, part, damped = 0.0, 1.0, NO
         while done < 1.0:
@@ -222,6 +224,8 @@ def implicit_run(
             for i in range(3):
                 interpolate(row, done + 0.5 * i * part, work.pressure[i])
             code = implicit_step(m, air, t, work, damped, q0, v0, z0, wrench, h, q1, v1, z1)
+            if code == GOOD:
+                code = keep_balance(m, t, work, row, wrench, q0, q1, v1, z1)
             if code == GOOD:
                 done += part
                 assign(q1, q0)

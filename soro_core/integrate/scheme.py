@@ -61,13 +61,18 @@ class Scheme(NamedTuple):
     """One Newton iteration a stage; two in the first where fewer than two steps before give a first guess."""
 
 
+class Dissipative(Scheme):
+    """A scheme whose steps gain no energy (see `balance`): a type of its own, so that others compile none."""
+
+
 def scheme(
     *stages: list[float],
     start: bool = True,
     resolved: float = math.inf,
     linear: bool = False,
+    dissipative: bool = False,
 ) -> Scheme:
-    """Return a scheme; every one has the same types, so that the kernel is compiled once for all.
+    """Return a scheme; all have the same types, so that the kernel is compiled once for those of a class.
 
     Parameters
     ----------
@@ -75,8 +80,11 @@ def scheme(
         As in `Scheme.stages`.
     start, resolved, linear
         As in `Scheme`; the tolerance is `TRUST` where linear, else `TOLERANCE`.
+    dissipative : bool
+        Whether it is a `Dissipative` one.
     """
-    return Scheme(
+    kind = Dissipative if dissipative else Scheme
+    return kind(
         np.array([*stages, *(DAMPED if resolved < math.inf else ())], dtype=np.float64),
         len(stages),
         start,

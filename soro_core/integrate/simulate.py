@@ -5,24 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, air_pressures, chamber_volumes, initial_air
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import describe, run_of, stepping
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, flat_wrench, shaped
+from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.pneumatics.chamber import Gas, ValveModel, make_gas
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Beyond this a run does not fit into memory.
-MOST_STEPS = 100_000_000
+# Numbers that a run holds; 8 GB of them.
+MOST_NUMBERS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -102,15 +101,16 @@ def simulate(
     ModelError
         If a shape, q0, qd0, t_end, dt, rtol or the integrator is not allowed.
     """
-    if not (valves is None or isinstance(valves, ValveModel)):
-        raise ModelError(f"valves = {valves!r}: allowed is a ValveModel")
+    require(arm, SoftArm, "arm", "a SoftArm")
+    require(valves, ValveModel | None, "valves", "a ValveModel")
     air = NO_AIR if valves is None else make_gas(valves, chamber_volumes(arm))
     run = run_of(integrator, rtol, air)
     name = arm.robot.name
-    times = _times(t_end, dt)
+    n_z = arm.n_internal + (0 if valves is None else 2 * arm.n_u)
+    times = _times(t_end, dt, MOST_NUMBERS // (1 + 2 * arm.n_q + n_z + 3 * arm.n_u))
     q = np.empty((len(times), arm.n_q))
     v = np.empty_like(q)
-    z = np.empty((len(times), arm.n_internal + (0 if valves is None else 2 * arm.n_u)))
+    z = np.empty((len(times), n_z))
     q[0] = _initial(q0, arm.n_q, "q0", name)
     v[0] = _initial(qd0, arm.n_q, "qd0", name)
     z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0", name)
@@ -130,20 +130,21 @@ def simulate(
     return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status)
 
 
-def _times(t_end: float, dt: float) -> Array:
-    if not (_number(t_end) and _number(dt) and dt > 0.0 and 0.0 <= t_end <= MOST_STEPS * dt):
+def _times(t_end: float, dt: float, most: int) -> Array:
+    for name, value, low in (("dt", dt, "above 0"), ("t_end", t_end, "of 0 or more")):
+        x = number(value)
+        if not (0.0 <= x < math.inf and (x > 0.0 or name == "t_end")):
+            raise ModelError(f"{name} = {short(value)} s: allowed is a number {low}")
+    dt, t_end = number(dt), number(t_end)
+    if not t_end <= most * dt:
         raise ModelError(
-            f"dt = {dt!r} s, t_end = {t_end!r} s: allowed are dt above 0, t_end of 0 or more, and at most "
-            f"{MOST_STEPS:g} steps"
+            f"dt = {dt!r} s up to t_end = {t_end!r} s are {t_end / max(dt, 1e-300):.3g} steps: allowed are "
+            f"{most:.3g}, what fits into memory; use a larger dt, or several runs"
         )
     n = int(np.ceil(t_end / dt - 1e-9))
     times: Array = np.arange(n + 1, dtype=np.float64) * dt
     times[-1] = t_end
     return times
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, Real) and math.isfinite(value)
 
 
 def _pressure_table(
@@ -154,9 +155,11 @@ def _pressure_table(
     if pressure is None:
         return table
     if not callable(pressure):
-        if np.shape(pressure) == table.shape:
-            return np.array(pressure, dtype=np.float64)
-        table[:] = shaped(pressure, (n_u,), "pressure", whose)
+        try:
+            stages = np.ndim(pressure) == 3
+        except ValueError:  # rows of different lengths, which `shaped` tells
+            stages = False
+        table[:] = shaped(pressure, table.shape if stages else (n_u,), "pressure", whose)
         return table
     for k, time in enumerate(times):
         table[k, 0] = shaped(pressure(float(time)), (n_u,), "pressure(t)", whose)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core._box import Box
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, Air, with_air
 from soro_core.integrate.dopri5 import DOPRI5
 from soro_core.integrate.explicit import MAX_STEPS, explicit_run
@@ -19,7 +19,7 @@ from soro_core.integrate.implicit import implicit_run
 from soro_core.integrate.midpoint import MIDPOINT
 from soro_core.integrate.midpoint_linear import MIDPOINT_LINEAR
 from soro_core.integrate.rk4 import RK4
-from soro_core.integrate.scheme import Scheme
+from soro_core.integrate.scheme import Dissipative, Scheme
 from soro_core.integrate.state import OK, State, Status
 from soro_core.integrate.system import CLOSED, NOT_RESOLVED, TOO_STIFF, make_stepping
 from soro_core.integrate.tableau import Tableau
@@ -27,7 +27,7 @@ from soro_core.integrate.tr_bdf2 import TR_BDF2
 from soro_core.integrate.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
-from soro_core.model.checks import flat_wrench, shaped
+from soro_core.model.checks import flat_wrench, number, require, shaped
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from soro_core.pneumatics.chamber import Gas
 
@@ -45,6 +45,8 @@ _SCHEMES: dict[str, Scheme | Tableau] = {
 }
 STEPPERS = tuple(_SCHEMES)
 _IMPLICIT = tuple(name for name, scheme in _SCHEMES.items() if isinstance(scheme, Scheme))
+DISSIPATIVE = tuple(name for name, scheme in _SCHEMES.items() if isinstance(scheme, Dissipative))
+"""Those that gain no energy without input (ADR 0009)."""
 
 _CAUSES = {
     NOT_FINITE: "the state is not finite, or grew beyond all bounds",
@@ -88,18 +90,22 @@ def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: boo
     air : Gas, optional
         Air behind valves; default none.
     guarded : bool
-        Whether an implicit stepper damps and divides steps that are too long for what happens in them (ADR
-        0009). Without, a step is one smooth map, as a filter that linearises it needs.
+        Whether an implicit stepper damps and divides steps that are too long for what happens in them, and a
+        dissipative one takes out energy that it would gain (ADR 0009). Without, a step is one smooth map, as
+        a filter that linearises it needs.
 
     Raises
     ------
     ModelError
         If there is no such stepper, it takes no such tolerance, or it takes no air.
     """
-    if name not in STEPPERS:
-        raise ModelError(f"integrator {name!r}: allowed are {', '.join(STEPPERS)}")
+    if not isinstance(name, str) or name not in STEPPERS:
+        raise ModelError(f"integrator {short(name)}: allowed are {', '.join(STEPPERS)}")
     scheme = _SCHEMES[name]
     if isinstance(scheme, Scheme):
+        if air is not NO_AIR or not guarded:
+            # What passes the valves brings energy along; and what is taken out is no smooth map.
+            scheme = Scheme(*scheme)
         alone = scheme._replace(resolved=math.inf, far=math.inf)
         run: Run = partial(implicit_run, scheme if guarded else alone, air)
     elif air is not NO_AIR:
@@ -107,12 +113,14 @@ def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: boo
             f"integrator {name!r} with valves: allowed are the implicit ones, {', '.join(_IMPLICIT)}"
         )
     else:
-        run = partial(explicit_run, scheme if rtol is None else scheme._replace(rtol=float(rtol)))
+        run = partial(explicit_run, scheme if rtol is None else scheme._replace(rtol=number(rtol)))
     if rtol is not None:
         if isinstance(scheme, Scheme) or not scheme.adaptive:
-            raise ModelError(f"rtol = {rtol!r} with integrator {name!r}: allowed is none, its steps are dt")
-        if not 1e-14 <= rtol <= 0.1:
-            raise ModelError(f"rtol = {rtol!r}: allowed is 1e-14 to 0.1")
+            raise ModelError(
+                f"rtol = {short(rtol)} with integrator {name!r}: allowed is none, its steps are dt"
+            )
+        if not 1e-14 <= number(rtol) <= 0.1:
+            raise ModelError(f"rtol = {short(rtol)}: allowed is a number from 1e-14 to 0.1")
     return run
 
 
@@ -126,6 +134,7 @@ class Stepper:
     """One integrator on one arm; use `make_stepper`."""
 
     def __init__(self, name: str, arm: SoftArm, guarded: bool = True) -> None:
+        require(arm, SoftArm, "arm", "a SoftArm")
         self.name = name
         self.arm = arm
         self._run = run_of(name, guarded=guarded)
@@ -166,8 +175,9 @@ class Stepper:
             If a shape is wrong or dt is not above 0. Values that are not finite make a status.
         """
         arm = self.arm
-        if not 0.0 < dt < float("inf"):
-            raise ModelError(f"dt = {dt!r} s: allowed is a number above 0")
+        require(state, State, "state", "a State, as initial_state gives it")
+        if not 0.0 < number(dt) < math.inf:
+            raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0")
         p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
         w = flat_wrench(arm.robot, wrench)
         # A run of one step: rows are before and after.
@@ -177,7 +187,7 @@ class Stepper:
         z[0] = shaped(state.internal, (arm.n_internal,), "internal", arm.robot.name)
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
-        _, code = self._run(self._box, np.array([0.0, dt]), table, w, q, v, z)
+        _, code = self._run(self._box, np.array([0.0, number(dt)]), table, w, q, v, z)
         if code != GOOD:
             return state, describe(code)
         return State(q[1], v[1], z[1]), OK

@@ -62,6 +62,9 @@ class StepWork(NamedTuple):
     """How many rows of `memory` hold; one entry."""
     size: Array
     """Step that the adaptive stepper would take next [s]; one entry."""
+    energy: Array
+    """Energy that the arm may have at the start of a step [J], inf where there is no bound (see `balance`);
+    one entry."""
 
 
 class Stepping(NamedTuple):
@@ -93,6 +96,7 @@ def make_stepping(t: Tables, n_q: int, n_z: int, n_u: int) -> Box:
         np.empty(n_u),
         np.empty((2, n_q)),
         np.zeros(1, dtype=np.int64),
+        np.full(1, np.inf),
         np.full(1, np.inf),
     )
     return Box(Stepping(t, work))
@@ -155,7 +159,7 @@ def factor(
     if by_q != 0.0:
         add_stiffness(t, q, by_q, w.block)
         add_pressure_stiffness(t, q, pressure, by_q, w.block)
-        add_air_stiffness(air, t, q, slope, by_q, w.block)
+        add_air_stiffness(air, t, q, slope, by_q, w.rows[2], w.block)
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         for j in range(tangent.shape[0]):

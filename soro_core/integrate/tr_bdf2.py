@@ -7,4 +7,4 @@ Hosea and Shampine 1996]. What is much faster than the step is gone after it.
 
 from soro_core.integrate.scheme import DAMPED, scheme
 
-TR_BDF2 = scheme(*DAMPED)
+TR_BDF2 = scheme(*DAMPED, dissipative=True)

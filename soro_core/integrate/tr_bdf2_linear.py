@@ -6,4 +6,4 @@ as robust where the arm is stiff.
 
 from soro_core.integrate.scheme import DAMPED, scheme
 
-TR_BDF2_LINEAR = scheme(*DAMPED, linear=True)
+TR_BDF2_LINEAR = scheme(*DAMPED, linear=True, dissipative=True)

@@ -16,8 +16,9 @@ def warm_up(arm: SoftArm, steppers: tuple[str, ...] = ("trapezoidal",)) -> None:
     ----------
     arm : SoftArm
     steppers : tuple of str
-        Names out of `soro_core.integrate.STEPPERS`. All implicit steppers share one kernel, and all explicit
-        ones another: what one of them compiles serves the rest.
+        Names out of `soro_core.integrate.STEPPERS`. Those that dissipate (`tr_bdf2`, `tr_bdf2_linear`) share
+        one kernel, all other implicit ones another, all explicit ones a third: what one compiles serves the
+        rest of its kind.
     """
     q, p = np.zeros(arm.n_q), np.zeros(arm.n_u)
     arm.inertia_matrix(q)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from soro_core.model.build_external import external_table, find, places_of, with_masses
 from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
-from soro_core.robot.basis import shape_values, strain_rows
+from soro_core.robot.basis import shape_means, shape_values, strain_rows
 
 Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
@@ -42,13 +42,13 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     places, weights, point_mass = with_masses(robot, *radau(nodes))
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
-    actuation, axial_gain, runs_along = _chambers(robot, offset)
+    looks, actuation, area_rate, axial_gain = _chambers(robot, offset, places, weights)
     kind = MdeTables if method == "mde" else Tables
     tables = kind(
         steps=steps,
         offset=offset,
         basis=basis,
-        varying=np.array([any(s.basis != "constant" for s in link.strains.values()) for link in links]),
+        varying=np.array([_varies(link) for link in links]),
         fraction=fraction,
         shape=np.ascontiguousarray(
             _shapes(robot, points.ravel()).reshape(robot.n_q, *points.shape).transpose(1, 0, 2)
@@ -72,12 +72,10 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
             [link_stiffness(link, factor) for link, factor in zip(links, shear_factors(robot), strict=True)]
         ),
         damping=_blocks([link_damping(link) for link in links]),
+        looks=looks,
         actuation=actuation,
-        runs_along=runs_along,
+        area_rate=area_rate,
         axial_gain=axial_gain,
-        area_slope=np.array(
-            [chamber.area_slope for link in links for chamber in link.chambers], dtype=np.float64
-        ),
         internal_kind=np.array(kinds, dtype=np.int64),
         internal_coordinate=np.array(coordinates, dtype=np.int64),
         internal_stiffness=np.array(stiffnesses, dtype=np.float64),
@@ -124,18 +122,23 @@ def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
     return Site(link, float(place), whole, float(step), shape)
 
 
-def _chambers(robot: Robot, offset: Integers) -> tuple[Array, Array, Booleans]:
-    """H at q = 0 (n_q, n_u), and the axial gain of each chamber along each link and where it runs (n, n_u).
+def _chambers(
+    robot: Robot, offset: Integers, places: Array, weights: Array
+) -> tuple[Integers, Array, Array, Array]:
+    """Looks, actuation, area rates and axial gains of `Tables`.
 
     A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on
     every unit of undeformed length that it runs along (theory.md section 3).
     """
-    H = np.zeros((robot.n_q, robot.n_u))
-    axial_gain = np.zeros((len(robot.links), robot.n_u))
-    runs_along = np.zeros((len(robot.links), robot.n_u), dtype=np.bool_)
+    at, shares = places[weights > 0.0], weights[weights > 0.0]
+    n = len(robot.links)
+    looks = np.zeros((n, robot.n_u), dtype=np.int64)
+    actuation = np.zeros((len(at), robot.n_q, robot.n_u))
+    area_rate = np.zeros((len(at), n, robot.n_u))
+    axial_gain = np.zeros((n, robot.n_u))
     u = -1
     for first, owner in enumerate(robot.links):
-        group = range(first, min(first + robot.refinement, len(robot.links)))
+        group = range(first, min(first + robot.refinement, n))
         whole = sum(robot.links[i].length for i in group)
         for chamber in owner.chambers:
             u += 1
@@ -154,11 +157,18 @@ def _chambers(robot: Robot, offset: Integers) -> tuple[Array, Array, Booleans]:
                     "bending_x": -bending * np.cos(chamber.angle_rad),
                     "bending_y": -bending * np.sin(chamber.angle_rad),
                 }
+                share, shape = np.ones(1), shape_means(link)[None]
+                if chamber.area_slope != 0.0 and _varies(link):
+                    share, shape = shares, shares[:, None] * shape_values(link, at * link.length).T
+                k = len(share)
                 unit = np.array([gains.get(name, 0.0) for name in strain_rows(link)])
-                H[offset[i] : offset[i + 1], u] = unit * _mean_shape(link)
+                actuation[:k, offset[i] : offset[i + 1], u] = unit * shape
+                if chamber.area_slope != 0.0:
+                    area_rate[:k, i, u] = chamber.area_slope / (share * axial)
+                looks[i, u] = k
                 axial_gain[i, u] = axial
-                runs_along[i, u] = True
-    return H, axial_gain, runs_along
+    most = looks.max(initial=1)
+    return looks, actuation[:most], area_rate[:most], axial_gain
 
 
 def rotation_matrix(quaternion: tuple[float, ...]) -> Array:
@@ -171,6 +181,10 @@ def rotation_matrix(quaternion: tuple[float, ...]) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def _varies(link: Link) -> bool:
+    return any(strain.basis != "constant" for strain in link.strains.values())
 
 
 def _columns(link: Link, first: int) -> list[list[int]]:
@@ -195,13 +209,6 @@ def _shapes(robot: Robot, places: Array) -> Array:
     return np.ascontiguousarray(
         np.concatenate([shape_values(link, np.clip(places, 0.0, 1.0) * link.length) for link in robot.links])
     )
-
-
-def _mean_shape(link: Link) -> Array:
-    """Mean of each shape function over the link: exact for polynomials, close for splines."""
-    abscissae, weights = np.polynomial.legendre.leggauss(64)
-    mean: Array = shape_values(link, (abscissae + 1.0) / 2.0 * link.length) @ (weights / 2.0)
-    return mean
 
 
 def _blocks(matrices: list[Array]) -> Array:

@@ -1,9 +1,15 @@
 """Chambers: the generalised force of their pressures, H(q) p (theory.md section 3).
 
-A chamber that runs along link i sees there the fibre strain delta = eps - r_b (kx cos phi + ky sin phi),
-and its area is A exp(area_slope delta) [fitted on measured bellows, whose area changes with their
-extension]. The force is p times the gradient of the chamber's volume, so it stays conservative at constant
-pressure.
+A chamber that runs along link i has there the fibre strain delta = eps - r_b (kx cos phi + ky sin phi), and
+its area is A exp(area_slope delta) [fitted on measured bellows, whose area changes with their extension],
+section by section. The force is p times the gradient of the chamber's volume,
+
+    V = int A (exp(area_slope delta) - 1) / area_slope dsigma
+    dV/dq = int A exp(area_slope delta) d(delta)/dq dsigma,
+
+so that it stays conservative at constant pressure. The integrals are sums over the nodes of the link. At each
+the tables have the gradient of what a constant area would displace there, so that A delta is its product with
+q; a constant strain and a constant area are looked at once, for the whole link.
 """
 
 from __future__ import annotations
@@ -15,30 +21,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.model.linear import clear_matrix
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
 
 @inner
-def area_factor(t: Tables, i: int, u: int, q: Array) -> float:
-    """Area of chamber u along link i over that of the straight link."""
-    if t.area_slope[u] == 0.0:
-        return 1.0
-    work = 0.0
+def _displaced(t: Tables, i: int, u: int, k: int, q: Array) -> float:
+    """Volume that a constant area displaces at look k of chamber u along link i [m^3]."""
+    volume = 0.0
     for c in range(t.offset[i], t.offset[i + 1]):
-        work += t.actuation[c, u] * q[c]
-    return math.exp(t.area_slope[u] * work / t.axial_gain[i, u])
+        volume += t.actuation[k, c, u] * q[c]
+    return volume
 
 
 @inner
-def actuation(t: Tables, q: Array, H: Array) -> None:
-    """H <- generalised force per pressure (n_q, n_u)."""
+def _growth(t: Tables, i: int, u: int, k: int, q: Array) -> float:
+    """Area there over that without strain."""
+    if t.area_rate[k, i, u] == 0.0:
+        return 1.0
+    return math.exp(t.area_rate[k, i, u] * _displaced(t, i, u, k, q))
+
+
+@inner
+def add_gradient(t: Tables, i: int, u: int, q: Array, factor: float, force: Array) -> None:
+    """force += factor * dV/dq of chamber u along link i (n_q,)."""
+    for k in range(t.looks[i, u]):
+        scaled = factor * _growth(t, i, u, k, q)
+        for c in range(t.offset[i], t.offset[i + 1]):
+            force[c] += scaled * t.actuation[k, c, u]
+
+
+@inner
+def actuation(t: Tables, q: Array, gradients: Array) -> None:
+    """gradients <- H', generalised force per pressure, a row each chamber (n_u, n_q)."""
+    clear_matrix(gradients)
     for i in range(t.length.shape[0]):
-        for u in range(t.actuation.shape[1]):
-            factor = area_factor(t, i, u, q) if t.runs_along[i, u] else 0.0
-            for c in range(t.offset[i], t.offset[i + 1]):
-                H[c, u] = factor * t.actuation[c, u]
+        for u in range(gradients.shape[0]):
+            if t.looks[i, u] > 0:
+                add_gradient(t, i, u, q, 1.0, gradients[u])
 
 
 @inner
@@ -47,12 +69,9 @@ def volumes(t: Tables, q: Array, volume: Array) -> None:
     for u in range(volume.shape[0]):
         volume[u] = 0.0
         for i in range(t.length.shape[0]):
-            if t.runs_along[i, u]:
-                work = 0.0
-                for c in range(t.offset[i], t.offset[i + 1]):
-                    work += t.actuation[c, u] * q[c]
-                slope, gain = t.area_slope[u], t.axial_gain[i, u]
-                volume[u] += gain * math.expm1(slope * work / gain) / slope if slope != 0.0 else work
+            for k in range(t.looks[i, u]):
+                rate, plain = t.area_rate[k, i, u], _displaced(t, i, u, k, q)
+                volume[u] += math.expm1(rate * plain) / rate if rate != 0.0 else plain
 
 
 @inner
@@ -60,10 +79,9 @@ def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> No
     """force += H(q) p."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
-            if t.runs_along[i, u]:
-                scaled = pressure[u] * area_factor(t, i, u, q)
-                for c in range(t.offset[i], t.offset[i + 1]):
-                    force[c] += scaled * t.actuation[c, u]
+            # Most pairs of a long arm do not meet, and a call costs more than asking.
+            if t.looks[i, u] > 0:
+                add_gradient(t, i, u, q, pressure[u], force)
 
 
 @inner
@@ -71,8 +89,11 @@ def add_pressure_stiffness(t: Tables, q: Array, pressure: Array, factor: float, 
     """K -= factor * d(H(q) p)/dq, the block of each link (n_q, width); nothing for constant areas."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
-            if t.runs_along[i, u] and t.area_slope[u] != 0.0:
-                scaled = factor * pressure[u] * area_factor(t, i, u, q) * t.area_slope[u] / t.axial_gain[i, u]
+            for k in range(t.looks[i, u]):
+                rate = t.area_rate[k, i, u]
+                if rate == 0.0:
+                    continue
+                scaled = factor * pressure[u] * rate * _growth(t, i, u, k, q)
                 for c in range(t.offset[i], t.offset[i + 1]):
                     for d in range(t.offset[i], t.offset[i + 1]):
-                        K[c, d - t.offset[i]] -= scaled * t.actuation[c, u] * t.actuation[d, u]
+                        K[c, d - t.offset[i]] -= scaled * t.actuation[k, c, u] * t.actuation[k, d, u]

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+import math
+from numbers import Integral, Real
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.model import dynamics, entries
 from soro_core.robot import Robot
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Beyond these the tables alone take minutes.
+MOST_NODES, MOST_STEPS = 500, 100_000
 
 REASONS = {
     dynamics.NOT_FINITE: "a coordinate or velocity is not finite",
@@ -22,6 +27,40 @@ REASONS = {
 }
 
 
+def number(value: object) -> float:
+    """Return the value as a float; NaN, which no range holds, for what is not one number."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def require(value: object, wanted: Any, name: str, allowed: str) -> None:
+    """Refuse an object of another type.
+
+    Raises
+    ------
+    ModelError
+        One line.
+    """
+    if not isinstance(value, wanted):
+        raise ModelError(f"{name}: got {short(value)}; allowed: {allowed}")
+
+
+def listed(array: Array) -> str:
+    """Return numbers on one line, however many."""
+    return short([float(f"{x:.6g}") for x in array])
+
+
+def fault(code: int, q: Array, qd: Array) -> ModelError:
+    """Return the error of a kernel's code at a state."""
+    return ModelError(f"{REASONS[code]} (q = {listed(q)}, qd = {listed(qd)})")
+
+
 def shaped(values: ArrayLike, shape: tuple[int, ...], name: str, whose: str) -> Array:
     """Return a copy of the values as an array of that shape.
 
@@ -30,13 +69,13 @@ def shaped(values: ArrayLike, shape: tuple[int, ...], name: str, whose: str) -> 
     Raises
     ------
     ModelError
-        If they are no numbers, or of another shape.
+        If they are not numbers, or of another shape.
     """
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         count = " x ".join(str(n) for n in shape)
-        raise ModelError(f"{name}: got {values!r}, allowed are {count} numbers") from None
+        raise ModelError(f"{name}: got {short(values)}, allowed are {count} numbers for {whose}") from None
     if array.shape != shape:
         raise ModelError(f"{name} has shape {array.shape}, allowed is {shape} for {whose}")
     return array
@@ -51,7 +90,7 @@ def finite(array: Array, name: str) -> Array:
         If it is not.
     """
     if not entries.finite(array):
-        raise ModelError(f"{name} is not finite: {array}")
+        raise ModelError(f"{name} is not finite: {listed(array)}")
     return array
 
 
@@ -70,14 +109,31 @@ def flat_wrench(robot: Robot, wrench: ArrayLike | None) -> Array:
     return flat
 
 
-def refuse_unsupported(robot: Robot, method: str) -> None:
-    """Refuse what the method `mde` does not have.
+def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: object) -> None:
+    """Refuse what is not a robot or a method, and what a method does not have.
 
     Raises
     ------
     ModelError
         One line that names the key.
     """
+    require(robot, Robot, "robot", "a Robot, from load_robot or robot_from_dict")
+    if not isinstance(method, str) or method not in ("exact", "mde"):
+        raise ModelError(f"method {short(method)}: allowed are exact, mde")
+    for name, value, owner, least, most in (
+        ("nodes", nodes, "exact", 2, MOST_NODES),
+        ("steps", steps, "mde", 1, MOST_STEPS),
+    ):
+        if value is None:
+            continue
+        if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) <= most:
+            raise ModelError(
+                f"{name} {short(value)}: allowed is a whole number of {least} or more, up to {most}"
+            )
+        if method != owner:
+            raise ModelError(
+                f"{name} {short(value)}: allowed with method {owner!r} only, not with {method!r}"
+            )
     for key in ("point_masses", "wrench_places", "contacts", "tip_constraint"):
         if method == "mde" and getattr(robot, key):
             raise ModelError(f"{robot.name}: method 'mde' has no {key}; allowed is method 'exact'")

@@ -12,6 +12,7 @@ from soro_core._jit import inner
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.elasticity import elastic_force
 from soro_core.model.internal import add_internal_force
+from soro_core.model.local import local_strain, looks
 from soro_core.model.method import acceleration
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
@@ -29,14 +30,10 @@ def check(t: Tables, q: Array, qd: Array) -> int:
         if not (math.isfinite(q[c]) and math.isfinite(qd[c])):
             return NOT_FINITE
     for i in range(t.length.shape[0]):
-        first, behind = t.columns[i, 0, 0], t.columns[i, 0, 1]
-        if first == behind:
+        if t.columns[i, 0, 0] == t.columns[i, 0, 1]:
             continue
-        for k in range(t.nodes.shape[0] if t.varying[i] else 1):
-            stretch = 1.0
-            for c in range(first, behind):
-                stretch += t.shape_node[c, k] * q[c]
-            if not stretch > 0.0:
+        for k in range(looks(t, i)):
+            if not 1.0 + local_strain(t, i, 0, k, q) > 0.0:
                 return COLLAPSED
     return GOOD
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.linear import clear_matrix
+from soro_core.model.local import local_strain, looks, weight
 from soro_core.model.tables import DEFORMED, Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -49,24 +50,9 @@ def _law_energy(a1: float, a2: float, a3: float, s: float) -> float:
 
 
 @inner
-def _looks(t: Tables, i: int) -> int:
-    """At how many nodes the law of link i is taken: a constant strain is the same everywhere."""
-    return t.nodes.shape[0] if t.varying[i] else 1
-
-
-@inner
-def _mean(t: Tables, i: int, r: int, k: int, q: Array) -> float:
-    """Elongation, bending_x or bending_y (r = 0, 1, 2) of link i at node k."""
-    strain = 0.0
-    for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
-        strain += t.shape_node[c, k] * q[c]
-    return strain
-
-
-@inner
 def _bend(t: Tables, i: int, k: int, q: Array) -> tuple[float, float, float, float, Slope]:
     """Weight of node k, x = eps L, stretch, w = beta^2 / 2, and dw/d(eps, kx, ky)."""
-    eps, kx, ky = _mean(t, i, 0, k, q), _mean(t, i, 1, k, q), _mean(t, i, 2, k, q)
+    eps, kx, ky = local_strain(t, i, 0, k, q), local_strain(t, i, 1, k, q), local_strain(t, i, 2, k, q)
     L2 = t.length[i] * t.length[i]
     stretch, by_eps = 1.0, 0.0
     k2 = kx * kx + ky * ky
@@ -74,8 +60,7 @@ def _bend(t: Tables, i: int, k: int, q: Array) -> tuple[float, float, float, flo
         stretch = 1.0 + eps
         by_eps = k2 * L2 * stretch
     each = L2 * stretch * stretch
-    weight = t.weights[k] if t.varying[i] else 1.0
-    return weight, eps * t.length[i], stretch, 0.5 * k2 * each, (by_eps, kx * each, ky * each)
+    return weight(t, i, k), eps * t.length[i], stretch, 0.5 * k2 * each, (by_eps, kx * each, ky * each)
 
 
 @inner
@@ -90,12 +75,12 @@ def elastic_force(t: Tables, q: Array, force: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(_looks(t, i)):
-            weight, x, _, w, slope = _bend(t, i, k, q)
+        for k in range(looks(t, i)):
+            share, x, _, w, slope = _bend(t, i, k, q)
             k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * w))
             axial = _secant(law[0], law[1], law[2], x) * x * t.length[i]
             for r in range(3):
-                f = weight * (k_b * slope[r] + (axial if r == 0 else 0.0))
+                f = share * (k_b * slope[r] + (axial if r == 0 else 0.0))
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                     force[c] += f * t.shape_node[c, k]
 
@@ -110,10 +95,12 @@ def elastic_energy(t: Tables, q: Array) -> float:
             for d in range(first, t.offset[i + 1]):
                 energy += 0.5 * q[c] * t.stiffness[c, d - first] * q[d]
         law = t.law[i]
-        for k in range(_looks(t, i)):
-            weight, x, _, w, _ = _bend(t, i, k, q)
-            energy += weight * _law_energy(law[0], law[1], law[2], x)
-            energy += weight * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * w))
+        if law[0] == 0.0 and law[3] == 0.0:
+            continue
+        for k in range(looks(t, i)):
+            share, x, _, w, _ = _bend(t, i, k, q)
+            energy += share * _law_energy(law[0], law[1], law[2], x)
+            energy += share * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * w))
     return energy
 
 
@@ -148,11 +135,11 @@ def add_stiffness(t: Tables, q: Array, factor: float, K: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(_looks(t, i)):
-            weight = factor * (t.weights[k] if t.varying[i] else 1.0)
+        for k in range(looks(t, i)):
+            share = factor * weight(t, i, k)
             for r in range(3):
                 for e in range(3):
-                    second = weight * _law_second(t, i, k, q, r, e)
+                    second = share * _law_second(t, i, k, q, r, e)
                     for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                         for d in range(t.columns[i, e, 0], t.columns[i, e, 1]):
                             K[c, d - first] += second * t.shape_node[c, k] * t.shape_node[d, k]
@@ -166,13 +153,13 @@ def elastic_regressor(t: Tables, q: Array, Y: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(_looks(t, i)):
-            weight, x, _, w, slope = _bend(t, i, k, q)
+        for k in range(looks(t, i)):
+            share, x, _, w, slope = _bend(t, i, k, q)
             axial = _secant(0.0, 1.0, law[2], x) * x * t.length[i]
             feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * w))
             for r in range(3):
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
-                    f = weight * t.shape_node[c, k]
+                    f = share * t.shape_node[c, k]
                     if r == 0:
                         Y[c, 4 * i] += f * x * t.length[i]
                         Y[c, 4 * i + 1] += f * axial

@@ -11,7 +11,7 @@ from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
 from soro_core.model import chambers, dynamics, elasticity, internal
 from soro_core.model.linear import assign, clear
-from soro_core.model.method import external_force, inertia, inertial_force, kinematics, make_work, potential
+from soro_core.model.method import energy, external_force, inertia, inertial_force, kinematics, make_work
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Arm
 
@@ -86,10 +86,10 @@ def pose_and_jacobian(box: Box, site: Site, q: Array, R: Array, p: Array, J: Arr
 
 
 @entry
-def gravitational_energy(box: Box, q: Array) -> float:
-    """U_g [J], zero at the world's origin."""
+def mechanical_energy(box: Box, q: Array, qd: Array) -> tuple[float, float]:
+    """Kinetic energy and U_g [J], the latter zero at the world's origin."""
     arm = view(box)
-    return potential(arm.tables, arm.work, q)
+    return energy(arm.tables, arm.work, q, qd)
 
 
 @entry
@@ -131,9 +131,9 @@ def elastic_regressor(box: Box, q: Array, Y: Array) -> None:
 
 
 @entry
-def actuation(box: Box, q: Array, H: Array) -> None:
-    """H <- generalised force per pressure (n_q, n_u)."""
-    chambers.actuation(view(box).tables, q, H)
+def actuation(box: Box, q: Array, gradients: Array) -> None:
+    """gradients <- H', generalised force per pressure, a row each chamber (n_u, n_q)."""
+    chambers.actuation(view(box).tables, q, gradients)
 
 
 @entry

@@ -11,9 +11,9 @@ from soro_core._jit import inner
 from soro_core.model.articulated import complete_rigid, factor, inertia_to_parent, solve
 from soro_core.model.external import add_external_forces, add_external_tangents
 from soro_core.model.lie import compose, dot6, to_body, wrench_to_parent
-from soro_core.model.linear import assign, assign_matrix, clear_matrix
+from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
-from soro_core.model.sweep import DRIVEN, FREE, NO, REFERENCE, YES, sweep
+from soro_core.model.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -144,21 +144,37 @@ def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: fl
 
 
 @inner
-def potential(t: Tables, w: Work, q: Array) -> float:
-    """Gravitational energy -int rho p . gamma [J], zero at the world's origin, from the first moments."""
+def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
+    """Kinetic and gravitational energy [J], from each link as a body: int V' Mcal V / 2, -int rho p . gamma.
+
+    The latter is zero at the world's origin.
+    """
     rest = w.rows[0]
     sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
-    R, p = w.frames[1, :3], w.frames[1, 3]
+    R, p, V = w.frames[1, :3], w.frames[1, 3], w.vectors[0]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
-    energy = 0.0
+    clear(V)
+    kinetic, potential = 0.0, 0.0
     for i in range(t.length.shape[0]):
-        N = w.inertia[i]
+        N, F, M = w.inertia[i], w.coupling[i], w.mass[i]
+        first = t.offset[i]
+        m = t.offset[i + 1] - first
         for r in range(3):
             moment = N[3, 3] * p[r] + R[r, 0] * N[3, 0] + R[r, 1] * N[4, 0] + R[r, 2] * N[5, 0]
-            energy -= moment * t.gravity[r]
+            potential -= moment * t.gravity[r]
+        complete_rigid(N)
+        for r in range(6):
+            kinetic += 0.5 * V[r] * dot6(N[r], V)
+        for j in range(m):
+            momentum = dot6(F[j], V) + 0.5 * M[j, j] * qd[first + j]
+            for e in range(j):
+                momentum += M[j, e] * qd[first + e]
+            kinetic += momentum * qd[first + j]
+        move(m, w.end[i], qd, first, V, V)
+        to_body(w.rotation[i], w.position[i], V)
         compose(R, p, w.rotation[i], w.position[i])
-    return energy
+    return kinetic, potential
 
 
 @inner

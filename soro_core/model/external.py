@@ -99,10 +99,30 @@ def _place(R: Array, p: Array, c: Array, V: Array, x: Array, u: Array) -> None:
 
 
 @inner
-def _touching(ps: Array, radius: float, R: Array, n: Array, c: Array) -> None:
-    """c <- the point of the round section that touches: at ps (in b), against the normal n (in the world)."""
-    for r in range(3):
-        c[r] = ps[r] - radius * (R[0, r] * n[0] + R[1, r] * n[1] + R[2, r] * n[2])
+def _touch(
+    obstacle: Array,
+    radius: float,
+    R: Array,
+    p: Array,
+    ps: Array,
+    V: Array,
+    x: Array,
+    u: Array,
+    n: Array,
+    c: Array,
+) -> float:
+    """Depth in an obstacle of the round section at ps (in b).
+
+    Where it is above 0, n <- the normal (in the world), c <- the point of the section that touches (in b),
+    x, u <- its position and velocity (in the world).
+    """
+    _place(R, p, ps, V, x, u)
+    depth = radius - gap(obstacle, x, n)
+    if depth > 0.0:
+        for r in range(3):
+            c[r] = ps[r] - radius * (R[0, r] * n[0] + R[1, r] * n[1] + R[2, r] * n[2])
+        _place(R, p, c, V, x, u)
+    return depth
 
 
 @inner
@@ -143,11 +163,8 @@ def _add_force(
     clear(total)
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            _place(R, p, ps, V, x, u)
-            depth = t.radius[i] - gap(e.obstacles[o], x, n)
+            depth = _touch(e.obstacles[o], t.radius[i], R, p, ps, V, x, u, n, c)
             if depth > 0.0:
-                _touching(ps, t.radius[i], R, n, c)
-                _place(R, p, c, V, x, u)
                 clear(F)
                 add_force(e.obstacles[o], depth, n, u, F)
                 _to_wrench(R, c, F, f)
@@ -197,11 +214,8 @@ def _add_tangent(
     x, u, n, c = w.points[0], w.points[1], w.points[2], w.points[3]
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            _place(R, p, ps, V, x, u)
-            depth = t.radius[i] - gap(e.obstacles[o], x, n)
+            depth = _touch(e.obstacles[o], t.radius[i], R, p, ps, V, x, u, n, c)
             if depth > 0.0:
-                _touching(ps, t.radius[i], R, n, c)
-                _place(R, p, c, V, x, u)
                 clear_matrix(K)
                 add_tangent(e.obstacles[o], depth, n, u, by_q, by_v, secant, K)
                 _add_body(t, w, i, R, c, K, B1)

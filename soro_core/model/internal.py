@@ -27,6 +27,15 @@ def add_internal_force(t: Tables, z: Array, force: Array) -> None:
 
 
 @inner
+def internal_energy(t: Tables, z: Array) -> float:
+    """Energy stored in the internal states [J]; what they do besides only dissipates."""
+    energy = 0.0
+    for j in range(z.shape[0]):
+        energy += 0.5 * t.internal_stiffness[j] * z[j] * z[j]
+    return energy
+
+
+@inner
 def internal_rate(t: Tables, qd: Array, z: Array, rate: Array) -> None:
     """rate <- dz/dt."""
     for j in range(z.shape[0]):

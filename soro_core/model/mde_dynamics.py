@@ -117,6 +117,18 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: 
 
 
 @inner
+def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
+    """Kinetic and gravitational energy [J]."""
+    M = w.matrix[0]
+    inertia(t, w, t.mass, t.tip_mass, q, M)
+    kinetic = 0.0
+    for b in range(q.shape[0]):
+        for d in range(q.shape[0]):
+            kinetic += 0.5 * qd[b] * M[b, d] * qd[d]
+    return kinetic, potential(t, w, q)
+
+
+@inner
 def potential(t: Tables, w: Work, q: Array) -> float:
     """Gravitational energy [J], integrated with the same steps as the frame."""
     R, p = np.empty((3, 3)), np.empty(3)

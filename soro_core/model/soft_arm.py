@@ -8,10 +8,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.model import dynamics, entries
 from soro_core.model.build import build_tables, find_site
-from soro_core.model.checks import REASONS, finite, flat_wrench, refuse_unsupported, shaped
+from soro_core.model.checks import fault, finite, flat_wrench, number, refuse_unsupported, shaped
 from soro_core.model.surroundings import ExternalForces
 from soro_core.robot import Robot
 from soro_core.robot.description import END_TOLERANCE
@@ -42,16 +42,16 @@ class SoftArm:
         Closed forms and Magnus steps with Gauss-Radau quadrature, or the matrix differential equation of the
         literature with an explicit second-order Runge-Kutta rule (theory.md section 4).
     nodes : int, optional
-        Quadrature nodes a link of `exact`, and Magnus steps where its strain varies; at least 2, None:
-        `default_nodes`.
+        Quadrature nodes a link, and Magnus steps where its strain varies; of `exact` only, at least 2,
+        default `default_nodes`.
     steps : int, optional
-        Steps a link of `mde`; default 20.
+        Steps a link; of `mde` only, default 20.
 
     Raises
     ------
     ModelError
-        If method, nodes or steps are not allowed; and by the methods for a wrong shape, a value that is not
-        finite, or an elongation of -1 or less.
+        If an argument is not allowed; and by the methods for a wrong shape, a value that is not finite, or an
+        elongation of -1 or less.
     """
 
     def __init__(
@@ -61,16 +61,11 @@ class SoftArm:
         nodes: int | None = None,
         steps: int | None = None,
     ) -> None:
-        if method not in ("exact", "mde"):
-            raise ModelError(f"method {method!r}: allowed are exact, mde")
-        for name, value, least in (("nodes", nodes, 2), ("steps", steps, 1)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
-                raise ModelError(f"{name} {value!r}: allowed is a whole number of {least} or more")
-        refuse_unsupported(robot, method)
+        refuse_unsupported(robot, method, nodes, steps)
         self.robot = robot
         self.method = method
-        self.nodes = nodes if nodes is not None else default_nodes(robot)
-        self.steps = steps if steps is not None else DEFAULT_STEPS
+        self.nodes = default_nodes(robot) if nodes is None else int(nodes)
+        self.steps = DEFAULT_STEPS if steps is None else int(steps)
         self.tables = build_tables(robot, method, self.nodes, self.steps)
         self._box = entries.make_box(self.tables)
         self._site = lru_cache(maxsize=64)(lambda s: find_site(self.robot, self.tables, s))
@@ -139,12 +134,10 @@ class SoftArm:
 
     def actuation_matrix(self, q: ArrayLike | None = None) -> Array:
         """H (n_q, n_u), generalised force per Pa, default at q = 0; constant without area_slope."""
-        if q is None:
-            return self.tables.actuation.copy()
-        q, _ = self._state(q)
-        H = np.empty((self.n_q, self.n_u))
-        entries.actuation(self._box, q, H)
-        return H
+        q, _ = self._state(self._no_velocity if q is None else q)
+        gradients = np.empty((self.n_u, self.n_q))
+        entries.actuation(self._box, q, gradients)
+        return np.ascontiguousarray(gradients.T)
 
     pressure_matrix = actuation_matrix
 
@@ -212,7 +205,7 @@ class SoftArm:
         if code != dynamics.GOOD:
             for values, name in ((p, "p"), (w, "wrench"), (z, "internal")):
                 finite(values, name)
-            raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
+            raise fault(code, q, qd)
         return qdd
 
     def external_forces(
@@ -230,8 +223,7 @@ class SoftArm:
     def energy(self, q: ArrayLike, qd: ArrayLike) -> tuple[float, float, float]:
         """Kinetic, gravitational (zero at the world's origin) and elastic energy [J]."""
         q, qd = self._state(q, qd)
-        kinetic = 0.5 * float(qd @ self.inertia_matrix(q) @ qd)
-        potential = entries.gravitational_energy(self._box, q)
+        kinetic, potential = entries.mechanical_energy(self._box, q, qd)
         return kinetic, potential, entries.elastic_energy(self._box, q)
 
     def mass_regressor(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
@@ -257,9 +249,9 @@ class SoftArm:
 
     def _kinematics(self, q: ArrayLike, s: float) -> tuple[Array, Array, Array]:
         q, _ = self._state(q)
-        place = float(s)
+        place = number(s)
         if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
-            raise ModelError(f"s = {s!r} m: allowed is 0 to {self.length!r} m")
+            raise ModelError(f"s = {short(s)} m: allowed is 0 to {self.length!r} m")
         R, p, J = np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
         entries.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
         return R, p, J
@@ -288,7 +280,7 @@ class SoftArm:
         qd = self._no_velocity if qd is None else self._shaped(qd, self.n_q, "qd")
         code = entries.check(self._box, q, qd)
         if code != dynamics.GOOD:
-            raise ModelError(f"{REASONS[code]} (q = {q}, qd = {qd})")
+            raise fault(code, q, qd)
         return q, qd
 
     def _vector(self, values: ArrayLike, n: int, name: str) -> Array:

@@ -9,13 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
 from soro_core.errors import ModelError
+from soro_core.model.checks import finite, listed, require, shaped
 from soro_core.model.soft_arm import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 
+# A stiff hold makes a narrow, bent valley, in which a search from afar stalls. It is then let in by and by.
+SHARES = tuple(np.geomspace(1e-6, 1.0, 13))
+
 
 def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = None) -> Array:
     """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
+
+    Where contact or a held tip lets the search fail, it follows the equilibrium while these forces grow from
+    a millionth of theirs to all.
 
     Parameters
     ----------
@@ -32,28 +39,43 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
     Raises
     ------
     ModelError
-        If no equilibrium is found from there.
+        If an argument is not allowed, or no equilibrium is found from there.
     """
-    p = np.asarray(pressure, float)
-    at_rest = np.zeros(arm.n_q)
+    require(arm, SoftArm, "arm", "a SoftArm")
+    name = arm.robot.name
+    p = finite(shaped(pressure, (arm.n_u,), "pressure", name), "pressure")
+    begin = np.zeros(arm.n_q)
+    if start is not None:
+        begin = finite(shaped(start, (arm.n_q,), "start", name), "start")
     outside = arm.robot.contacts is not None or arm.robot.tip_constraint is not None
+    q, trouble = _search(arm, p, 1.0 if outside else 0.0, begin)
+    if trouble and outside:
+        q = begin
+        for share in SHARES:
+            q, trouble = _search(arm, p, share, q)
+    if trouble:
+        cure = "start the search nearer to it (start), or lower the load"
+        raise ModelError(f"no equilibrium at pressures {listed(p)} Pa of {name}: {trouble}; {cure}")
+    return q
+
+
+def _search(arm: SoftArm, p: Array, share: float, begin: Array) -> tuple[Array, str]:
+    """Equilibrium with this share of the forces from outside, and what was in the way of it."""
 
     def unbalanced(q: Array) -> Array:
         force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p
-        return np.asarray(force - arm.external_forces(q).generalised if outside else force)
+        return np.asarray(force - share * arm.external_forces(q).generalised if share else force)
 
     # Forces on elongation and on curvature differ by orders of magnitude: weigh each by its stiffness.
     step = 1e-6
-    stiffness = np.array(
-        [(unbalanced(at_rest + e) - unbalanced(at_rest - e)) / (2 * step) for e in step * np.eye(arm.n_q)]
-    )
+    stiffness = np.array([(unbalanced(e) - unbalanced(-e)) / (2 * step) for e in step * np.eye(arm.n_q)])
     scale = np.maximum(np.abs(np.diag(stiffness)), 1e-12)
-    begin = at_rest if start is None else np.asarray(start, float)
     try:
         found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
     except ModelError as error:
-        raise ModelError(f"no equilibrium at pressures {p.tolist()} Pa: {error}") from None
-    if not np.isfinite(found.x).all() or not np.abs(found.fun).max() <= 1e-6:
-        reason = " ".join(str(found.message).split())
-        raise ModelError(f"no equilibrium at pressures {p.tolist()} Pa: {reason}")
-    return np.asarray(found.x, float)
+        return begin, str(error).split(" (q = ")[0]
+    q = np.asarray(found.x, float)
+    if not np.isfinite(q).all():
+        return begin, "the search left all bounds"
+    good = np.abs(found.fun).max() <= 1e-6
+    return q, "" if good else "the search stalled"

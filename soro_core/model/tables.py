@@ -84,14 +84,15 @@ class Tables(NamedTuple):
     """Linear stiffness (material), the block of each link: row of a coordinate, (n_q, width)."""
     damping: Array
     """Viscous damping, in the same form."""
+    looks: Integers
+    """At how many places the area of a chamber is taken along a link: 0 where it does not run, 1 where
+    strain or area is constant, else the nodes; (n, n_u)."""
     actuation: Array
-    """H at q = 0, (n_q, n_u)."""
-    runs_along: Booleans
-    """Which chamber runs along which link, (n, n_u)."""
+    """dV/dq of areas that do not depend on strain, at each look: (n_looks, n_q, n_u)."""
+    area_rate: Array
+    """Relative growth of the area per volume displaced there, at each look [1/m^3]: (n_looks, n, n_u)."""
     axial_gain: Array
     """Area times length of each chamber along each link, (n, n_u)."""
-    area_slope: Array
-    """Relative growth of the area per fibre strain, (n_u,)."""
     internal_kind: Integers
     """CREEP, DAHL, or AIR of a run with valves, which moves by other equations; (n_z,)."""
     internal_coordinate: Integers

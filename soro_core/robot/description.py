@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral, Real
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from soro_core.config import Floats, Strict, parse
+from soro_core.errors import ConfigError
 from soro_core.robot.link import Link
 from soro_core.robot.parts import check_split, fields, plain, scaled_link, split_link
 from soro_core.robot.surroundings import Contacts, PointMass, TipConstraint
@@ -144,13 +146,12 @@ class Robot(Strict):
 
         Raises
         ------
-        ValueError
-            If `k` is no whole number of 1 or more.
         ConfigError
-            If a link cannot be split.
+            If `k` is not a whole number of 1 or more, or a link cannot be split.
         """
-        if not isinstance(k, int) or k < 1:
-            raise ValueError(f"refine({k!r}): allowed is a whole number of 1 or more")
+        if not isinstance(k, Integral) or isinstance(k, bool) or k < 1:
+            raise ConfigError(self.name, "refine", k, "a whole number of 1 or more")
+        k = int(k)
         if k == 1:
             return self
         for i, link in enumerate(self.links):
@@ -169,5 +170,13 @@ class Robot(Strict):
             Factor on all losses: viscous damping, creep, hysteresis.
         gain : float
             Factor on the force of all chambers.
+
+        Raises
+        ------
+        ConfigError
+            If a factor is not a number, or makes a value that is not allowed.
         """
+        for key, factor in (("stiffness", stiffness), ("damping", damping), ("gain", gain)):
+            if not isinstance(factor, Real) or isinstance(factor, bool):
+                raise ConfigError(self.name, f"scaled: {key}", factor, "a number")
         return self.replace(links=[scaled_link(link, stiffness, damping, gain) for link in self.links])

@@ -6,7 +6,7 @@ varies. 0 (or `robot`) leaves the choice to the robot.
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -16,6 +16,11 @@ from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
 from soro_core.robot.parts import fields
 from soro_core.robot.strain import MAX_ORDER
+
+Integrator: TypeAlias = Literal[
+    "trapezoidal", "rk4", "midpoint_linear", "midpoint", "tr_bdf2", "tr_bdf2_linear", "dopri5"
+]
+"""Names of `soro_core.integrate.STEPPERS`, for whom their import is too much."""
 
 
 class Discretisation(Strict):

@@ -206,6 +206,19 @@ class Link(Strict):
                     raise ValueError(f"{key} with {n} values, one for each of {', '.join(names)}")
         return value
 
+    @field_validator("hysteresis")
+    @classmethod
+    def _uniform(cls, value: tuple[Hysteresis, ...], info: ValidationInfo) -> tuple[Hysteresis, ...]:
+        """Each piece of a link slips by its own strain: no element on a coefficient adds up to that."""
+        fields: Mapping[str, StrainField] = info.data.get("strains", {})
+        varying = {name for name, field in fields.items() if field.basis == "pod" or field.order}
+        of = [name for name, field in fields.items() for _ in range(field.size)]
+        for element in value:
+            for name, stiffness in zip(of, element.stiffness, strict=False):
+                if name in varying and stiffness > 0.0:
+                    raise ValueError(f"stiffness 0 for {name}: hysteresis acts on constant strain only")
+        return value
+
     @property
     def n_q(self) -> int:
         """Number of coordinates."""

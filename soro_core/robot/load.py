@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from soro_core.config import find_config, parse, read_yaml
+from soro_core.errors import ConfigError
 from soro_core.robot.description import Robot
 from soro_core.robot.mode_files import with_samples
 
@@ -43,7 +44,14 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     A complete reference case (the keys of a robot, together with q, qd and all recorded results) is taken
     as well; its results are left aside. Modes (basis pod) stand in `samples`, or in a `file` relative to the
     working directory.
+
+    Raises
+    ------
+    ConfigError
+        One line with key, what was found and what is allowed.
     """
+    if not isinstance(data, Mapping):
+        raise ConfigError(where, "", data, "a dictionary with the keys of a robot file")
     if data.keys() >= _CASE_KEYS:
         data = {key: value for key, value in data.items() if key not in _CASE_KEYS}
     return parse(with_samples(data, Path(), where), Robot, where=where)

@@ -105,7 +105,7 @@ def samples_fault(samples: Any, modes: int | None) -> str | None:
     """Say what is allowed where `samples` are not usable mode shapes, None where they are."""
     try:
         array = np.array(samples, dtype=np.float64)
-    except (TypeError, ValueError):  # rows of different lengths, or no numbers
+    except (TypeError, ValueError):  # rows of different lengths, or not numbers
         array = np.empty(0)
     if array.ndim != 2 or len(array) < MIN_SAMPLES or not 1 <= array.shape[1] <= len(array):
         return f"an array (n_samples, n_modes) of numbers, n_samples >= {MIN_SAMPLES} and >= n_modes >= 1"

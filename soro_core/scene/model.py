@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict
 from soro_core.robot import Discretisation
+from soro_core.robot.discretisation import Integrator
 
 WISHES = "error: 1%, budget_us: 200 or rate_hz: 500"
 
@@ -25,9 +27,14 @@ class Wish(Strict):
     def _readable(self) -> Wish:
         if sum(map(bool, (self.error, self.budget_us, self.rate_hz))) > 1:
             raise ValueError(f"one wish: {WISHES}")
-        if self.error:
-            _percent(self.error)
         return self
+
+    @field_validator("error")
+    @classmethod
+    def _per_cent(cls, value: str) -> str:
+        if value:
+            _percent(value)
+        return value
 
     @property
     def given(self) -> bool:
@@ -62,14 +69,18 @@ class Wish(Strict):
 class ModelSection(Discretisation, Wish):
     """How the arm is computed; `auto` takes what `soro trade` has found for a wish."""
 
-    integrator: str = Field("trapezoidal", description="time stepper of the twin")
+    integrator: Integrator = Field("trapezoidal", description="time stepper of the twin")
     dt_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the twin [s]")
     auto: bool = Field(False, description="take the model that soro trade has chosen for the wish")
 
     @model_validator(mode="before")
     @classmethod
     def _short(cls, value: Any) -> Any:
-        return {"auto": True, "error": "1%"} if value == "auto" else value
+        if isinstance(value, str) and value == "auto":
+            return {"auto": True, "error": "1%"}
+        if not isinstance(value, Mapping | ModelSection):
+            raise ValueError(f"auto, or a mapping of keys: {', '.join(cls.model_fields)}")
+        return value
 
     @model_validator(mode="after")
     def _auto_or_stated(self) -> ModelSection:
@@ -101,5 +112,5 @@ def _percent(text: str) -> float:
     except ValueError:
         value = 0.0
     if not text.strip().endswith("%") or not 0.0 < value <= 100.0:
-        raise ValueError("error: a percentage of the arm's length above 0, like 1%")
+        raise ValueError("a percentage of the arm's length above 0, like 1%")
     return value

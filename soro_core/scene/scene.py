@@ -53,12 +53,9 @@ class Scene(Strict):
     def _stated_once(self) -> Scene:
         shared = {"robot", "mode", "rate_hz", "seed", "limits", "pressures", "plant_link", "autostart"}
         shared |= {"duration_s", "paused", "priority", "model"}
-        if self.model is not None:
-            shared |= {"integrator", "step_s"}
         twice = sorted(shared & self.twin.model_fields_set)
         if twice:
-            where = "under model" if twice[0] in ("integrator", "step_s") else "at its top"
-            raise ValueError(f"no {twice[0]} under twin: the scene states it {where} and gives it to all")
+            raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
         for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
             ticks = self.rate_hz / sensor.rate_hz
             if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
@@ -83,17 +80,13 @@ class Scene(Strict):
         return self.model.discretisation
 
     def _plant(self) -> dict[str, Any]:
-        """What the model says of the twin: its own `refine`, where stated, keeps the plant finer."""
-        model = self.discretisation
+        """What the model says of the twin, which keeps what it states itself, like a finer plant."""
+        model, own = self.discretisation, self.twin.model_fields_set
         if self.model is None:
             return {}
-        own = "refine" in self.twin.model_fields_set
-        return {
-            "model": model.quadrature if own else model,
-            "refine": self.twin.refine if own else 1,
-            "integrator": self.model.integrator,
-            "step_s": self.model.dt_s,
-        }
+        values = {"refine": 1, "integrator": self.model.integrator, "step_s": self.model.dt_s}
+        values = {name: value for name, value in values.items() if name not in own}
+        return {"model": model if "refine" in values else model.quadrature, **values}
 
     def twin_node(self, plant_link: str = "") -> TwinConfig:
         """Parameters of the twin node, with the socket of the emulated valves."""

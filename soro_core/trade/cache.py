@@ -18,13 +18,24 @@ from soro_core.trade.sources import sources
 
 
 class Cache:
-    """A folder of small JSON files; one that cannot be used is silently none."""
+    """A folder of small JSON files; one that cannot be used is silently none.
 
-    def __init__(self, folder: Path | None = None) -> None:
+    Parameters
+    ----------
+    folder : Path, optional
+        Default that of the user.
+    fresh : bool
+        Find nothing, so that everything is measured again, and put it as always.
+    """
+
+    def __init__(self, folder: Path | None = None, fresh: bool = False) -> None:
         self.folder = user_folder() if folder is None else folder
+        self.fresh = fresh
 
     def get(self, key: str) -> dict[str, Any] | None:
         """Return what was put under that key, or nothing."""
+        if self.fresh:
+            return None
         try:
             found = json.loads((self.folder / f"{key}.json").read_text())
         except (OSError, ValueError):
@@ -50,20 +61,19 @@ def user_folder() -> Path:
 
 
 def case_key(case: Case) -> str:
-    """Hash of a robot and a run."""
+    """Hash of a robot and a run; how long a tick is matters for its times alone."""
     arrays = b"".join(np.ascontiguousarray(a).tobytes() for a in (case.knots_s, case.pressure_pa))
     return _digest(
         robot=case.robot.model_dump(mode="json"),
         start=case.start and dict(case.start),
         pressures=hashlib.sha256(arrays).hexdigest(),
         t_end=case.t_end,
-        tick_s=case.tick_s,
     )
 
 
-def reference_key(case: str, tolerance: float) -> str:
-    """Key of a converged run."""
-    return "reference-" + _digest(case=case, tolerance=tolerance)
+def reference_key(case: str) -> str:
+    """Key of a converged run, the finest one so far."""
+    return "reference-" + _digest(case=case)
 
 
 def error_key(case: str, reference: str, candidate: Candidate) -> str:
@@ -71,10 +81,15 @@ def error_key(case: str, reference: str, candidate: Candidate) -> str:
     return "error-" + _digest(case=case, reference=reference, candidate=candidate.section)
 
 
-def cost_key(case: str, candidate: Candidate, repeats: int) -> str:
-    """Key of the cost of a candidate on this machine."""
-    machine = (platform.node(), platform.processor())
-    return "cost-" + _digest(case=case, machine=machine, candidate=candidate.section, repeats=repeats)
+def cost_key(case: Case, candidate: Candidate, repeats: int) -> str:
+    """Key of the cost of a candidate on this machine, in ticks of the case."""
+    return "cost-" + _digest(
+        case=case_key(case),
+        tick=(case.tick_s, case.paced),
+        machine=(platform.node(), platform.processor(), os.environ.get("NUMBA_DISABLE_JIT", "")),
+        candidate=candidate.section,
+        repeats=repeats,
+    )
 
 
 def loop_key(scene: Scene, **more: Any) -> str:

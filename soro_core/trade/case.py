@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -14,7 +15,8 @@ from soro_core.errors import ModelError
 from soro_core.identification import ForcedRun, read_forced
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium
-from soro_core.robot import Robot, load_robot
+from soro_core.robot import Robot, load_robot, strain_rows
+from soro_core.robot.coordinates import strain_fields
 from soro_core.scene import Scene
 from soro_core.trade.closed_loop import drive
 
@@ -42,6 +44,8 @@ class Case:
         [s]
     tick_s : float
         Period whose longest computation is reported [s].
+    paced : bool
+        Whether it is computed tick by tick: no step is longer than a tick, and equal steps fill it.
     start : mapping of strain to value, or None
         Uniform initial strain of all links, at rest; None: equilibrium under the first pressures.
     scene : Scene or None
@@ -56,9 +60,23 @@ class Case:
     pressure_pa: Array
     t_end: float
     tick_s: float = TICK_S
+    paced: bool = False
     start: Mapping[str, float] | None = None
     scene: Scene | None = None
     measured: ForcedRun | None = field(default=None, repr=False)
+
+    @property
+    def longest_step_s(self) -> float:
+        """Longest step that fits into a tick, of the wish and of the scene [s]; infinite without pace."""
+        if not self.paced:
+            return math.inf
+        return self.tick_s if self.scene is None else min(self.tick_s, 1.0 / self.scene.rate_hz)
+
+    def step_s(self, dt_s: float) -> float:
+        """Step that is made where `dt_s` is the longest one: so many equal ones fill a tick [s]."""
+        if not self.paced:
+            return dt_s
+        return self.tick_s / max(1, math.ceil(self.tick_s / dt_s - 1e-9))
 
     def pressures(self, times: Array) -> Array:
         """Pressures [Pa] at the start, the middle and the end of every step, (n_t, 3, n_u)."""
@@ -79,12 +97,10 @@ class Case:
         """
         if self.start is None:
             return equilibrium(arm, self.pressure_pa[0])
-        values = []
-        for link in arm.robot.links:
-            for name, strain in link.strains.items():
-                # The first shape function is 1 in every polynomial basis.
-                values += [self.start.get(name, 0.0)] + [0.0] * (strain.size - 1)
-        return np.array(values)
+        # Of modes the least-squares projection: a uniform strain is no first mode.
+        uniform = strain_fields(arm.robot).uniform
+        names = [name for link in arm.robot.links for name in strain_rows(link)]
+        return uniform * [self.start.get(name, 0.0) for name in names]
 
 
 def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
@@ -100,7 +116,9 @@ def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
         if not start:
             raise ModelError(f"{robot.name} has neither chambers nor bending: nothing would move it")
         none = np.zeros((1, 0))
-        text = f"uniform bend of {FREE_BEND_RAD:g} rad in all, let go; {seconds:g} s"
+        modes = any(strain.basis == "pod" for link in robot.links for strain in link.strains.values())
+        near = ", as near as its modes come," if modes else " in all,"
+        text = f"uniform bend of {FREE_BEND_RAD:g} rad{near} let go; {seconds:g} s"
         return Case(robot, text, np.zeros(1), none, seconds, start=start)
     low, high = robot.pressure_range_pa
     half = 0.5 * (max(low, 0.0) + high)
@@ -139,7 +157,15 @@ def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
     plain = scene.model_copy(update={"model": None})
     if not robot.n_u:
         case = bare_case(robot, seconds)
-        return Case(**{**vars(case), "scene": plain, "tick_s": 1.0 / scene.rate_hz, "measured": measured})
+        return Case(
+            **{
+                **vars(case),
+                "scene": plain,
+                "tick_s": 1.0 / scene.rate_hz,
+                "paced": True,
+                "measured": measured,
+            }
+        )
     record = drive(plain, plain.discretisation, seconds=seconds)
     every = max(1, round(SAMPLE_S * scene.rate_hz))
     text = (
@@ -153,6 +179,7 @@ def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
         record.pressure_pa[::every],
         seconds,
         tick_s=1.0 / scene.rate_hz,
+        paced=True,
         scene=plain,
         measured=measured,
     )

@@ -13,7 +13,6 @@ from soro_core.integrate import make_stepper, simulate
 from soro_core.model.discretised import discretised
 from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
-from soro_core.trade.trace import time_grid
 
 # One tick is short: the least of so many equal ones is what it takes without interruptions.
 _TICK_REPEATS = 3
@@ -28,11 +27,13 @@ class Cost:
     Attributes
     ----------
     cpu_s_per_s : float
-        Of a simulated second in the compiled loop: median of the repeats.
+        Of a simulated second in the compiled loop, in the steps that fill a tick where the case is paced:
+        median of the repeats.
     spread : float
         Slowest repeat over the fastest.
     worst_tick_us, typical_tick_us : float
-        Longest and median computation of a tick, called from Python step by step [us].
+        Longest and median computation of a tick, called from Python step by step [us]; of one step where
+        that is longer.
     startup_s : float
         From the robot to the end of the first step, kernels compiled and loaded [s].
     repeats : int
@@ -60,7 +61,9 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
     stepper = make_stepper(candidate.integrator, arm)
     stepper.step(stepper.initial_state(), np.zeros(arm.n_u), candidate.dt_s)
     startup = time.process_time() - begun
-    start, times = case.initial(arm), time_grid(case, candidate.dt_s)
+    dt_s = case.step_s(candidate.dt_s)
+    start = case.initial(arm)
+    times = dt_s * np.arange(max(1, round(case.t_end / dt_s)) + 1, dtype=np.float64)
     table = case.pressures(times)
     seconds: list[float] = []
     for _ in range(repeats):
@@ -69,7 +72,7 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
             arm,
             start,
             t_end=times[-1],
-            dt=candidate.dt_s,
+            dt=dt_s,
             integrator=candidate.integrator,
             pressure=table,
         )
@@ -99,7 +102,7 @@ def _ticks(case: Case, candidate: Candidate, start: np.ndarray) -> tuple[float, 
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
     steps = max(1, math.ceil(case.tick_s / candidate.dt_s - 1e-9))
-    h = candidate.dt_s if steps == 1 else case.tick_s / steps
+    h = case.tick_s / steps if case.paced or steps > 1 else candidate.dt_s
     ticks = max(1, int(min(_TICK_SECONDS, case.t_end) / (steps * h)))
     times = np.arange(ticks * steps + 1, dtype=np.float64) * h
     middle = case.pressures(times)[:, 1]

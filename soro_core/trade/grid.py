@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product, zip_longest
 
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot
 from soro_core.trade.candidate import Candidate, describe
+from soro_core.trade.case import SAMPLE_S
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,21 @@ PRESETS = {
         8,
     ),
 }
+
+
+def within(grid: Grid, longest_s: float) -> Grid:
+    """The grid with the longest step [s] in place of those above it: a twin steps no longer than its tick."""
+    dt_s = [dt for dt in grid.dt_s if dt <= longest_s * (1.0 + 1e-9)]
+    if len(dt_s) == len(grid.dt_s):
+        return grid
+    parts = SAMPLE_S / longest_s
+    if abs(parts - round(parts)) < 1e-9 and not (dt_s and math.isclose(dt_s[0], longest_s)):
+        dt_s.insert(0, longest_s)
+    dt_s = dt_s or [grid.dt_s[-1]]
+    coarse_dt_s = [dt for dt in grid.coarse_dt_s if dt in dt_s]
+    if len(coarse_dt_s) < len(grid.coarse_dt_s):
+        coarse_dt_s = list(dict.fromkeys((dt_s[0], *coarse_dt_s)))
+    return replace(grid, dt_s=tuple(dt_s), coarse_dt_s=tuple(coarse_dt_s))
 
 
 def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, str]]:

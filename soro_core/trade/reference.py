@@ -36,17 +36,25 @@ class Reference:
     trace : Trace
     own : Errors
         Estimate of its own errors: from the last two refinements in space, and in time.
-    converged : bool
-        Whether the own error of the tip is as small as was asked for.
+    asked : float
+        Own error of the tip that was asked for, % of the length.
     note : str
         What stood in the way of refining further; empty if nothing.
+    unknown : str
+        Why the error of its shape functions is not known, and not part of `own`; empty if it is.
     """
 
     candidate: Candidate
     trace: Trace
     own: Errors
-    converged: bool
+    asked: float
     note: str
+    unknown: str = ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the own error of the tip, as far as known, is as small as was asked for."""
+        return self.own.tip <= self.asked
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for a cache."""
@@ -61,14 +69,16 @@ class Reference:
         candidate = {**candidate, "model": Discretisation.model_validate(candidate["model"])}
         run = {**run, "places": np.array(run["places"]), "energy": np.array(run["energy"])}
         own = Errors(**data["own"])
-        return cls(Candidate(**candidate), Trace(**run), own, data["converged"], data["note"])
+        parts = {"candidate": Candidate(**candidate), "trace": Trace(**run), "own": own}
+        return cls(**{**data, **parts})
 
 
-def spaces(robot: Robot) -> tuple[list[Discretisation], str]:
-    """Discretisations from coarse to fine that tend to the continuum, and what kept from better ones.
+def spaces(robot: Robot) -> tuple[list[Discretisation], str, str]:
+    """Discretisations from coarse to fine, what kept from better ones, and why none tends to the continuum.
 
     Quadratic Legendre polynomials on 1, 2, 4, ... pieces; constant strain on pieces where a link cannot be
-    expanded; more quadrature nodes alone where it cannot be split either.
+    expanded; more quadrature nodes alone where it cannot be split either, which says nothing of the error of
+    the shape functions.
     """
     polynomial = [Discretisation(basis="legendre", order=2, links=k) for k in (1, 2, 4, 8)]
     constant = [Discretisation(links=k) for k in (2, 4, 8, 16, 32)]
@@ -79,8 +89,10 @@ def spaces(robot: Robot) -> tuple[list[Discretisation], str]:
         except ConfigError as error:
             note = str(error)
         else:
-            return levels, note
-    return [Discretisation(nodes=n) for n in (8, 16, 32)], note
+            return levels, note, ""
+    modes = any(strain.basis == "pod" for link in robot.links for strain in link.strains.values())
+    unknown = f"{'POD basis' if modes else 'basis of the robot file'} is not refined"
+    return [Discretisation(nodes=n) for n in (8, 16, 32)], note, unknown
 
 
 def converge(
@@ -112,7 +124,7 @@ def converge(
     def enough() -> bool:
         return stop() or time.process_time() > deadline
 
-    levels, note = spaces(case.robot)
+    levels, note, unknown = spaces(case.robot)
     found: list[tuple[Candidate, Trace, Errors]] = []
     best: Reference | None = None
     dt_s = _FIRST_DT_S
@@ -131,7 +143,7 @@ def converge(
         for (_, before, _), (_, after, _) in pairwise(found[-2:]):
             moved = errors(before, after, case.robot.length)
             total = _sum(moved, own)
-            best = Reference(candidate, run, total, total.tip <= tolerance, note)
+            best = Reference(candidate, run, total, tolerance, note, unknown)
         if best is not None and best.converged:
             return best
         if enough():

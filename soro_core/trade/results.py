@@ -87,6 +87,16 @@ class Study:
         return min(good, key=lambda r: (r.cpu, r.tip) if by_cost else (r.tip, r.cpu), default=None)
 
     @property
+    def block(self) -> str:
+        """The chosen model as YAML to paste into the scene, saying what its twin keeps; "" if none."""
+        if self.choice is None:
+            return ""
+        twin = frozenset() if self.case.scene is None else self.case.scene.twin.model_fields_set
+        kept = [f"twin.{name}" for name in ("refine", "integrator", "step_s") if name in twin]
+        note = f"# The twin keeps what the scene states: {', '.join(kept)}.\n" if kept else ""
+        return note + self.choice.candidate.block
+
+    @property
     def nearest(self) -> Row | None:
         """Row that comes nearest to the wish."""
         done = [row for row in self.rows if row.complete]
@@ -94,7 +104,7 @@ class Study:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything in plain values, for JSON."""
-        chosen, front = self.choice, self.front
+        chosen, front, unknown = self.choice, self.front, self.reference.unknown
         return {
             "robot": self.case.robot.name,
             "excitation": self.case.text,
@@ -106,6 +116,7 @@ class Study:
             "reference": {
                 "model": self.reference.candidate.section,
                 "own_error_percent": asdict(self.reference.own),
+                "own_error_of_space": f"unknown: {unknown}" if unknown else "part of own_error_percent",
                 "converged": self.reference.converged,
                 "first_frequency_hz": self.reference.trace.frequency_hz,
                 "note": self.reference.note,

@@ -17,7 +17,7 @@ from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
 from soro_core.trade.cost import Cost, measure, warm
 from soro_core.trade.front import near_front, pareto
-from soro_core.trade.grid import Grid, around, coarse, size, spaces
+from soro_core.trade.grid import Grid, around, coarse, size, spaces, within
 from soro_core.trade.late import LoopError, closed_loop, loop_seconds, measured_error
 from soro_core.trade.reference import Reference, converge
 from soro_core.trade.results import Row, Study
@@ -85,7 +85,8 @@ class _Run:
         progress: Progress,
         stop: Callable[[], bool],
     ) -> None:
-        self.case, self.grid, self.wish, self.workers = case, grid, wish, workers
+        self.case, self.wish, self.workers = case, wish, workers
+        self.grid = within(grid, case.longest_step_s)
         self.cache, self.repeats, self.progress, self.stop = cache, repeats, progress, stop
         self.key = keys.case_key(case)
         self.rows: dict[Candidate, Row] = {}
@@ -112,16 +113,20 @@ class _Run:
         return Study(self.case, self.wish, self.reference, rows, combinations, refused, stopped=self.stop())
 
     def _reference(self, tolerance: float) -> Reference:
-        key = keys.reference_key(self.key, tolerance)
-        known = self._cached(key)
-        if known is not None:
-            return Reference.from_dict(known)
+        key = keys.reference_key(self.key)
+        stored = self._cached(key)
+        known = None if stored is None else Reference.from_dict(stored)
+        # Also where it was asked for more already and came no further.
+        if known is not None and min(known.own.tip, known.asked) <= tolerance:
+            return replace(known, asked=tolerance)
         try:
             found = converge(self.case, tolerance, lambda text: self.progress(text, 0, 0), self.stop)
         except ModelError:
             if self.stop():
                 raise Stopped from None
             raise
+        if known is not None and known.own.tip <= found.own.tip:
+            found = replace(known, asked=tolerance)
         if not self.stop():
             self._keep(key, found.as_dict())
         return found
@@ -164,7 +169,7 @@ class _Run:
             if self.stop():
                 return
             self.progress(f"times, {text}", done, len(missing))
-            key = keys.cost_key(self.key, row.candidate, self.repeats)
+            key = keys.cost_key(self.case, row.candidate, self.repeats)
             known = self._cached(key)
             cost = Cost(**known) if known else measure(self.case, row.candidate, self.repeats)
             if known is None:

@@ -29,7 +29,7 @@ class Trace:
     places : (n_t, n_stations, 3)
         Positions along the backbone [m]; the last is the tip.
     energy : (n_t,)
-        Kinetic, gravitational and elastic energy together [J].
+        Kinetic, gravitational and elastic energy together, with that of contact and of a held tip [J].
     frequency_hz : float
         Of small undamped vibrations about the rest under the first pressures; 0 where there is none.
     """
@@ -79,8 +79,10 @@ def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
         raise ModelError(result.status.message)
     q, qd = result.q[::every], result.qd[::every]
     places = np.array([[arm.pose(row, part * arm.length)[:3, 3] for part in STATIONS] for row in q])
-    energy = np.array([sum(arm.energy(row, rate)) for row, rate in zip(q, qd, strict=True)])
-    return Trace(places, energy, first_frequency_hz(arm, start if case.start is None else rest(arm)))
+    energy = np.array([total_energy(arm, row, rate) for row, rate in zip(q, qd, strict=True)])
+    if case.start is None:
+        return Trace(places, energy, first_frequency_hz(arm, start, case.pressure_pa[0]))
+    return Trace(places, energy, first_frequency_hz(arm, rest(arm)))
 
 
 def time_grid(case: Case, dt_s: float) -> Array:
@@ -114,16 +116,34 @@ def rest(arm: SoftArm) -> Array:
         return np.zeros(arm.n_q)
 
 
-def first_frequency_hz(arm: SoftArm, q: Array) -> float:
-    """First natural frequency about a rest `q` [Hz], creep relaxed; 0 where the rest is not stable."""
-    # Of gravity by central differences; steps of unit strain over 1e-5 leave 1e-10 of it.
+def total_energy(arm: SoftArm, q: Array, qd: Array) -> float:
+    """Kinetic, gravitational and elastic energy, and what contact and the held tip store [J]."""
+    energy = sum(arm.energy(q, qd))
+    return energy + arm.external_forces(q, qd).energy if _touched(arm) else energy
+
+
+def first_frequency_hz(arm: SoftArm, q: Array, pressure_pa: Array | None = None) -> float:
+    """First natural frequency about a rest `q` [Hz], creep relaxed; 0 where the rest is not stable.
+
+    Contact is taken as it is there: what does not touch does not count. Damping is left out.
+    """
+    p = np.zeros(arm.n_u) if pressure_pa is None else pressure_pa
+
+    def load(at: Array) -> Array:
+        force = arm.gravity_force(at) - arm.actuation_matrix(at) @ p
+        return force - arm.external_forces(at).generalised if _touched(arm) else force
+
+    # By central differences; steps of unit strain over 1e-5 leave 1e-10 of it.
     step = 1e-5
-    gravity = np.array(
-        [(arm.gravity_force(q + e) - arm.gravity_force(q - e)) / (2 * step) for e in step * np.eye(arm.n_q)]
-    )
-    stiffness = arm.stiffness_matrix(q) + 0.5 * (gravity + gravity.T)
+    rows = np.array([(load(q + e) - load(q - e)) / (2 * step) for e in step * np.eye(arm.n_q)])
+    stiffness = arm.stiffness_matrix(q) + 0.5 * (rows + rows.T)
     slowest = float(eigh(stiffness, arm.inertia_matrix(q), eigvals_only=True, subset_by_index=(0, 0))[0])
     return float(np.sqrt(slowest) / (2 * np.pi)) if slowest > 0.0 else 0.0
+
+
+def _touched(arm: SoftArm) -> bool:
+    """Whether something outside can store energy."""
+    return arm.robot.contacts is not None or arm.robot.tip_constraint is not None
 
 
 def _rms(values: Array) -> float:

@@ -9,6 +9,7 @@ from pydantic import Field
 from soro_core.config import Strict
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation
+from soro_core.robot.discretisation import Integrator
 from soro_core.safety import Limits
 
 
@@ -59,7 +60,7 @@ class TwinConfig(Strict):
         description="real_time: priority (SCHED_FIFO) where the system permits it; 0 for none",
     )
     step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
-    integrator: str = Field("trapezoidal", description="time stepper of the arm")
+    integrator: Integrator = Field("trapezoidal", description="time stepper of the arm")
     model: Discretisation = Field(Discretisation(), description="how the refined robot is computed")
     refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
     payload_kg: float = Field(0.0, ge=0, le=5, description="mass at the tip beyond the robot's own")

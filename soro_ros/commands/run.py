@@ -17,8 +17,8 @@ from soro_core.config import find_config
 from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError, SoroError
 from soro_core.hardware import load_platform
-from soro_core.robot import load_robot
-from soro_core.scene import Scene, load_scene
+from soro_core.robot import Robot, load_robot
+from soro_core.scene import Scene, check_model, load_scene
 from soro_ros import signals
 
 # A lockstep run whose clock does not move any more.
@@ -44,11 +44,12 @@ def run(
     console = Console(stderr=True)
     with signals.noted() as interrupted:
         loaded = load_scene(scene, _changes(change or []))
-        _check_files(loaded)
+        robot = _check_files(loaded)
         if loaded.model is not None and loaded.model.auto:
             from soro_core.trade import with_chosen_model
 
             loaded = with_chosen_model(loaded, called=scene)
+        check_model(loaded, robot, str(find_config(scene, "scenes")))
         target = _new_folder(folder, loaded.name)
         shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
         used = yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False)
@@ -126,18 +127,19 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
                 return
 
 
-def _check_files(scene: Scene) -> None:
+def _check_files(scene: Scene) -> Robot:
     """Read what the scene names, so that a wrong file is told before anything starts."""
     robot = load_robot(find_config(scene.robot, "robots"))
     require_chambers(robot, f"scene {scene.name}")
     if not scene.platform:
-        return
+        return robot
     platform = load_platform(scene.platform).at_rate(scene.rate_hz)
     if set(platform.chamber_names) != set(robot.chamber_names):
         fed = ", ".join(platform.chamber_names)
         raise ConfigError(
             scene.platform, "valves", fed, f"the chambers of the robot: {', '.join(robot.chamber_names)}"
         )
+    return robot
 
 
 def _changes(given: list[str]) -> dict[str, Any]:

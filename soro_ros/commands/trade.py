@@ -22,16 +22,23 @@ WIDTH = 160
 def trade(
     scene: Annotated[str, typer.Argument(help="Scene or robot: a file, or the name of a shipped one.")],
     error: Annotated[
-        str, typer.Option(help="Wish: cheapest model within this tip error, % of the length, like 1%.")
+        str,
+        typer.Option(
+            help="Wish: cheapest model within this RMS error of the tip, % of the length, like 1%. The tip "
+            "alone: errors of shape, energy and frequency stand in the table."
+        ),
     ] = "",
     budget_us: Annotated[
-        float, typer.Option(help="Wish: most accurate model whose longest tick takes no more than this.")
+        float,
+        typer.Option(help="Wish: model of the least tip error whose longest tick takes at most so many us."),
     ] = 0.0,
     rate_hz: Annotated[
-        float, typer.Option(help="Wish: most accurate model whose longest tick fits into this rate.")
+        float, typer.Option(help="Wish: model of the least tip error whose longest tick fits into this rate.")
     ] = 0.0,
     preset: Annotated[str, typer.Option(help="How many combinations: quick, standard or full.")] = "standard",
-    seconds: Annotated[float, typer.Option(help="Simulated time; 0: 4 s of a scene, 1 s of a robot.")] = 0.0,
+    seconds: Annotated[
+        float, typer.Option(help="Simulated time, 0.1 to 600; 0: 4 s of a scene, 1 s of a robot.")
+    ] = 0.0,
     jobs: Annotated[
         int, typer.Option(min=1, help="Processes that compute errors; times are taken alone.")
     ] = 1,
@@ -39,8 +46,12 @@ def trade(
         str, typer.Option(metavar="ADDRESS", help="Compute errors on this Dask cluster (extra: dask).")
     ] = "",
     repeats: Annotated[int, typer.Option(min=1, help="Of each time; the median counts.")] = 3,
-    out: Annotated[Path | None, typer.Option(help="Folder of picture and JSON; default trade/NAME.")] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Measure again what is known already.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of picture, JSON and block; default trade/NAME.")
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Measure again what is known already, and keep it.")
+    ] = False,
 ) -> None:
     """Measure speed against accuracy for SCENE, and name the model that meets the wish.
 
@@ -70,7 +81,7 @@ def trade(
         case = _case(scene, loaded, wish, seconds)
         console.print(f"[dim]excitation: {case.text}[/dim]", soft_wrap=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        cache = Cache()
+        cache = Cache(fresh=fresh)
         with Progress(*columns, console=console) as bar:
             task = bar.add_task("reference", total=None)
 
@@ -83,7 +94,7 @@ def trade(
                     PRESETS[preset],
                     wish,
                     computing,
-                    None if fresh else cache,
+                    cache,
                     repeats,
                     show,
                     lambda: bool(interrupted),
@@ -100,12 +111,14 @@ def trade(
     Console(width=max(WIDTH, screen.width)).print(table(study))
     for line in notes(study):
         screen.print(line, soft_wrap=True, markup=False, highlight=False)
-    screen.print(f"written: {', '.join(map(str, [*written, folder / 'trade.json']))}", soft_wrap=True)
-    chosen = study.choice
+    chosen, block = study.choice, folder / "model.yaml"
+    block.unlink(missing_ok=True)  # never that of another wish
     if chosen is not None and not study.stopped:
         if loaded is not None:
             keep_choice(loaded, wish, chosen.candidate, cache)
-        (folder / "model.yaml").write_text(chosen.candidate.block)
+        block.write_text(study.block)
+        written.append(block)
+    screen.print(f"written: {', '.join(map(str, [*written, folder / 'trade.json']))}", soft_wrap=True)
     screen.print(verdict(study), soft_wrap=True, markup=False, highlight=False)
     if study.stopped:
         raise typer.Exit(130)
@@ -129,11 +142,18 @@ def _wish(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scen
 def _is_scene(name: str) -> bool:
     """Whether it is a scene, not a robot: robots have links."""
     from soro_core.config import config_folder, read_yaml
+    from soro_core.errors import ConfigError
 
     path = Path(name)
     if path.suffix:
         return "links" not in read_yaml(path)
-    return not (config_folder() / "robots" / f"{name}.yaml").is_file()
+    scenes, robots = (
+        sorted(file.stem for file in (config_folder() / kind).glob("*.yaml")) for kind in ("scenes", "robots")
+    )
+    if name not in (*scenes, *robots):
+        allowed = f"a path ending in .yaml, a scene ({', '.join(scenes)}) or a robot ({', '.join(robots)})"
+        raise ConfigError("soro trade", "SCENE", name, allowed)
+    return name in scenes
 
 
 def _case(name: str, scene: Scene | None, wish: Wish, seconds: float) -> Case:
@@ -143,6 +163,8 @@ def _case(name: str, scene: Scene | None, wish: Wish, seconds: float) -> Case:
     from soro_core.trade.case import bare_case, scene_case
 
     case = bare_case(load_robot(name), seconds or 1.0) if scene is None else scene_case(scene, seconds or 4.0)
+    if not wish.error:  # a wish of time is about ticks, so that no step may be longer than one
+        case = replace(case, paced=True)
     return replace(case, tick_s=1.0 / wish.rate_hz) if wish.rate_hz else case
 
 

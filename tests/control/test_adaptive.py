@@ -1,48 +1,22 @@
 """The law against its definition and its proof: consistency, Lyapunov function, convergence, projection."""
 
+import control_samples
 import numpy as np
 import pytest
+from control_samples import LINK, adaptation
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.config import parse
 from soro_core.control.adaptive import FeedbackGains, adapt, law
-from soro_core.control.config import ADAPTABLE, Adaptation
+from soro_core.control.config import ADAPTABLE
 from soro_core.control.parameters import ParameterSet
 from soro_core.control.trajectory import Circle, Point
 from soro_core.errors import ConfigError
 
-CHAMBERS = [{"angle_rad": k * 2 * np.pi / 3, "alpha_eps": 1.25e-6, "alpha_kappa": 1.0e-8} for k in range(3)]
-LINK = {
-    "length": 0.064,
-    "radius": 0.013,
-    "mass": 0.017,
-    "k_e": [1210.0, 942.0, 45.55],
-    "k_b": [0.0085, 0.0025, 3.0],
-    "damping": [0.01, 2e-7, 2e-7],
-    "chambers": CHAMBERS,
-}
-ROBOT = {"name": "test arm", "base_quaternion": [1.0, 0.0, 0.0, 0.0], "tip_mass": 0.004, "links": [LINK]}
-BOUNDS = {
-    "a1": (1e5, 100.0, 2e4),
-    "a2": (1e5, 0.0, 2e4),
-    "a4": (4e-3, 1e-3, 0.1),
-    "a5": (4e-3, 0.0, 0.1),
-    "damping_stretch": (1e-2, 0.0, 1.0),
-    "damping_curvature": (1e-9, 0.0, 1e-4),
-    "tip_mass": (0.1, 0.0, 0.2),
-    "link_mass": (0.1, 0.001, 0.2),
-    "chamber_gain": (1.0, 0.5, 2.0),
-}
+ROBOT = {**control_samples.ROBOT, "tip_mass": 0.004, "links": [LINK]}
 ARM = SoftArm(robot_from_dict(ROBOT))
 TWO_LINKS = SoftArm(robot_from_dict({**ROBOT, "links": [LINK, LINK]}))
-
-
-def adaptation(*names, **changes):
-    rows = [BOUNDS[name] for name in names]
-    values = {key: [row[i] for row in rows] for i, key in enumerate(("gain", "lower", "upper"))}
-    return parse({"parameters": list(names), **values, **changes}, Adaptation, "test")
 
 
 def gains(n=3, k_p=(0.2, 1e-4, 1e-4), k_d=(1e-2, 1e-6, 1e-6), rate=5.0):

@@ -1,4 +1,4 @@
-"""Bounded allocation: against scipy, its optimality conditions, and inputs that are no numbers."""
+"""Bounded allocation: against scipy, its optimality conditions, and inputs that are not numbers."""
 
 import itertools
 import time

@@ -1,5 +1,6 @@
 """The controller as a whole: commands are always finite and within bounds; references; nonsense."""
 
+import control_samples
 import numpy as np
 import pytest
 
@@ -10,18 +11,8 @@ from soro_core.control.kinematics import elongation_for_pressure, inverse_kinema
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import strain_fields
 
-CHAMBERS = [{"angle_rad": k * 2 * np.pi / 3, "alpha_eps": 1.25e-6, "alpha_kappa": 1.0e-8} for k in range(3)]
-LINK = {
-    "length": 0.064,
-    "radius": 0.013,
-    "mass": 0.017,
-    "k_e": [1210.0, 942.0, 45.55],
-    "k_b": [0.0085, 0.0025, 3.0],
-    "damping": [0.01, 2e-7, 2e-7],
-    "creep": [{"tau": [0.025], "stiffness": [0.0, 2e-5, 2e-5]}],
-    "chambers": CHAMBERS,
-}
-ROBOT = {"name": "test arm", "base_quaternion": [1.0, 0.0, 0.0, 0.0], "links": [LINK]}
+LINK = {**control_samples.LINK, "creep": [{"tau": [0.025], "stiffness": [0.0, 2e-5, 2e-5]}]}
+ROBOT = {**control_samples.ROBOT, "links": [LINK]}
 DT = 0.005
 
 

@@ -64,6 +64,25 @@ def energies(arm: SoftArm, result: Result, rows: int = 200) -> np.ndarray:
     )
 
 
+def stored(arm: SoftArm, result: Result, pressure: Any) -> np.ndarray:
+    """Energy of every row with that of creep, hysteresis, contact, held tip, and constant pressures' -p V."""
+    stiffness = arm.tables.internal_stiffness
+    return np.array(
+        [
+            sum(arm.energy(q, qd))
+            + 0.5 * stiffness @ z**2
+            + arm.external_forces(q).energy
+            - np.dot(pressure, arm.displaced_volume(q))
+            for q, qd, z in zip(result.q, result.qd, result.internal, strict=True)
+        ]
+    )
+
+
+def growth(energies: np.ndarray) -> float:
+    """Most that the energy grew from any row to any later one."""
+    return float((energies - np.minimum.accumulate(energies)).max())
+
+
 def scale(arm: SoftArm, result: Result) -> float:
     """Elastic energy and what gravity adds at the start: the energy that a run is about."""
     kinetic, gravity, elastic = arm.energy(result.q[0], result.qd[0])

@@ -66,5 +66,6 @@ def test_linear_steppers_evaluate_and_factor_once_a_stage(name, evaluations, fac
     assert (int(forces), int(factors)) == (evaluations, factorisations)
 
 
-def test_all_implicit_steppers_share_one_kernel_and_no_other_is_compiled():
-    assert python(COMPILED.format(folder=FOLDER)) == ["1", "0"]
+def test_implicit_steppers_share_one_kernel_with_the_guard_of_the_energy_and_one_without():
+    """And no other is compiled."""
+    assert python(COMPILED.format(folder=FOLDER)) == ["2", "0"]

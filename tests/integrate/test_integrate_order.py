@@ -6,8 +6,9 @@ from rods import IMPLICIT, LENGTH, bellows, bent, rod
 
 from soro_core import simulate
 from soro_core.errors import ModelError
-from soro_core.integrate import STEPPERS
-from soro_core.integrate.stepper import run_of, stepping
+from soro_core.integrate import STEPPERS, stepper
+from soro_core.integrate.scheme import Scheme
+from soro_core.integrate.stepper import DISSIPATIVE, run_of, stepping
 
 T_END = 0.2
 # Where each is in its asymptotic range: for rk4 and dopri5 before round-off, for dopri5 one step of its own
@@ -50,6 +51,24 @@ def test_order_on_a_bent_release(name, release, figure):
     )
     figure(f"order of {name}: {', '.join(f'{x:.2f}' for x in observed)} (theory {ORDER[name]})")
     assert observed == pytest.approx(ORDER[name], abs=0.1), errors
+
+
+@pytest.mark.parametrize("name", DISSIPATIVE)
+def test_order_where_energy_is_taken_out(name, monkeypatch, figure):
+    """Without losses the guard of the energy acts in many steps, from the first one, at rest, on."""
+    arm = rod(2, youngs_modulus=5e4, viscosity=0.0)
+    start = bent(arm, 0.02)
+    reference = end(simulate(arm, start, t_end=T_END, dt=T_END / 6400, integrator="rk4"))
+
+    def run(n):
+        return simulate(arm, start, t_end=T_END, dt=T_END / n, integrator=name)
+
+    observed, errors = orders(run, STEPS[name], reference)
+    figure(f"order of {name} without losses: {', '.join(f'{x:.2f}' for x in observed)} (theory 2)")
+    assert observed == pytest.approx(2, abs=0.1), errors
+    guarded = end(run(200))
+    monkeypatch.setitem(stepper._SCHEMES, name, Scheme(*stepper._SCHEMES[name]))
+    assert np.abs(guarded - end(run(200))).max() > 1e-6, "the guard did nothing"
 
 
 @pytest.mark.parametrize("name", [*IMPLICIT, "rk4"])

@@ -81,7 +81,7 @@ def test_pulled_to_its_point_it_loses_energy():
     assert result.status.ok, result.status
     rows = list(zip(result.q, result.qd, strict=True))
     energy = np.array([sum(arm.energy(q, v)) + arm.external_forces(q, v).energy for q, v in rows])
-    assert np.diff(energy).max() < 1e-6 * np.ptp(energy)
+    assert np.diff(energy).max() < 1e-12 * np.ptp(energy)
 
 
 def test_a_run_comes_to_rest_at_the_equilibrium():

@@ -237,7 +237,8 @@ def test_bounces_with_less_and_less_energy(integrator):
     ]
     assert len(peaks) >= 2
     assert (np.diff(np.concatenate([[0.03], peaks])) < 0).all()
-    assert np.diff(energy).max() < 2e-4 * np.ptp(energy)
+    # tr_bdf2 takes out what it would gain.
+    assert np.diff(energy).max() < (1e-12 if integrator == "tr_bdf2" else 2e-4) * np.ptp(energy)
 
 
 def test_a_bounce_without_losses_keeps_its_energy_the_better_the_smaller_the_step():
@@ -271,7 +272,7 @@ def test_falls_on_a_ball(n_links):
     forces = [arm.external_forces(q, v).force for q, v in rows]
     assert 0.1 < np.linalg.norm(forces, axis=2).max() < 20.0
     energy = energies(arm, result, 10)
-    assert np.diff(energy).max() < 1e-3 * np.ptp(energy)
+    assert np.diff(energy).max() < 1e-12 * np.ptp(energy)
 
 
 BAD = [

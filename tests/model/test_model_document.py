@@ -29,3 +29,12 @@ def test_every_picture_is_there():
     pictures = re.findall(r"\]\((images/[^)]+)\)", text)
     assert len(pictures) == 3
     assert all((ROOT / "docs" / picture).is_file() for picture in pictures)
+
+
+def test_the_examples_run(capsys):
+    text = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    examples = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert len(examples) == 1
+    for example in examples:
+        exec(compile(example, "docs/model.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("ok ")

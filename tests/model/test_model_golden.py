@@ -33,6 +33,23 @@ def test_agrees_with_reference_case(shared, number):
     np.testing.assert_allclose(arm.coriolis_matrix(q, qd) @ qd, got["coriolis_force"], rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.parametrize("number", range(25))
+def test_default_nodes_are_as_good_as_the_document_says(shared, number):
+    case = json.loads((shared / "golden" / "dynamics.json").read_text())["cases"][number]
+    arm = SoftArm(robot_from_dict(case))
+    bend = np.hypot(case["q"][1::3], case["q"][2::3]) * [link["length"] for link in case["links"]]
+    allowed = 1e-12 if bend.max() < np.pi / 2 else 1e-3
+    q, qd = case["q"], case["qd"]
+    for name, got in (
+        ("inertia_matrix", arm.inertia_matrix(q)),
+        ("coriolis_force", arm.coriolis_force(q, qd)),
+        ("gravity_force", arm.gravity_force(q)),
+    ):
+        assert relative(got, case[name]) < allowed, name
+    assert relative(arm.elastic_force(q), case["elastic_force"]) < 1e-12
+    assert relative(arm.pose(q, arm.length), case["tip_pose"]) < 1e-12
+
+
 def test_a_case_needs_all_its_results_to_be_taken_as_one(shared):
     from soro_core.errors import ConfigError
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from soro_core import _jit
 
+PACKAGE = Path(_jit.__file__).parent
+
 RUN = """
 import json
 import numpy as np
@@ -18,8 +20,8 @@ link = {"length": 0.1, "radius": 0.02, "mass": 0.05, "k_e": [300, 100, 20], "k_b
         "hysteresis": [{"stiffness": [1.0, 1e-3, 1e-3], "range": [0.1, 1.0, 1.0]}],
         "chambers": [{"angle_rad": 1.0, "area_m2": 1e-4, "offset_m": 0.01, "area_slope": -1.0}]}
 out = []
-for method in ("exact", "mde"):
-    arm = SoftArm(robot_from_dict({"links": [link, link], "tip_mass": 0.01}), method=method, nodes=4, steps=4)
+for how in ({"method": "exact", "nodes": 4}, {"method": "mde", "steps": 4}):
+    arm = SoftArm(robot_from_dict({"links": [link, link], "tip_mass": 0.01}), **how)
     q, qd = np.tile([0.1, 5.0, -4.0], 2), np.tile([0.2, 10.0, 20.0], 2)
     out += [*arm.coriolis_matrix(q, qd).ravel(), *arm.mass_regressor(q, qd, qd, qd).ravel()]
     out += [*arm.energy(q, qd), *arm.elastic_regressor(q).ravel(), *arm.jacobian(q, 0.15).ravel()]
@@ -53,17 +55,12 @@ def test_same_results_without_compiling():
 
 
 def test_cache_folder_is_named_by_the_sources(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    folder = _jit._cache_folder()
-    assert folder.parent == tmp_path / "soro"
-    assert folder.name == f"kernels-{_jit.source_hash()}"
-
-    # A copy of the package with one changed callee has another folder.
-    package = Path(_jit.__file__).parent
+    """A copy of the package with one changed callee has another folder."""
+    assert Path(_jit.numba_config.CACHE_DIR).name == f"kernels-{_jit.source_hash()}"
     copy = tmp_path / "copy"
     for name in ("_jit.py", "model/lie.py"):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        (copy / name).write_bytes((package / name).read_bytes())
+        (copy / name).write_bytes((PACKAGE / name).read_bytes())
     monkeypatch.setattr(_jit, "__file__", str(copy / "_jit.py"))
     before = _jit.source_hash()
     assert _jit.source_hash() == before
@@ -72,11 +69,38 @@ def test_cache_folder_is_named_by_the_sources(tmp_path, monkeypatch):
     assert _jit.source_hash() != before
 
 
-def test_cache_falls_back_where_it_may_not_write(tmp_path, monkeypatch):
-    blocked = tmp_path / "file"
-    blocked.write_text("")  # no folder can be made below a file
-    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    monkeypatch.setattr(_jit.tempfile, "gettempdir", lambda: str(tmp_path / "temp"))
-    folder = _jit._cache_folder()
-    assert folder.is_dir()
-    assert (tmp_path / "temp") in folder.parents
+COMPILE = """
+import multiprocessing
+import numpy as np
+from soro_core.model import entries
+
+def several():
+    entries.finite(np.zeros(2))
+
+if __name__ == "__main__":
+    child = multiprocessing.get_context("spawn").Process(target=several)
+    if FIRST:
+        child.start()
+        child.join()
+    several()
+    entries.finite(np.zeros(2, np.float32))
+"""
+
+
+def test_compiling_is_told_once_and_finding_in_the_cache_is_not(tmp_path):
+    def said(child: bool, cache: Path) -> list[str]:
+        script = tmp_path / "script.py"
+        script.write_text(COMPILE.replace("FIRST", str(child)))
+        environment = {**os.environ, "XDG_CACHE_HOME": str(cache), "PYTHONPATH": str(PACKAGE.parent)}
+        done = subprocess.run(
+            [sys.executable, str(script)], capture_output=True, text=True, check=True, env=environment
+        )
+        return done.stderr.strip().splitlines()
+
+    line = f"soro: compiling the model's kernels (half a minute for all of them, cached in {tmp_path}"
+    (told,) = said(False, tmp_path)
+    assert told.startswith(line)
+    assert said(False, tmp_path) == []
+    # What a child has compiled, which leaves the word to its parent, is not compiled again.
+    (told,) = said(True, tmp_path / "other")
+    assert told.startswith(line)

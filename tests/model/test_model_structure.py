@@ -28,6 +28,17 @@ def test_inertia_is_symmetric_positive_definite(seed):
     assert np.linalg.eigvalsh(scale[:, None] * M * scale).min() > 0
 
 
+@pytest.mark.parametrize("method", ["exact", "mde"])
+@SETTINGS
+@given(seed=seeds)
+def test_kinetic_energy_is_that_of_the_inertia_matrix(method, seed):
+    robot = random_robot(seed)
+    arm = SoftArm(robot, method=method)
+    q, qd = random_state(robot, seed)
+    want = 0.5 * qd @ arm.inertia_matrix(q) @ qd
+    assert arm.energy(q, qd)[0] == pytest.approx(want, rel=1e-10)
+
+
 @SETTINGS
 @given(seed=seeds)
 def test_inertia_rate_minus_twice_coriolis_is_skew(seed):

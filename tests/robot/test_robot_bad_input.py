@@ -33,7 +33,7 @@ SQUARE = [[1.0, -1.0], [1.0, -0.4], [1.0, 0.4], [1.0, 1.0]]
 BAD = [
     (("links",), REMOVED, "links", "nothing", "required"),
     (("links",), [], "links", "[]", "at least 1"),
-    (("links",), 3, "links", "3", "tuple"),
+    (("links",), 3, "links", "3", "a list"),
     (("colour",), "red", "colour", "an unknown key", "links"),
     (("links", 0, "lenght"), 0.1, "links[0].lenght", "an unknown key", "length"),
     (("links", 0, "length"), REMOVED, "links[0].length", "nothing", "required"),
@@ -113,7 +113,7 @@ BAD = [
 
 # (keys of the field of bending_x, key named in the line, words in what was found, words in what is allowed)
 BAD_FIELDS = [
-    ("cubic", "", "cubic", "a valid dictionary"),
+    ("cubic", "", "cubic", "a mapping of keys to values"),
     ({"basis": "fourier", "order": 2}, "basis", "fourier", "'constant', 'legendre', 'chebyshev' or 'pod'"),
     ({"basis": 1}, "basis", "1", "'constant', 'legendre', 'chebyshev' or 'pod'"),
     ({"basis": "legendre"}, "order", "None", "a polynomial degree from 0 to 12 for basis legendre"),
@@ -134,7 +134,7 @@ BAD_FIELDS = [
     ({"basis": "pod", "samples": SQUARE, "modes": 0}, "modes", "0", "greater than or equal to 1"),
     ({"basis": "pod", "samples": SQUARE, "modes": 3}, "samples", "[[1.0", "as many modes as are used (3)"),
     ({"basis": "pod", "samples": []}, "samples", "[]", "n_samples >= 4"),
-    ({"basis": "pod", "samples": [1.0, 1.0, 1.0, 1.0]}, "samples[0]", "1.0", "tuple"),
+    ({"basis": "pod", "samples": [1.0, 1.0, 1.0, 1.0]}, "samples[0]", "1.0", "a list"),
     ({"basis": "pod", "samples": SQUARE[:3]}, "samples", "[[1.0", "n_samples >= 4"),
     ({"basis": "pod", "samples": [*SQUARE, [1.0]]}, "samples", "[1.0]", "(n_samples, n_modes)"),
     ({"basis": "pod", "samples": [[]] * 4}, "samples", "[[]", "n_modes >= 1"),

@@ -284,8 +284,8 @@ def test_refined_polynomials_keep_energy_and_losses_of_a_uniform_strain():
             "",
         ),
         (
-            {"bending_x": {"basis": "chebyshev", "order": 1}},
-            {"hysteresis": [{"stiffness": [1.0, 1.0], "range": [1.0, 1.0]}]},
+            {"bending_x": {"basis": "chebyshev", "order": 1}, "elongation": {}},
+            {"hysteresis": [{"stiffness": [0.0, 0.0, 1.0], "range": [1.0] * 3}]},
             "hysteresis",
             "",
         ),

@@ -46,6 +46,24 @@ def test_every_command_explains_itself(arguments):
             "controller: {gains: {k_p: [1, x]}}\n",
             "controller.gains.k_p[1]: got 'x'; allowed: input should be a valid",
         ),
+        ("model: autos\n", "model: got 'autos'; allowed: auto, or a mapping of keys: error, budget_us"),
+        ("model: 3\n", "model: got 3; allowed: auto, or a mapping of keys: "),
+        (
+            "model: {integrator: euler}\n",
+            "model.integrator: got 'euler'; allowed: input should be 'trapezoidal'",
+        ),
+        (
+            "twin: {integrator: euler}\n",
+            "twin.integrator: got 'euler'; allowed: input should be 'trapezoidal'",
+        ),
+        (
+            "model: {basis: chebyshev, order: 2}\n",
+            "model: got 'basis chebyshev, order 2'; allowed: what the robot can have (tue_three_bellow: ",
+        ),
+        (
+            "model: {basis: chebyshev, order: 2, method: exact}\ntwin: {refine: 1}\n",
+            "links[0].damping: got 'losses of each coordinate'",
+        ),
         ("- a\n- b\n", "allowed: a mapping of keys to values"),
         ("robot: [\n", "allowed: valid YAML"),
     ],

@@ -2,6 +2,7 @@
 
 from soro_core import robot_from_dict
 from soro_core.trade.grid import Grid
+from soro_core.trade.workers import Here
 
 ROBOT = {
     "name": "small",
@@ -22,3 +23,15 @@ GRID = Grid((1, 2), (("legendre", 1, 1),), (0, 3), (8,), (0.02, 0.01, 0.005), (0
 
 def robot():
     return robot_from_dict(ROBOT)
+
+
+class Counting:
+    """Counts what is computed."""
+
+    def __init__(self):
+        self.done = []
+
+    def run(self, case, truth, candidates, stop):
+        for outcome in Here().run(case, truth, candidates, stop):
+            self.done.append(outcome.candidate)
+            yield outcome

@@ -11,7 +11,7 @@ from small import GRID, ROBOT
 from typer.testing import CliRunner
 
 from soro_core.scene import load_scene
-from soro_core.trade import cache, grid, late, reference, workers
+from soro_core.trade import cache, grid, late, reference, study, workers
 from soro_core.trade.closed_loop import drive
 from soro_ros.cli import _application, main
 
@@ -22,6 +22,7 @@ def soro(tmp_path, tmp_path_factory, monkeypatch):
     kept = tmp_path_factory.getbasetemp() / "trade-cache"
     monkeypatch.setattr(cache, "user_folder", lambda: kept)
     monkeypatch.setitem(grid.PRESETS, "quick", GRID)
+    monkeypatch.setattr(study, "STEPPERS", dict.fromkeys(("midpoint_linear", "rk4", "trapezoidal")))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.yaml").write_text(yaml.safe_dump(ROBOT))
 
@@ -60,7 +61,7 @@ def test_a_wish_that_is_not_met(soro):
         (("small.yaml", "--error", "1%", "--rate-hz", "100"), "one wish"),
         (("small.yaml", "--preset", "huge"), "allowed are quick"),
         (("small.yaml", "--seconds", "-1"), "0.1 to 600"),
-        (("absent",), "no scenes file of that name"),
+        (("absent",), "a scene (track_circle) or a robot ("),
         (("absent.yaml",), "no such file"),
         (("small.yaml", "--jobs", "2", "--dask", "tcp://127.0.0.1:1"), "either"),
     ],
@@ -128,13 +129,13 @@ def test_a_dask_cluster_finds_the_same_errors(soro, tmp_path):
 def test_a_scene_ends_with_a_block_that_runs(soro, tmp_path, monkeypatch):
     """From a scene: excitation by its own loop, closed loop, a block that parses and runs, and `auto`."""
     coarse = reference.spaces
-    monkeypatch.setattr(reference, "spaces", lambda robot: (coarse(robot)[0][:2], ""))
+    monkeypatch.setattr(reference, "spaces", lambda robot: (coarse(robot)[0][:2], "", ""))
     monkeypatch.setattr(late, "LOOP_LAST_S", 0.2)
     monkeypatch.setitem(grid.PRESETS, "quick", replace(GRID, polynomials=(), most=0))
     scene = {
         "robot": "tue_three_bellow",
         "rate_hz": 50,
-        "twin": {"pose": {"rate_hz": 50}, "refine": 1},
+        "twin": {"pose": {"rate_hz": 50}, "refine": 1, "step_s": 0.004, "integrator": "trapezoidal"},
         "controller": {"reference": {"start_s": 0.2}},
     }
     path = tmp_path / "short.yaml"
@@ -146,8 +147,11 @@ def test_a_scene_ends_with_a_block_that_runs(soro, tmp_path, monkeypatch):
     loops = [row["closed_loop"] for row in written["rows"] if row["closed_loop"]]
     assert loops
     assert all(0.0 < loop["tracking_mm"] < 30.0 for loop in loops)
-    block = result.output[result.output.index("\nmodel:") :]
+    block = result.output[result.output.index("\n# The twin keeps") :]
+    assert "twin.refine, twin.integrator, twin.step_s." in block
+    assert (tmp_path / "trade/short/model.yaml").read_text().strip() == block.strip()
     path.write_text(yaml.safe_dump(scene) + block)
     pasted = load_scene(path)
+    assert pasted.twin_node().step_s == 0.004
     assert pasted.model.model_dump(exclude_unset=True) == written["choice"]
     assert drive(pasted, pasted.discretisation, 0.1).t[-1] > 0.05

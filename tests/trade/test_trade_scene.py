@@ -1,11 +1,15 @@
 """The section `model` of a scene: what it allows, and where it goes."""
 
+from typing import get_args
+
 import pytest
 import yaml
 
 from soro_core.errors import ConfigError
-from soro_core.robot import Discretisation
-from soro_core.scene import Wish, load_scene
+from soro_core.integrate import STEPPERS
+from soro_core.robot import Discretisation, load_robot, robot_from_dict
+from soro_core.robot.discretisation import Integrator
+from soro_core.scene import Wish, check_model, load_scene
 from soro_core.trade import Candidate, late, with_chosen_model
 from soro_core.trade.cache import Cache
 from soro_core.trade.choice import keep_choice
@@ -40,6 +44,8 @@ def test_a_model_goes_to_all(scene):
     # A plant that the scene makes finer itself stays so.
     finer = scene(model=model, twin={"refine": 3}).twin_node()
     assert (finer.model, finer.refine) == (Discretisation(method="mde", steps=7), 3)
+    own = scene(model=model, twin={"step_s": 0.004, "integrator": "midpoint"}).twin_node()
+    assert (own.model, own.integrator, own.step_s) == (wanted, "midpoint", 0.004)
 
 
 @pytest.mark.parametrize(
@@ -52,15 +58,60 @@ def test_a_model_goes_to_all(scene):
         ({"model": {"auto": True, "error": "nan%"}}, "like 1%"),
         ({"model": {"auto": True, "error": "1%", "rate_hz": 100}}, "one wish"),
         ({"model": {"error": "1%"}}, "auto: true beside a wish"),
+        ({"model": "autos"}, "model: got 'autos'; allowed: auto, or a mapping of keys"),
         ({"model": {"method": "magic"}}, "model.method"),
+        ({"model": {"integrator": "magic"}}, "model.integrator"),
         ({"model": {"node": 3}}, "unknown key"),
-        ({"model": {}, "twin": {"step_s": 0.01}}, "no step_s under twin"),
         ({"twin": {"model": {"links": 2}}}, "no model under twin"),
     ],
 )
 def test_mistakes_are_named(scene, keys, message):
     with pytest.raises(ConfigError, match=message):
         scene(**keys)
+
+
+def test_the_names_of_the_steppers_are_those_that_exist():
+    """Stated a second time, so that a scene is read without their kernels."""
+    assert set(get_args(Integrator)) == set(STEPPERS)
+
+
+@pytest.mark.parametrize(
+    ("keys", "found", "reason"),
+    [
+        (
+            {"model": {"basis": "chebyshev", "order": 2}},
+            "model: got 'basis chebyshev, order 2'",
+            r"\.damping",
+        ),
+        ({"robot": "varying", "twin": {"refine": 2}}, "twin.refine: got 'refine 2'", r"links\[0\]\.damping"),
+        ({"robot": "varying", "model": {"links": 2}}, "model: got 'links 2'", r"links\[0\]\.damping"),
+        (
+            {"robot": "varying", "model": {}, "twin": {"refine": 3}},
+            "twin.refine: got 'refine 3'",
+            r"\.damping",
+        ),
+    ],
+)
+def test_a_model_that_the_robot_cannot_have(scene, keys, found, reason):
+    """Losses of coefficients cannot be split, nor expanded in polynomials that are not orthogonal."""
+    robot = load_robot("tue_three_bellow")
+    if keys.get("robot") == "varying":
+        strains = {"elongation": {}, "bending_x": {"basis": "legendre", "order": 1}, "bending_y": {}}
+        link = robot.links[0].model_dump(exclude_unset=True, exclude={"creep", "hysteresis"})
+        robot = robot_from_dict(
+            {"links": [{**link, "strains": strains, "damping": [0.01, 1e-6, 1e-6, 1e-6]}]}
+        )
+    read = scene(**{key: value for key, value in keys.items() if key != "robot"})
+    with pytest.raises(
+        ConfigError, match=rf"^scene\.yaml: {found}; allowed: what the robot can have .*{reason}"
+    ):
+        check_model(read, robot, "scene.yaml")
+
+
+def test_a_model_that_the_robot_can_have(scene):
+    robot = load_robot("tue_three_bellow")
+    for keys in ({}, {"model": {"basis": "legendre", "order": 12}}, {"twin": {"refine": 3}}):
+        check_model(scene(**keys), robot, "scene.yaml")
 
 
 def test_auto_takes_the_choice_or_says_what_to_run(scene, tmp_path):

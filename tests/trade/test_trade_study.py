@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small import GRID, robot
+from small import GRID, Counting, robot
 
 from soro_core import SoftArm, simulate
 from soro_core.identification import ForcedRun
+from soro_core.integrate import make_stepper
 from soro_core.robot import Discretisation
-from soro_core.scene import Wish
-from soro_core.trade import Candidate, Case, bare_case, run_study
+from soro_core.scene import Scene, Wish
+from soro_core.trade import Candidate, Case, bare_case, cost, run_study
 from soro_core.trade.cache import Cache
+from soro_core.trade.grid import PRESETS, around, within
 from soro_core.trade.late import mean_curvature, measured_error
 from soro_core.trade.reference import converge
 from soro_core.trade.study import Stopped
@@ -103,18 +105,6 @@ def test_mean_curvature_of_pieces_and_polynomials():
         assert (mean_curvature(arm, model.links) @ q)[0] == pytest.approx(angle / 0.2)
 
 
-class Counting:
-    """Counts what is computed."""
-
-    def __init__(self):
-        self.done = []
-
-    def run(self, case, truth, candidates, stop):
-        for outcome in Here().run(case, truth, candidates, stop):
-            self.done.append(outcome.candidate)
-            yield outcome
-
-
 @pytest.fixture(scope="module")
 def studied(case, tmp_path_factory):
     cache, workers = Cache(tmp_path_factory.mktemp("cache")), Counting()
@@ -191,3 +181,73 @@ def test_a_measured_run_is_compared_in_its_own_frame():
     coarse = Candidate(Discretisation(), "trapezoidal", 0.01)
     assert measured_error(case, coarse) > 0.02
     assert measured_error(start, candidate) is None
+
+
+@pytest.mark.parametrize(
+    ("tick_s", "steps", "first_pass"),
+    [
+        (np.inf, PRESETS["standard"].dt_s, PRESETS["standard"].coarse_dt_s),
+        (0.02, PRESETS["standard"].dt_s, PRESETS["standard"].coarse_dt_s),
+        (0.005, (0.005, 0.002, 0.001), (0.005, 0.002)),
+        (0.002, (0.002, 0.001), (0.002,)),
+        (0.0025, (0.0025, 0.002, 0.001), (0.0025, 0.002)),
+        (1e-4, (1e-4,), (1e-4,)),
+        (0.015, (0.01, 0.005, 0.002, 0.001), (0.01, 0.002)),  # 20 ms are no whole number of these
+        (7e-4, (0.001,), (0.001,)),
+    ],
+)
+def test_no_step_of_a_scene_is_longer_than_its_tick(tick_s, steps, first_pass):
+    grid = within(PRESETS["standard"], tick_s)
+    assert grid.dt_s == steps
+    assert grid.coarse_dt_s == first_pass
+
+
+def test_steps_of_a_paced_case_fill_its_ticks():
+    """As a twin makes them: 2 ms in a tick of 5 ms are three steps; without pace a step is what it is."""
+    paced = replace(bare_case(robot(), 0.1), tick_s=0.005, paced=True)
+    assert [paced.step_s(dt) for dt in (0.02, 0.005, 0.002)] == pytest.approx([0.005, 0.005, 0.005 / 3])
+    assert paced.longest_step_s == 0.005
+    slow = replace(paced, tick_s=0.01, scene=Scene(rate_hz=200.0))
+    assert slow.longest_step_s == 0.005
+    free = replace(paced, paced=False)
+    assert [free.step_s(dt) for dt in (0.02, 0.002)] == [0.02, 0.002]
+    assert free.longest_step_s == np.inf
+
+
+def test_second_pass_varies_quadrature_and_step():
+    grid = PRESETS["standard"]
+    good = [Candidate(Discretisation(links=k), "trapezoidal", 0.01) for k in range(1, 20)]
+    found = around(grid, good, good)
+    assert len(found) == grid.most
+    assert len({one.model.nodes for one in found}) > 1
+    assert len({one.dt_s for one in found}) > 1
+
+
+@pytest.mark.parametrize(("paced", "run_s"), [(True, 0.005 / 3), (False, 0.002)], ids=["paced", "free"])
+def test_times_are_those_of_the_steps_that_are_made(monkeypatch, paced, run_s):
+    """Of whole runs and of ticks: those with pace are the twin's; a tick is filled in either case."""
+    runs, steps = set(), []
+
+    def simulated(arm, start, t_end, dt, **more):
+        runs.add(dt)
+        assert t_end == pytest.approx(0.1, abs=dt)
+        return simulate(arm, start, t_end=t_end, dt=dt, **more)
+
+    monkeypatch.setattr(cost, "simulate", simulated)
+    monkeypatch.setattr(cost, "make_stepper", lambda *a: Noted(make_stepper(*a), steps))
+    case = replace(bare_case(robot(), 0.1), tick_s=0.005, paced=paced)
+    cost.measure(case, Candidate(Discretisation(), "trapezoidal", 0.002), repeats=1)
+    assert list(runs) == pytest.approx([run_s])
+    assert steps[-60:] == pytest.approx([0.005 / 3] * 60)
+
+
+class Noted:
+    """A stepper that notes its steps."""
+
+    def __init__(self, stepper, steps):
+        self.stepper, self.steps = stepper, steps
+        self.initial_state = stepper.initial_state
+
+    def step(self, state, pressure, dt):
+        self.steps.append(dt)
+        return self.stepper.step(state, pressure, dt)

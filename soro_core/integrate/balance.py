@@ -1,0 +1,134 @@
+"""Energy balance of a dissipative stepper: without input, a step ends with no more than it began with.
+
+Methods like TR-BDF2 dissipate by linear theory; in large motion their error may have either sign. So after a
+step the energy T + U of all that stores it is compared with that before, and what is too much is taken out
+of the velocities, v <- v sqrt(1 - excess / T): a projection onto the allowed states that moves them by the
+order of the local error, so that the order of the method stays [Hairer, Lubich and Wanner 2006, IV.4;
+Ketcheson 2019]. Where the velocities hold too little for that, the step is done in parts.
+
+The balance is exact, or there is none. Gravity, elasticity, creep, hysteresis, contact and the held tip
+have a stored energy and only dissipate besides; pressures that are constant over the step do the work
+p (V1 - V0). Wrenches and pressures that change within a step are input: such steps are not looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._by_type import by_type
+from soro_core._jit import inner
+from soro_core.integrate.scheme import Dissipative, Scheme
+from soro_core.integrate.system import NOT_RESOLVED, StepWork
+from soro_core.model.chambers import volumes
+from soro_core.model.dynamics import GOOD
+from soro_core.model.elasticity import elastic_energy
+from soro_core.model.external import add_external_forces
+from soro_core.model.internal import internal_energy
+from soro_core.model.method import energy
+from soro_core.model.tables import Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Largest part of the kinetic energy that is taken out; more, and the step is done in parts.
+SHARE = 0.25
+# Of the energies that are summed: an excess that small is no reason for parts.
+ROUND_OFF = 1e-14
+
+
+@inner
+def _stored(
+    t: Tables, work: StepWork, wrench: Array, q: Array, v: Array, z: Array
+) -> tuple[float, float, float]:
+    """Kinetic energy, what is stored besides, and the sum of their sizes [J]."""
+    kinetic, gravity = energy(t, work.model, q, v)
+    outside = add_external_forces(t.external, t, work.model, wrench, q, v, work.model.rows[1])
+    elastic = elastic_energy(t, q) + internal_energy(t, z) + outside
+    return kinetic, gravity + elastic, kinetic + abs(gravity) + abs(elastic)
+
+
+@inner
+def _no_begin(
+    m: Scheme, t: Tables, work: StepWork, row: Array, wrench: Array, q0: Array, v0: Array, z0: Array
+) -> None:
+    return
+
+
+@inner
+def _begin(
+    m: Scheme, t: Tables, work: StepWork, row: Array, wrench: Array, q0: Array, v0: Array, z0: Array
+) -> None:
+    free = True
+    for u in range(row.shape[1]):
+        free = free and row[0, u] == row[1, u] and row[1, u] == row[2, u]
+    for r in range(wrench.shape[0]):
+        free = free and wrench[r] == 0.0
+    if not free:
+        work.energy[0] = math.inf
+    elif not work.energy[0] < math.inf:
+        kinetic, rest, _ = _stored(t, work, wrench, q0, v0, z0)
+        work.energy[0] = kinetic + rest
+
+
+@inner
+def _no_keep(
+    m: Scheme,
+    t: Tables,
+    work: StepWork,
+    row: Array,
+    wrench: Array,
+    q0: Array,
+    q1: Array,
+    v1: Array,
+    z1: Array,
+) -> int:
+    return GOOD
+
+
+@inner
+def _keep(
+    m: Scheme,
+    t: Tables,
+    work: StepWork,
+    row: Array,
+    wrench: Array,
+    q0: Array,
+    q1: Array,
+    v1: Array,
+    z1: Array,
+) -> int:
+    if not work.energy[0] < math.inf:
+        return GOOD
+    kinetic, rest, size = _stored(t, work, wrench, q1, v1, z1)
+    bound = work.energy[0]
+    # Room for the volumes, which no stage needs any more.
+    before, after = work.command, work.stage_pressure
+    volumes(t, q0, before)
+    volumes(t, q1, after)
+    for u in range(row.shape[1]):
+        bound += row[0, u] * (after[u] - before[u])
+        size += abs(row[0, u]) * (abs(after[u]) + abs(before[u]))
+    excess = kinetic + rest - bound
+    if not excess > 0.0:
+        work.energy[0] = kinetic + rest
+        return GOOD
+    if excess <= SHARE * kinetic:
+        factor = math.sqrt(1.0 - excess / kinetic)
+        for b in range(v1.shape[0]):
+            v1[b] *= factor
+    elif excess > ROUND_OFF * size:
+        return NOT_RESOLVED
+    # Not what is there but what may be there: round-off does not add up.
+    work.energy[0] = bound
+    return GOOD
+
+
+begin_balance = by_type(Dissipative, _begin, _no_begin)
+"""begin_balance(m, t, work, row, wrench, q0, v0, z0): work.energy <- what the arm has at the start of a row
+of pressures (3, n_u), or inf where something acts that does unknown work."""
+keep_balance = by_type(Dissipative, _keep, _no_keep)
+"""keep_balance(m, t, work, row, wrench, q0, q1, v1, z1): after a step from q0, v1 <- without what was gained,
+work.energy <- what there may be. Gives NOT_RESOLVED where the velocities hold too little for that."""

@@ -1,0 +1,37 @@
+"""Strains at the quadrature nodes of a link, for laws that hold at every section by itself.
+
+A strain that does not vary along its link is looked at once, with the weight of the whole link.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._jit import inner
+from soro_core.model.tables import Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@inner
+def looks(t: Tables, i: int) -> int:
+    """At how many nodes a law of link i is taken."""
+    return t.nodes.shape[0] if t.varying[i] else 1
+
+
+@inner
+def weight(t: Tables, i: int, k: int) -> float:
+    """Share of link i that node k stands for."""
+    return t.weights[k] if t.varying[i] else 1.0
+
+
+@inner
+def local_strain(t: Tables, i: int, r: int, k: int, q: Array) -> float:
+    """Elongation, bending_x or bending_y (r = 0, 1, 2) of link i at node k."""
+    strain = 0.0
+    for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
+        strain += t.shape_node[c, k] * q[c]
+    return strain

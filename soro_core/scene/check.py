@@ -1,0 +1,40 @@
+"""What a scene asks of a robot, before anything starts."""
+
+from __future__ import annotations
+
+from soro_core.errors import ConfigError
+from soro_core.robot import Discretisation, Robot
+from soro_core.scene.scene import Scene
+
+
+def check_model(scene: Scene, robot: Robot, where: str) -> None:
+    """Refuse a model that the robot cannot have, in the nodes or in the twin.
+
+    Parameters
+    ----------
+    scene : Scene
+        With its model stated or chosen.
+    robot : Robot
+        The one that the scene names.
+    where : str
+        File of the scene, for the error.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is in the way.
+    """
+    twin = scene.twin_node()
+    _check("model", scene.discretisation, robot, 1, where)
+    _check("twin.refine" if twin.refine > 1 else "model", twin.model, robot, twin.refine, where)
+
+
+def _check(key: str, model: Discretisation, robot: Robot, refine: int, where: str) -> None:
+    try:
+        model.shape(robot.refine(refine))
+    except ConfigError as error:
+        stated = model.model_dump(exclude_defaults=True)
+        if refine > 1:
+            stated["refine"] = refine
+        got = ", ".join(f"{name} {value}" for name, value in stated.items())
+        raise ConfigError(where, key, got, f"what the robot can have ({error})") from None

@@ -11,7 +11,19 @@ import typer
 from rich.console import Console
 from rich.status import Status
 
-from benchmarks import extremes, forward, peer, realtime, report, sixlink, startup, terms, trade
+from benchmarks import (
+    can_rates,
+    extremes,
+    faults,
+    forward,
+    peer,
+    realtime,
+    report,
+    sixlink,
+    startup,
+    terms,
+    trade,
+)
 from benchmarks.options import Options
 from benchmarks.timing import CLOCK, one_core
 
@@ -26,6 +38,8 @@ SECTIONS = {
     "sixlink": sixlink,
     "trade": trade,
     "extremes": extremes,
+    "can_rates": can_rates,
+    "faults": faults,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

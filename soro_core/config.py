@@ -6,7 +6,7 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -71,13 +71,18 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
         raise ConfigError(str(path), "", "no such file", "an existing YAML file") from None
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, or no path
         raise ConfigError(str(path), "", str(error), "a readable UTF-8 file") from None
+    return read_mapping(text, where=str(path))
+
+
+def read_mapping(text: str, where: str) -> dict[str, Any]:
+    """Read YAML text that must be a mapping without repeated keys; `where` is named in the error."""
     try:
         data = yaml.load(text, Loader=_StrictLoader)
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         # Others than YAMLError: a date that does not exist, a list as a key, a thousand brackets.
-        raise ConfigError(str(path), "", " ".join(str(error).split()), "valid YAML") from None
+        raise ConfigError(where, "", " ".join(str(error).split()), "valid YAML") from None
     if not isinstance(data, dict):
-        raise ConfigError(str(path), "", data, "a mapping of keys to values")
+        raise ConfigError(where, "", data, "a mapping of keys to values")
     return data
 
 
@@ -140,6 +145,8 @@ def _mapping(loader: _StrictLoader, node: yaml.MappingNode) -> dict[Any, Any]:
     result: dict[Any, Any] = {}
     for key_node, value_node in node.value:
         key = loader.construct_object(key_node, deep=True)
+        if isinstance(key, (list, dict)):
+            raise yaml.constructor.ConstructorError(None, None, "a key that is no name", key_node.start_mark)
         if key in result:
             raise yaml.constructor.ConstructorError(
                 None, None, f"key {key!r} stands twice", key_node.start_mark
@@ -165,7 +172,12 @@ _PLAIN = {
 
 def _first(error: ValidationError, model: type[BaseModel], where: str) -> ConfigError:
     details = error.errors()[0]
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in details["loc"]).lstrip(".")
+    location = _without_tags(model, details["loc"])
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
+    if details["type"] == "union_tag_invalid":
+        context = details["ctx"]
+        tag = context["discriminator"].strip("'")
+        return ConfigError(where, f"{key}.{tag}", context["tag"], f"one of {context['expected_tags']}")
     if details["type"] == "extra_forbidden":
         known = ", ".join(_keys_at(model, details["loc"][:-1])) or "no such key"
         return ConfigError(where, key, "an unknown key", known)
@@ -177,20 +189,37 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
 
 def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """Names of the fields of the (nested) model at a location."""
+    return list(getattr(_walk(model, location)[0], "model_fields", {}))
+
+
+def _without_tags(model: type[BaseModel], location: tuple[int | str, ...]) -> list[int | str]:
+    """A location as the file has it: pydantic puts the tag of a discriminated union into it."""
+    return _walk(model, location)[1]
+
+
+def _walk(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[Any, list[int | str]]:
+    """Model at a location, and the location without tags."""
     current: Any = model
+    path: list[int | str] = []
+    candidates: list[Any] = [model]
     for part in location:
-        if isinstance(part, int):
+        tagged = [m for m in candidates if len(candidates) > 1 and _has_tag(m, part)]
+        if tagged:
+            current, candidates = tagged[0], tagged
             continue
-        field = getattr(current, "model_fields", {}).get(part)
-        current = _nested_model(field.annotation) if field is not None else current
-    return list(getattr(current, "model_fields", {}))
+        path.append(part)
+        field = None if isinstance(part, int) else getattr(current, "model_fields", {}).get(part)
+        if field is not None:
+            candidates = _nested_models(field.annotation)
+            current = candidates[0] if candidates else None
+    return current, path
 
 
-def _nested_model(annotation: Any) -> Any:
+def _has_tag(model: type[BaseModel], tag: int | str) -> bool:
+    return any(tag in get_args(field.annotation) for field in model.model_fields.values())
+
+
+def _nested_models(annotation: Any) -> list[Any]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    for argument in getattr(annotation, "__args__", ()):
-        found = _nested_model(argument)
-        if found is not None:
-            return found
-    return None
+        return [annotation]
+    return [found for argument in get_args(annotation) for found in _nested_models(argument)]

@@ -13,9 +13,14 @@ from std_srvs.srv import Trigger
 
 from soro_core import safety
 from soro_core.errors import SoroError
+from soro_core.pneumatics import RegulatorModel
 from soro_ros import messages, qos
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Of regulators and of a platform that say nothing else.
+TYPICAL, RATED = RegulatorModel(), safety.Rating()
 
 
 class ChamberInterface:
@@ -39,6 +44,10 @@ class ChamberInterface:
         Brings the regulators back before the latch opens; raises SoroError if it cannot.
     lockstep : bool
         Whether a lost message would be a deadlock.
+    response : RegulatorModel
+        How the regulators follow their set points: what the monitors compare the readings with.
+    rating : Rating
+        Of the platform; limits beyond it are refused.
     """
 
     def __init__(
@@ -51,11 +60,15 @@ class ChamberInterface:
         on_command: Callable[[], None] | None = None,
         recover: Callable[[], None] | None = None,
         lockstep: bool = False,
+        response: RegulatorModel = TYPICAL,
+        rating: safety.Rating = RATED,
     ) -> None:
+        safety.check_rating(limits, rating, where=f"parameters of {node.get_name()}")
+        self._response = response
         self._node, self._names, self._limits, self._now_ns = node, tuple(names), limits, now_ns
         self._stamp_now_ns = stamp_now_ns
         self._on_command, self._recover = on_command, recover
-        self._state = safety.initial_state(len(self._names))
+        self._state = safety.initial_state(len(self._names), self._names)
         self._enabled = True
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
@@ -81,10 +94,18 @@ class ChamberInterface:
         """Refused commands by kind."""
         return self._state.rejected
 
-    def judge(self, reading_pa: Array, fresh: bool, fault: str | None = None) -> bool:
+    def judge(
+        self,
+        reading_pa: Array,
+        fresh: bool | Flags,
+        fault: str | None = None,
+        supply_pa: Array | None = None,
+    ) -> bool:
         """Judge the readings of an exchange; returns whether the regulators must vent now."""
         before = self._state.cause
-        self._state = safety.cycle(self._limits, self._state, reading_pa, fresh, self._now_ns(), fault)
+        self._state = safety.cycle(
+            self._limits, self._state, reading_pa, fresh, self._now_ns(), fault, supply_pa, self._response
+        )
         if self._state.cause is not None and before is None:
             self._node.get_logger().error(f"vented: {self._state.cause}")
         return self._state.vented

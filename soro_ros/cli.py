@@ -16,6 +16,8 @@ def _application() -> typer.Typer:
     import typer
 
     from soro_ros.commands import bag
+    from soro_ros.commands.board import board
+    from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
     from soro_ros.commands.play import play
     from soro_ros.commands.run import run
@@ -30,7 +32,9 @@ def _application() -> typer.Typer:
     app.command()(run)
     app.command()(play)
     app.command()(emulate)
+    app.command()(doctor)
     app.command()(trade)
+    app.command()(board)
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     return app
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from soro_core.bag.config import RecorderConfig
 from soro_core.errors import SoroError
+from soro_core.hardware.emulation.control import ControlClient
 from soro_core.scene import Scene
 from soro_ros import kernels, processes
 from soro_ros.processes import Child
@@ -81,6 +82,7 @@ class Run:
         """Start everything and wait until every node is ready; nothing moves before `begin`."""
         scene, namespace = self.scene, self.scene.name
         device, link = Path(self._links.name) / "valves.pty", Path(self._links.name) / "plant.sock"
+        self._faults = Path(self._links.name) / "faults.sock"
         if cancelled():
             return
         if scene.platform:
@@ -93,7 +95,7 @@ class Run:
             self._ready(supervisor, ["recorder"], cancelled)
         if cancelled():
             return
-        self._node("twin", scene.twin_node(str(link)))
+        self._node("twin", scene.twin_node(str(link), str(self._faults)))
         self._node("estimator", scene.estimator_node())
         self._node("controller", scene.controller_node())
         self._ready(supervisor, self.nodes, cancelled)
@@ -106,6 +108,11 @@ class Run:
     def begin(self, supervisor: Supervisor) -> None:
         """Let time and control begin."""
         self._begun = True
+        if self.scene.faults:
+            client = ControlClient(self._faults)
+            for fault in self.scene.faults:
+                client.inject(fault)
+            client.close()
         supervisor.call("controller/enable")
         if self.scene.mode == "lockstep":
             supervisor.call("twin/start")
@@ -166,6 +173,7 @@ class Run:
         self._say(f"starting emulated valves of {self.scene.platform}")
         command = [sys.executable, "-m", "soro_core.hardware.emulation", self.scene.platform]
         command += ["--device-link", str(device), "--plant-link", str(link), "--seed", str(self.scene.seed)]
+        command += ["--control", str(self._faults)]
         if self.scene.mode == "lockstep":
             command.append("--lockstep")
         # Above the driver's: devices do not share a processor with it.

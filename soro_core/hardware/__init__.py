@@ -1,6 +1,6 @@
 """Pressure regulators behind one port: drivers, transports and emulated devices."""
 
-from soro_core.hardware.platform import Platform, load_platform, open_regulator
+from soro_core.hardware.platform import Platform, PlatformBase, load_platform, open_regulator
 from soro_core.hardware.port import BusStatistics, Exchange, Fault, Regulator
 
 __all__ = [
@@ -8,6 +8,7 @@ __all__ = [
     "Exchange",
     "Fault",
     "Platform",
+    "PlatformBase",
     "Regulator",
     "load_platform",
     "open_regulator",

@@ -8,11 +8,14 @@ place how to make the arm safe. Only what ends the connection itself (adapter un
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from soro_core.hardware.finding import Finding
 
 Array: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.bool_]
@@ -48,6 +51,17 @@ FAULT_CODES = {
     "not_active": "the device does not follow the set point of the bus",
     "stale_reading": "no pressure has come for several cycles",
     "bus_off": "the controller of the adapter has taken itself off the bus",
+    "connection_lost": "the connection to the adapter broke; it is open again and waits for configure",
+    "device_silent": "the device has not answered several requests in a row",
+    "setpoint_ignored": "the device has confirmed or keeps another set point than it was sent",
+    "command_rejected": "the device has refused a command that it must know",
+    "sensor_failed": "the device says that it cannot measure its pressure",
+    "supervisor_lost": "the process that vents when the driver dies has ended",
+    "link_lost": "the connection to the device has broken",
+    "out_of_sync": "the device's stream of bytes made no sense, so the connection was made anew",
+    "watchdog_vented": "a watchdog has vented because no set point came in time",
+    "not_vented": "0 Pa is commanded and a chamber keeps its pressure",
+    "device_error": "the device reports an error of its own",
     "refused_setpoint": "the caller gave a set point that is not finite or out of range",
 }
 
@@ -66,12 +80,15 @@ class Exchange:
         True where the pressure was sampled in this cycle.
     faults : tuple of Fault
         Everything that is wrong now; empty in a healthy cycle.
+    supply_pa : ndarray (n,) or None
+        Supply pressures [Pa gauge] where the devices report them (NaN for a chamber whose device does not).
     """
 
     sent_pa: Array
     pressure_pa: Array
     fresh: Flags
     faults: tuple[Fault, ...] = ()
+    supply_pa: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +131,15 @@ class Regulator(ABC):
 
     Life: made (nothing is opened), `configure` (blocking), `exchange` once a control period, `close`.
     `vent` may be called between any two of them. Not thread safe: one thread owns it.
+
+    Attributes
+    ----------
+    device_watchdog : bool
+        Whether the devices vent by themselves when their host falls silent. Where they do not, the arm needs
+        a supervisor process and a normally open dump valve.
     """
+
+    device_watchdog: bool
 
     @property
     @abstractmethod
@@ -128,8 +153,20 @@ class Regulator(ABC):
 
     @property
     @abstractmethod
+    def update_hz(self) -> float:
+        """Rate [Hz] at which a chamber gets set points and gives readings when all goes well.
+
+        `exchange` may be called more often; `Exchange.fresh` says which chambers a call has sampled.
+        """
+
+    @property
+    @abstractmethod
     def statistics(self) -> BusStatistics:
         """Counts since the driver was made."""
+
+    def probe(self) -> Iterable[Finding]:
+        """Look at the hardware before it is configured, for `soro doctor`; without commanding anything."""
+        return ()
 
     @abstractmethod
     def configure(self) -> None:

@@ -11,8 +11,10 @@ from soro_core.config import Strict, find_config, parse, read_yaml
 from soro_core.control.config import ControllerConfig
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.hardware import load_platform
+from soro_core.hardware.emulation.faults import Injection
 from soro_core.robot import Discretisation
-from soro_core.safety import Limits
+from soro_core.safety import Limits, Rating, check_rating
 from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
 from soro_core.twin.config import TwinConfig
@@ -48,14 +50,29 @@ class Scene(Strict):
     estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
     recorder: RecorderSection = Field(RecorderSection(), description="the recorder")
+    faults: tuple[Injection, ...] = Field(
+        (), strict=False, description="what goes wrong with the emulated valves, `at` seconds after the start"
+    )
 
     @model_validator(mode="after")
     def _stated_once(self) -> Scene:
-        shared = {"robot", "mode", "rate_hz", "seed", "limits", "pressures", "plant_link", "autostart"}
+        shared = {
+            "robot",
+            "mode",
+            "rate_hz",
+            "seed",
+            "limits",
+            "pressures",
+            "plant_link",
+            "fault_link",
+            "autostart",
+        }
         shared |= {"duration_s", "paused", "priority", "model"}
         twice = sorted(shared & self.twin.model_fields_set)
         if twice:
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
+        if self.faults and not self.platform:
+            raise ValueError("no faults without a platform: they are those of emulated devices")
         for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
             ticks = self.rate_hz / sensor.rate_hz
             if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
@@ -88,8 +105,8 @@ class Scene(Strict):
         values = {name: value for name, value in values.items() if name not in own}
         return {"model": model if "refine" in values else model.quadrature, **values}
 
-    def twin_node(self, plant_link: str = "") -> TwinConfig:
-        """Parameters of the twin node, with the socket of the emulated valves."""
+    def twin_node(self, plant_link: str = "", fault_link: str = "") -> TwinConfig:
+        """Parameters of the twin node, with the sockets of the emulated valves."""
         return self.twin.model_copy(
             update={
                 "robot": self.robot,
@@ -99,6 +116,7 @@ class Scene(Strict):
                 "limits": self.limits,
                 "pressures": "valves" if self.platform else "regulators",
                 "plant_link": plant_link if self.platform else "",
+                "fault_link": fault_link if self.platform else "",
                 "duration_s": self.duration_s,
                 "paused": self.mode == "lockstep",
                 **self._plant(),
@@ -156,7 +174,14 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))
     data.setdefault("name", path.stem)
-    return parse(data, Scene, where=str(path))
+    scene = parse(data, Scene, where=str(path))
+    platform = load_platform(scene.platform) if scene.platform else None
+    check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
+    for number, fault in enumerate(scene.faults):
+        if platform and fault.chamber and fault.chamber not in platform.chamber_names:
+            allowed = f"one of {', '.join(platform.chamber_names)}"
+            raise ConfigError(str(path), f"faults[{number}].chamber", fault.chamber, allowed)
+    return scene
 
 
 def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import time
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -16,6 +18,10 @@ from soro_core.model.statics import equilibrium
 from soro_core.trade.case import SAMPLE_S, Case
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Slower candidates [s of computing a simulated second] are left out, by the first part [s] of the run.
+SLOWEST = 5.0
+PILOT_S = 0.1
 
 STATIONS = (0.2, 0.4, 0.6, 0.8, 1.0)  # parts of the arm's length
 
@@ -83,6 +89,27 @@ def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
     if case.start is None:
         return Trace(places, energy, first_frequency_hz(arm, start, case.pressure_pa[0]))
     return Trace(places, energy, first_frequency_hz(arm, rest(arm)))
+
+
+def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
+    """Why a candidate is not worth its whole run, judged by a short first part; empty if it is.
+
+    An error-controlled stepper on a stiff arm takes thousands of steps for each that it is asked for.
+    """
+    times = time_grid(case, dt_s)
+    times = times[: max(2, min(times.size, 1 + round(PILOT_S / dt_s)))]
+    begun = time.process_time()
+    with contextlib.suppress(ModelError):  # the whole run says so too
+        simulate(
+            arm,
+            case.initial(arm),
+            t_end=times[-1],
+            dt=dt_s,
+            integrator=integrator,
+            pressure=case.pressures(times),
+        )
+    spent = (time.process_time() - begun) / times[-1]
+    return f"too slow: takes more than {SLOWEST:g} s a simulated second" if spent > SLOWEST else ""
 
 
 def time_grid(case: Case, dt_s: float) -> Array:

@@ -15,7 +15,7 @@ from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.model.discretised import discretised
 from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
-from soro_core.trade.trace import Errors, Trace, errors, trace
+from soro_core.trade.trace import Errors, Trace, errors, too_slow, trace
 
 _POLL_S = 0.2
 _CONNECT_S = 5.0
@@ -34,6 +34,8 @@ def compute(case: Case, truth: Trace, candidate: Candidate) -> Outcome:
     """Run one candidate and compare it with the truth."""
     try:
         arm = discretised(case.robot, candidate.model)
+        if slow := too_slow(case, arm, candidate.integrator, candidate.dt_s):
+            return Outcome(candidate, None, slow)
         found = trace(case, arm, candidate.integrator, candidate.dt_s)
     except (ConfigError, ModelError) as error:
         return Outcome(candidate, None, str(error))

@@ -52,6 +52,7 @@ class TwinConfig(Strict):
     paused: bool = Field(False, description="wait for ~/start before the first tick")
     duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")
     plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
+    fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
     rate_hz: float = Field(200.0, gt=0, le=1000, description="ticks a second")
     priority: int = Field(
         10,

@@ -12,26 +12,39 @@ import typer
 def emulate(
     platform: Annotated[str, typer.Argument(help="Name of a shipped platform, or path of a platform file.")],
     lockstep: Annotated[
-        bool, typer.Option("--lockstep", help="Advance by one cycle period with each SYNC, not by the clock.")
+        bool,
+        typer.Option("--lockstep", help="Advance by one cycle period with each exchange, not by the clock."),
     ] = False,
     device_link: Annotated[
         Path | None,
-        typer.Option(help="Symbolic link to make to the pseudo-terminal, as a stable name for it."),
+        typer.Option(help="Name to make for what the host opens: a link, or a folder of them."),
     ] = None,
     plant_link: Annotated[
         Path | None, typer.Option(help="Unix socket on which the true chamber pressures are published.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of chance faults.")] = 0,
+    control: Annotated[
+        Path | None, typer.Option(help="Unix socket on which faults are taken, a line of YAML each.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="Fault as YAML, 'fault: stuck_open, chamber: link0/chamber1, at: 5'; repeatable."),
+    ] = None,
 ) -> None:
-    """Serve the emulated regulators of PLATFORM on a pseudo-terminal, until Ctrl-C.
+    """Serve the emulated regulators of PLATFORM on pseudo-terminals or a TCP port, until Ctrl-C.
 
-    Prints one line, `ready: <path>`, when the devices answer. Give that path (or --device-link) to the
-    regulator node as its parameter `device`, and --plant-link to the twin as its parameter `plant_link`, with
-    `pressures:=valves`. The devices behave as real ones do: they boot, check what they are sent, and vent
-    when their host falls silent.
+    Prints one line, `ready: <path or address>`, when the devices answer; several ports stand in it with
+    commas between them. Give that (or --device-link) to the regulator node as its parameter `device`, and
+    --plant-link to the twin as its parameter `plant_link`, with `pressures:=valves`. The devices behave as
+    real ones do: they boot, check what they are sent, and those that have a watchdog vent when their host
+    falls silent.
+
+    Faults are words of one vocabulary, the same on every family (docs/safety.md); a wrong one is answered
+    with all of them.
     """
     # Imported here so that `soro --help` stays quick.
     from soro_core.errors import ConfigError, SoroError
+    from soro_core.hardware.emulation.faults import read_injection
     from soro_core.hardware.emulation.process import serve
     from soro_core.hardware.platform import load_platform
 
@@ -44,6 +57,8 @@ def emulate(
             device_link=device_link,
             plant_link=plant_link,
             seed=seed,
+            control=control,
+            faults=[read_injection(text, "--fault") for text in fault or ()],
         )
     except SoroError as error:
         typer.echo(str(error), err=True)

@@ -29,9 +29,9 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def setup(self, config: RegulatorNodeConfig) -> None:
         platform = load_platform(config.platform).at_rate(config.rate_hz)
-        if not (config.device or platform.transport.device):
+        if not (config.device or platform.device):
             emulator = f"`soro emulate {config.platform}`"
-            allowed = f"the path of the adapter, or of the pseudo-terminal that {emulator} prints"
+            allowed = f"the path or address of the devices, or the one that {emulator} prints"
             raise ConfigError("parameters of regulator", "device", "", allowed)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._period_ns = round(1e9 / config.rate_hz)
@@ -40,6 +40,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self.get_logger().info(f"configuring {self._regulator.n_chambers} regulators of {config.platform}")
         self._regulator.configure()
+        self._sampled = np.zeros(self._regulator.n_chambers, dtype=bool)
+        self._in_turn = self._regulator.update_hz < 0.9 * config.rate_hz
         self._chambers = ChamberInterface(
             self,
             self._regulator.chamber_names,
@@ -49,6 +51,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._try_tick,
             self._recover,
             self._lockstep,
+            platform.emulation.regulator,
+            platform.rating,
         )
         if self._lockstep:
             self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
@@ -135,11 +139,13 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         fault = "; ".join(f"{f.code}: {f.source}: {f.message}" for f in exchange.faults) or None
         # A chamber that has not reported yet is not known to be bad; silence trips by its age.
         reading = np.where(exchange.fresh | np.isfinite(exchange.pressure_pa), exchange.pressure_pa, 0.0)
-        self._obey(self._chambers.judge(reading, bool(exchange.fresh.all()), fault))
-        # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
-        whole = exchange.fresh.all() or self._lockstep
-        if whole and np.all(np.isfinite(exchange.pressure_pa)):
+        self._obey(self._chambers.judge(reading, exchange.fresh, fault, exchange.supply_pa))
+        # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick. A
+        # line that is slower than the exchanges samples its chambers in turn: one message a round.
+        self._sampled = exchange.fresh | (self._sampled & self._in_turn)
+        if (self._sampled.all() or self._lockstep) and np.all(np.isfinite(exchange.pressure_pa)):
             self._chambers.publish(exchange.pressure_pa, stamp_ns)
+            self._sampled = np.zeros_like(exchange.fresh)
 
     def _recover(self) -> None:
         if self._lost and self._regulator is not None:

@@ -18,6 +18,7 @@ from soro_core.twin import Observation, Twin, TwinConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import ERROR, OK
+from soro_ros.faults import FaultInterface
 from soro_ros.lifecycle import SoroNode, run_node
 
 # A real-time twin that fell behind makes up this much at once; beyond it, time is skipped and counted.
@@ -32,6 +33,7 @@ class TwinNode(SoroNode[TwinConfig]):
     config_model = TwinConfig
     node_name = "twin"
     _link: PlantLinkClient | None = None
+    _faults: FaultInterface | None = None
 
     def setup(self, config: TwinConfig) -> None:
         if bool(config.plant_link) != (config.pressures == "valves"):
@@ -69,9 +71,12 @@ class TwinNode(SoroNode[TwinConfig]):
                 self._stamp_now_ns,
                 self._advance_with_commands,
                 lockstep=self._lockstep,
+                response=config.regulator,
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)
+            if config.fault_link:
+                self._faults = FaultInterface(self, config.fault_link)
         else:
             self._measured: tuple[int, np.ndarray] | None = None
             self._bridged = 0
@@ -91,9 +96,10 @@ class TwinNode(SoroNode[TwinConfig]):
         self._running = False
 
     def teardown(self) -> None:
-        link, self._link = self._link, None
-        if link is not None:
-            link.close()
+        for client in (self._link, self._faults):
+            if client is not None:
+                client.close()
+        self._link = self._faults = None
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._running:

@@ -21,6 +21,7 @@ import yaml
 from soro_core.config import parse
 from soro_core.hardware import Exchange, Platform, open_regulator
 from soro_core.hardware.canopen import frames
+from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.emulation.inprocess import HubBus
 from soro_core.hardware.emulation.world import World
@@ -59,30 +60,31 @@ BASE: dict[str, Any] = {
 }
 
 
-def platform(**changes: Any) -> Platform:
+def platform(**changes: Any) -> CanopenPlatform:
     """The platform of the tests with some keys changed; nested keys as dictionaries are merged."""
-    return parse(_merged(BASE, changes), Platform, where="test")
+    return parse(merged(BASE, changes), CanopenPlatform, where="test")
 
 
 def platform_file(folder: Path, **changes: Any) -> str:
     """The same as a file."""
     path = folder / "platform.yaml"
-    path.write_text(yaml.safe_dump(_merged(BASE, changes)))
+    path.write_text(yaml.safe_dump(merged(BASE, changes)))
     return str(path)
 
 
-def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
+def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """A mapping with some keys changed; nested mappings are merged."""
+    result = dict(base)
     for key, value in changes.items():
         both = isinstance(value, dict) and isinstance(base.get(key), dict)
-        merged[key] = _merged(base[key], value) if both else value
-    return merged
+        result[key] = merged(base[key], value) if both else value
+    return result
 
 
 ONE_VALVE = [{"chamber": "link0/chamber0", "node": 1}]
 
 
-def single(**changes: Any) -> Platform:
+def single(**changes: Any) -> CanopenPlatform:
     """The same with one valve."""
     return platform(valves=ONE_VALVE, **changes)
 
@@ -90,7 +92,7 @@ def single(**changes: Any) -> Platform:
 class RecordingBus(HubBus):
     """Emulated bus in this process that writes down every frame in both directions, as they pass."""
 
-    def __init__(self, platform: Platform, seed: int = 0) -> None:
+    def __init__(self, platform: CanopenPlatform, seed: int = 0) -> None:
         self.log: list[str] = []
         self.swallow: set[int] = set()  # identifiers that get lost on their way to the host
         super().__init__(platform, seed)
@@ -121,7 +123,7 @@ class RecordingBus(HubBus):
 class Bench:
     """A driver on emulated devices in this process, in lockstep."""
 
-    def __init__(self, platform: Platform, seed: int = 0) -> None:
+    def __init__(self, platform: CanopenPlatform, seed: int = 0) -> None:
         self.platform = platform
         self.bus = RecordingBus(platform, seed)
         self.driver = CanopenRegulator(platform, lambda: self.bus, clock=time.monotonic, lockstep=True)

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from board_bench import BoardBench, VeabBench, board_platform, veab_platform
 from hardware_bench import PERIOD_NS, Bench, platform
+from serial_bench import COMMON, SerialBench, alicat, itv
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import FAULT_CODES, Regulator
@@ -19,6 +21,8 @@ class Rig:
     true_pa: Callable[[], np.ndarray]
     restart_device: Callable[[], None]
     resolution_pa: float
+    cycles_an_update: int = 1  # exchanges in which every chamber is sampled once
+    restart_fault: str = "rebooted"
     now_ns: int = 0
 
     def run(self, cycles, *setpoints):
@@ -26,6 +30,10 @@ class Rig:
             self.now_ns += PERIOD_NS
             result = self.regulator.exchange(np.full(self.regulator.n_chambers, setpoints), self.now_ns)
         return result
+
+    def sampled(self, *setpoints):
+        """Which chambers are sampled in the exchanges of one update."""
+        return np.any([self.run(1, *setpoints).fresh for _ in range(self.cycles_an_update)], axis=0)
 
 
 def canopen() -> Rig:
@@ -38,7 +46,38 @@ def canopen() -> Rig:
     )
 
 
-FAMILIES = {"canopen_408": canopen}
+def veab() -> Rig:
+    bench = VeabBench(veab_platform())
+    # The server says nothing of itself: all that shows is that the connection broke.
+    return Rig(bench.driver, lambda: bench.devices.pressure_pa, bench.restart, 0.1, restart_fault="link_lost")
+
+
+def board() -> Rig:
+    bench = BoardBench(board_platform())
+    return Rig(bench.driver, lambda: bench.devices.pressure_pa, bench.devices.power_cycle, 1.0)
+
+
+def serial(platform, resolution_pa, cycles_an_update) -> Rig:
+    bench = SerialBench(platform)
+    return Rig(
+        bench.driver,
+        lambda: bench.devices.pressure_pa,
+        lambda: bench.valves[0].reboot(bench.devices.now_ns),
+        resolution_pa,
+        cycles_an_update,
+    )
+
+
+FAMILIES = {
+    "canopen_408": canopen,
+    "veab_tcp": veab,
+    "soro_board": board,
+    "itv_rs232": lambda: serial(itv(), 1e5 / 1023, 10),
+    "alicat": lambda: serial(alicat(), 10.0, 8),
+    "alicat at 19200 with firmware 5": lambda: serial(
+        alicat(baud=19200, emulation={**COMMON["emulation"], "firmware": "5v12.0-R22"}), 10.0, 20
+    ),
+}
 
 
 @pytest.fixture(params=FAMILIES.values(), ids=FAMILIES.keys())
@@ -71,12 +110,17 @@ def test_exchange_reports_what_was_sent_and_read(ready):
     result = ready.run(100, 12_345.0, 45_678.0, 78_901.0)
     assert result.faults == ()
     assert result.fresh.dtype == bool
-    assert result.fresh.all()
     np.testing.assert_allclose(
         result.sent_pa, [12_345.0, 45_678.0, 78_901.0], atol=ready.resolution_pa / 2 + 1e-9
     )
     np.testing.assert_allclose(result.pressure_pa, ready.true_pa(), atol=1000.0)
     np.testing.assert_allclose(ready.true_pa(), result.sent_pa, atol=600.0)
+    assert ready.sampled(12_345.0, 45_678.0, 78_901.0).all()
+
+
+def test_says_what_it_can(ready):
+    assert isinstance(ready.regulator.device_watchdog, bool)
+    assert 1.0 < ready.regulator.update_hz <= 1e9 / PERIOD_NS
 
 
 def test_results_are_the_callers_own(ready):
@@ -126,7 +170,7 @@ def test_restarted_device_latches_until_configured(ready):
     ready.run(100, 60e3)
     ready.restart_device()
     result = ready.run(100, 60e3)
-    assert "rebooted" in {fault.code for fault in result.faults if fault.latched}
+    assert ready.restart_fault in {fault.code for fault in result.faults if fault.latched}
     assert {fault.code for fault in result.faults} <= set(FAULT_CODES)
     assert all(fault.source and fault.message for fault in result.faults)
     assert ready.true_pa().max() < 500.0

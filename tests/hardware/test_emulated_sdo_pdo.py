@@ -3,10 +3,11 @@
 import pytest
 from hardware_bench import emergencies, ticks
 
+from soro_core.config import config_folder
 from soro_core.hardware.canopen import frames
 from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.canopen.eds import read_eds
 from soro_core.hardware.canopen.frames import NmtCommand, NmtState, SdoAbort
-from soro_core.hardware.emulation.dictionary import VALVE_EDS, load_dictionary
 from soro_core.hardware.transport.frame import Frame
 
 S = State
@@ -58,11 +59,15 @@ def test_every_abort_code_has_a_name():
     assert frames.abort_text(0x08000020) == "0x08000020"
 
 
-def test_dictionary_is_that_of_the_eds():
-    text = VALVE_EDS.read_text()
+@pytest.mark.parametrize(
+    "eds", sorted((config_folder() / "canopen").glob("*.eds")), ids=lambda path: path.stem
+)
+def test_dictionary_is_that_of_the_eds(eds):
+    text = eds.read_text()
     listed = {int(line[1:5], 16) for line in text.splitlines() if line.startswith("[") and line[5:6] in "]s"}
-    assert {index for index, _ in load_dictionary(5).entries} == listed
-    assert load_dictionary(5).values[0x1800, 1] == 0x185
+    entries = read_eds(eds, 5)
+    assert {index for index, _ in entries} == listed
+    assert entries[0x1800, 1].default == 0x185
 
 
 OFF, CLEAR = "23 00 18 01 81 01 00 80", "2F 00 1A 00 00 00 00 00"

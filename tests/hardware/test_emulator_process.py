@@ -245,4 +245,4 @@ def test_command(tmp_path):
     path.write_text("family: canopen_408\n")
     failed = runner.invoke(app, [str(path)])
     assert failed.exit_code == 2
-    assert f"{path}: transport: got " in failed.output
+    assert f"{path}: valves: got " in failed.output

@@ -32,7 +32,7 @@ BAD = {
     "unknown nested key": ({"canopen": {"watchdog_s": 1.0}}, "canopen.watchdog_s: got 'an unknown key'"),
     "unknown family": (
         {"family": "ethercat"},
-        "family: got 'ethercat'; allowed: input should be 'canopen_408'",
+        "family: got 'ethercat'; allowed: one of canopen_408, itv_rs232, ",
     ),
     "unknown transport": ({"transport": {"kind": "usb"}}, "transport.kind: got 'usb'"),
     "bit rate 800k": (

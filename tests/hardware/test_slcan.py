@@ -289,17 +289,17 @@ COMMANDS = [
 @pytest.mark.parametrize(("command", "answer"), COMMANDS, ids=[repr(c)[:24] for c, _ in COMMANDS])
 def test_emulated_adapter(command, answer):
     sent = []
-    server = SlcanServer(sent.append)
+    server = SlcanServer(lambda frame: sent.append(frame) is None)
     server.feed(command)
     assert bytes(server.output) == answer
     assert len(sent) == answer.lower().count(b"z")
 
 
 def test_emulated_adapter_keeps_a_bounded_output():
-    server = SlcanServer(lambda frame: None)
+    server = SlcanServer(lambda frame: True)
     server.feed(b"O\r")
     for _ in range(10_000):
-        server.deliver(Frame(0x181, bytes(8)))
+        server.deliver(Frame(0x181, bytes(8)), 0)
     assert len(server.output) < 66_000
     assert server.overruns > 0
     server.feed(b"C\r")

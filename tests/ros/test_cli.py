@@ -39,8 +39,8 @@ def test_every_command_explains_itself(arguments):
             "twin.regulator.tau: got 'an unknown key'; allowed: delay_s, tau_s",
         ),
         (
-            "limits: {maximum_pa: 120e3}\n",
-            "limits.maximum_pa: got 120000.0; allowed: input should be less than",
+            "limits: {maximum_pa: 120e3, over_pressure_pa: 125e3, burst_pressure_pa: 130e3}\n",
+            "limits.maximum_pa: got 120000.0; allowed: input should be less than 100000: the platform",
         ),
         (
             "controller: {gains: {k_p: [1, x]}}\n",

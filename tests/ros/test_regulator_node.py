@@ -263,7 +263,7 @@ def test_without_a_device_the_node_says_what_to_do(domain):
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
-    assert "device: got ''; allowed: the path of the adapter, or of the pseudo-terminal" in done.stderr
+    assert "device: got ''; allowed: the path or address of the devices" in done.stderr
 
 
 def test_rclpy_context_is_left_clean():

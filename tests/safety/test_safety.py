@@ -9,7 +9,17 @@ from hypothesis import strategies as st
 
 from soro_core.config import parse
 from soro_core.errors import ConfigError
-from soro_core.safety import Limits, SafetyState, cycle, initial_state, offer, request_vent, reset
+from soro_core.safety import (
+    Limits,
+    Rating,
+    SafetyState,
+    check_rating,
+    cycle,
+    initial_state,
+    offer,
+    request_vent,
+    reset,
+)
 
 MS = 1_000_000
 LIMITS = Limits()
@@ -115,7 +125,7 @@ def test_over_pressure_trips_after_its_time_and_burst_at_once():
 
 def test_a_short_spike_of_pressure_is_tolerated():
     state = run(initial_state(3), 0, 15, reading=np.full(3, 101e3))
-    state = run(state, 20, 35)
+    state = run(state, 20, 35, reading=np.full(3, 60e3))
     assert run(state, 40, 55, reading=np.full(3, 101e3)).cause is None
 
 
@@ -185,8 +195,9 @@ def test_a_stall_of_the_loop_is_no_licence_to_jump():
 
 @pytest.mark.parametrize("bad", [100e3, 120e3, math.nan, math.inf, -1.0])
 def test_no_configuration_raises_the_hard_limit(bad):
+    high = {"over_pressure_pa": 125e3, "burst_pressure_pa": 130e3}
     with pytest.raises(ConfigError, match=r"maximum_pa"):
-        parse({"maximum_pa": bad}, Limits, "f.yaml")
+        check_rating(parse({"maximum_pa": bad, **high}, Limits, "f.yaml"), Rating(), "f.yaml")
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
@@ -195,7 +206,8 @@ event = st.tuples(
     st.integers(-200, 200),  # age of the stamp [ms]
     st.integers(0, 30),  # time since the last event [ms]
     st.lists(st.one_of(st.floats(-5e3, 95e3), anything), min_size=3, max_size=3),
-    st.booleans(),
+    st.lists(st.booleans(), min_size=3, max_size=3),
+    st.one_of(st.none(), st.lists(anything, min_size=3, max_size=3)),
 )
 
 
@@ -203,11 +215,12 @@ event = st.tuples(
 @given(st.lists(event, max_size=40))
 def test_any_sequence_stays_in_range_and_within_slew(events):
     state, now, last_cycle = initial_state(3), 0, None
-    for command, age, wait, reading, fresh in events:
+    for command, age, wait, reading, fresh, supply in events:
         now += wait * MS
         state, _ = offer(LIMITS, state, np.array(command), now - age * MS, now)
         before = state
-        state = cycle(LIMITS, state, np.array(reading), fresh, now)
+        given = None if supply is None else np.array(supply)
+        state = cycle(LIMITS, state, np.array(reading), np.array(fresh), now, supply_pa=given)
         sent = state.setpoint_pa
         assert np.all(np.isfinite(sent))
         assert np.all((sent >= LIMITS.minimum_pa) & (sent <= LIMITS.maximum_pa))

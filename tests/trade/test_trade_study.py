@@ -251,3 +251,12 @@ class Noted:
     def step(self, state, pressure, dt):
         self.steps.append(dt)
         return self.stepper.step(state, pressure, dt)
+
+
+def test_a_candidate_that_takes_for_ever_is_left_out_and_says_so(case, reference, monkeypatch):
+    candidate = Candidate(Discretisation(), "trapezoidal", 0.01)
+    assert compute(case, reference.trace, candidate).errors is not None
+    monkeypatch.setattr("soro_core.trade.trace.SLOWEST", 0.0)
+    outcome = compute(case, reference.trace, candidate)
+    assert outcome.errors is None
+    assert outcome.trouble == "too slow: takes more than 0 s a simulated second"

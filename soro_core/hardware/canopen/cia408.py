@@ -128,9 +128,20 @@ def pascal_per_count(unit: int, prefix: int, full_scale_pa: float | None) -> flo
     return _PA_PER_UNIT[unit] * 10.0**prefix if prefix >= 0 else _PA_PER_UNIT[unit] / 10.0**-prefix
 
 
-def counts_within(minimum_pa: float, maximum_pa: float, scale: float) -> tuple[int, int]:
-    """Smallest and largest 16-bit count inside a range; rounding never leads out of it."""
+def counts_within(
+    minimum_pa: float,
+    maximum_pa: float,
+    scale: float,
+    zero: int = 0,
+    limits: tuple[int, int] = (-32768, 32767),
+) -> tuple[int, int]:
+    """Smallest and largest count inside a range; rounding never leads out of it."""
     tolerance = 1e-9
-    low = max(math.ceil(minimum_pa / scale - tolerance), -32768)
-    high = min(math.floor(maximum_pa / scale + tolerance), 32767)
+    low = max(math.ceil(minimum_pa / scale - tolerance) + zero, limits[0])
+    high = min(math.floor(maximum_pa / scale + tolerance) + zero, limits[1])
     return low, high
+
+
+def limits_of(bits: int, is_signed: bool) -> tuple[int, int]:
+    """Smallest and largest value of an integer."""
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)

@@ -50,14 +50,15 @@ def bring_down(driver: CanopenRegulator) -> None:
     for _ in range(round(LONGEST_WAIT_S / period_s)):
         if np.all(np.abs(cycle(setpoint, control)) < EMPTY_PA):  # false while a reading is missing (NaN)
             break
-    for word in (Control.HOLD, Control.DISABLED, Control.INIT):
+    for word in (Control.HOLD, Control.DISABLED, Control.INIT) if driver.device.has_states else ():
         cycle(setpoint, word)
     # The host falls silent here on purpose. Without the next steps every valve would report that as a fault:
     # the set point deadline ends with OPERATIONAL, the heartbeat consumer is switched off.
-    driver.send([frames.nmt(NmtCommand.PRE_OPERATIONAL, valve.node) for valve in platform.valves])
-    for number, valve in enumerate(platform.valves):
+    clients = driver.clients()
+    driver.send([frames.nmt(NmtCommand.PRE_OPERATIONAL, node) for node, _ in clients])
+    for node, client in clients:
         driver.send([driver.own_heartbeat()])
-        client = driver.client(number)
-        with contextlib.suppress(SdoError):
-            client.write(CONSUMER_HEARTBEAT, 1, 0, 4)
-        driver.send([frames.nmt(NmtCommand.STOP, valve.node)])
+        if driver.device.has_consumer:
+            with contextlib.suppress(SdoError):
+                client.write(CONSUMER_HEARTBEAT, 1, 0, 4)
+        driver.send([frames.nmt(NmtCommand.STOP, node)])

@@ -1,4 +1,7 @@
-"""Start-up of one CiA 408 node over SDO: check it, set watchdogs, limits and PDOs, bring it to HOLD at 0."""
+"""Start-up of one node over SDO: check it, set watchdogs, limits and PDOs, bring its valves to HOLD at 0.
+
+What the mapping or the EDS does not have is left out: an analog coupler has neither limits nor states.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +9,40 @@ from dataclasses import dataclass
 
 from soro_core.hardware.canopen import cia408
 from soro_core.hardware.canopen.cia408 import Control, State
-from soro_core.hardware.canopen.frames import COB_DISABLED, RPDO_BASES, TPDO_BASES, SdoAbort
-from soro_core.hardware.canopen.pdo import Mapped, PdoLayout
+from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_core.hardware.canopen.device import Device, Object, Pdo
+from soro_core.hardware.canopen.frames import COB_DISABLED, SdoAbort
+from soro_core.hardware.canopen.mapping import PDO_NUMBERS, FixedScaling, Linear
 from soro_core.hardware.canopen.sdo_client import SdoAbortError, SdoClient
-from soro_core.hardware.platform import Platform
 
-RPDO_LAYOUT = PdoLayout((Mapped(cia408.CONTROL_WORD, 0, 16), Mapped(cia408.SETPOINT, 1, 16)))
-TPDO_LAYOUT = PdoLayout((Mapped(cia408.STATUS_WORD, 0, 16), Mapped(cia408.ACTUAL, 1, 16)))
-_EVERY_SYNC = 1
+_EVERY_SYNC, _BY_DEVICE = 1, 255
+_INHIBIT = 20  # 2 ms in units of 0.1 ms: a status that flickers must not fill the bus
 _BOOT_POLL_S = 0.1
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Counts of a device: pressure per count of set point and reading, and the counts it may be sent."""
+    """Counts of a regulator: pressure per count of set point and reading, and the counts it may be sent."""
 
     setpoint_pa: float
     actual_pa: float
     low: int
     high: int
+    setpoint_zero: int = 0
+    actual_zero: int = 0
+
+    def counts(self, setpoint_pa: float) -> int:
+        """Nearest count inside the range."""
+        count = round(setpoint_pa / self.setpoint_pa) + self.setpoint_zero
+        return min(max(count, self.low), self.high)
+
+    def sent_pa(self, counts: int) -> float:
+        """Pressure that a set point means [Pa gauge]."""
+        return (counts - self.setpoint_zero) * self.setpoint_pa
+
+    def read_pa(self, counts: int) -> float:
+        """Pressure that a reading means [Pa gauge]."""
+        return (counts - self.actual_zero) * self.actual_pa
 
 
 def wait_for_boot(sdo: SdoClient, timeout_s: float) -> None:
@@ -36,49 +54,62 @@ def wait_for_boot(sdo: SdoClient, timeout_s: float) -> None:
             raise sdo.error(f"no answer for {timeout_s:g} s; is it powered, on this bus, at this bit rate?")
 
 
-def configure_node(sdo: SdoClient, node: int, platform: Platform) -> Scaling:
-    """Everything between boot and NMT start.
+def configure_node(
+    sdo: SdoClient, node: int, channels: tuple[int, ...], platform: CanopenPlatform, device: Device
+) -> tuple[Scaling, ...]:
+    """Everything between boot and NMT start; the scaling of every channel in use.
 
     Raises
     ------
     HardwareError
         One line that names device, step and object.
     """
-    _identify(sdo, platform)
-    to_init(sdo, platform.canopen.activation_timeout_s)
-    _set_watchdogs(sdo, platform)
-    scaling = _read_scaling(sdo, platform)
-    _set_limits(sdo, scaling)
-    _map(sdo, cia408.RPDO_COMMUNICATION, cia408.RPDO_MAPPING, RPDO_BASES[0] + node, RPDO_LAYOUT)
-    _map(sdo, cia408.TPDO_COMMUNICATION, cia408.TPDO_MAPPING, TPDO_BASES[0] + node, TPDO_LAYOUT)
-    _disable_other_pdos(sdo)
-    return scaling
+    check_identity(sdo, platform, device)
+    for channel in range(device.mapping.channels):
+        to_init(sdo, device, channel, platform.canopen.activation_timeout_s)
+    _set_watchdogs(sdo, platform, device)
+    scalings = tuple(read_scaling(sdo, platform, device, channel) for channel in channels)
+    for channel, scaling in zip(channels, scalings, strict=True):
+        _set_limits(sdo, device, channel, scaling)
+    for pdo in (*device.rpdos, *device.tpdos):
+        _map(sdo, pdo, node, round(platform.canopen.status_s * 1e3))
+    _disable_other_pdos(sdo, device)
+    return scalings
 
 
-def to_hold(sdo: SdoClient, timeout_s: float) -> None:
-    """Control words 0, 1, 3 after NMT start: the loop then holds object 6394, which is 0."""
+def to_hold(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:
+    """Control words 0, 1, 3 after NMT start: the loop then holds the hold set point, which is 0."""
     sdo.step = "state machine to hold"
-    for control, state in (
-        (Control.INIT, State.INIT),
-        (Control.DISABLED, State.DISABLED),
-        (Control.HOLD, State.HOLD),
-    ):
-        _command(sdo, control, state, timeout_s)
+    if device.has_states:
+        for control, state in (
+            (Control.INIT, State.INIT),
+            (Control.DISABLED, State.DISABLED),
+            (Control.HOLD, State.HOLD),
+        ):
+            _command(sdo, device, channel, control, state, timeout_s)
 
 
-def to_init(sdo: SdoClient, timeout_s: float) -> None:
+def to_init(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:
     """Bring the state machine to INIT, where parameters can be set; a fault is reset by edges of bit 3."""
     sdo.step = "state machine to init"
-    if sdo.read(cia408.STATUS_WORD) & 0xF != State.INIT.bits:
-        _command(sdo, Control.INIT, State.INIT, timeout_s)
+    if device.has_states and _status(sdo, device, channel) & 0xF != State.INIT.bits:
+        _command(sdo, device, channel, Control.INIT, State.INIT, timeout_s)
 
 
-def _command(sdo: SdoClient, control: Control, state: State, timeout_s: float) -> None:
+def _status(sdo: SdoClient, device: Device, channel: int) -> int:
+    status = device.require("status", channel)
+    return sdo.read(status.index, status.sub)
+
+
+def _command(
+    sdo: SdoClient, device: Device, channel: int, control: Control, state: State, timeout_s: float
+) -> None:
     """Write a control word until the status word shows the state; a device may take a few of its cycles."""
+    word = device.require("control", channel)
     expired = sdo.timer(timeout_s)
     while True:
-        sdo.write(cia408.CONTROL_WORD, 0, control, 2)
-        status = sdo.read(cia408.STATUS_WORD)
+        sdo.write(word.index, word.sub, control, word.size)
+        status = _status(sdo, device, channel)
         if status & 0xF == state.bits:
             return
         found = cia408.state_of(status)
@@ -87,91 +118,140 @@ def _command(sdo: SdoClient, control: Control, state: State, timeout_s: float) -
                 f"control word {control:d} does not lead to {state.value[0]}, found {found.value[0]}"
             )
         if found.is_fault and control is Control.INIT:
-            sdo.write(cia408.CONTROL_WORD, 0, Control.RESET, 2)
+            sdo.write(word.index, word.sub, Control.RESET, word.size)
 
 
-def _identify(sdo: SdoClient, platform: Platform) -> None:
+def check_identity(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> tuple[int, int, int]:
+    """Device type, vendor and product, checked against mapping and platform."""
     sdo.step = "device type"
     device_type = sdo.read(cia408.DEVICE_TYPE)
-    if device_type & 0xFFFF != cia408.PROFILE:
-        raise sdo.error(f"the device has profile {device_type & 0xFFFF}, not {cia408.PROFILE}")
+    wanted_profile = device.mapping.profile
+    if wanted_profile is not None and device_type & 0xFFFF != wanted_profile:
+        raise sdo.error(f"the device has profile {device_type & 0xFFFF}, not {wanted_profile}")
     sdo.step = "identity"
     wanted = (platform.canopen.vendor_id, platform.canopen.product_code)
+    identity = []
     for sub, value, name in zip((1, 2), wanted, ("vendor", "product"), strict=True):
-        found = sdo.read(cia408.IDENTITY, sub)
-        if value is not None and found != value:
-            raise sdo.error(f"{name} 0x{found:X}, the platform asks for 0x{value:X}")
+        identity.append(sdo.read(cia408.IDENTITY, sub))
+        if value is not None and identity[-1] != value:
+            raise sdo.error(f"{name} 0x{identity[-1]:X}, the platform asks for 0x{value:X}")
+    return device_type, identity[0], identity[1]
 
 
-def _set_watchdogs(sdo: SdoClient, platform: Platform) -> None:
+def _set_watchdogs(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None:
     times = platform.canopen
     sdo.step = "heartbeat"
-    sdo.write_checked(cia408.PRODUCER_HEARTBEAT, 0, round(times.heartbeat_s * 1e3), 2)
-    consumer = times.master_node << 16 | round(times.heartbeat_consumer_s * 1e3)
-    sdo.write_checked(cia408.CONSUMER_HEARTBEAT, 1, consumer, 4)
+    if device.has_producer:
+        sdo.write_checked(cia408.PRODUCER_HEARTBEAT, 0, round(times.heartbeat_s * 1e3), 2)
+    if device.has_consumer:
+        consumer = times.master_node << 16 | round(times.heartbeat_consumer_s * 1e3)
+        sdo.write_checked(cia408.CONSUMER_HEARTBEAT, 1, consumer, 4)
     sdo.step = "set point deadline"
-    sdo.write_checked(cia408.RPDO_COMMUNICATION, 5, round(times.rpdo_deadline_s * 1e3), 2)
+    for pdo in device.rpdos:
+        if pdo.cyclic and device.has_deadline(pdo):
+            sdo.write_checked(pdo.communication, 5, round(times.rpdo_deadline_s * 1e3), 2)
     sdo.step = "cycle period"
-    sdo.write_checked(cia408.CYCLE_PERIOD, 0, round(1e6 / platform.cycle_hz), 4)
+    if device.has_cycle_period:
+        sdo.write_checked(cia408.CYCLE_PERIOD, 0, round(1e6 / platform.cycle_hz), 4)
 
 
-def _read_scaling(sdo: SdoClient, platform: Platform) -> Scaling:
+def read_scaling(sdo: SdoClient, platform: CanopenPlatform, device: Device, channel: int) -> Scaling:
+    """What the counts of a channel mean, as the device says or as the mapping does."""
     sdo.step = "units"
-    scales = []
-    for index in (cia408.SETPOINT, cia408.ACTUAL):
-        unit, prefix = sdo.read(index, 2), sdo.read(index, 3, is_signed=True)
-        try:
-            scales.append(cia408.pascal_per_count(unit, prefix, platform.canopen.full_scale_pa))
-        except ValueError as error:
-            raise sdo.error(str(error)) from None
-    low, high = cia408.counts_within(platform.range.minimum_pa, platform.range.maximum_pa, scales[0])
-    if high * scales[0] < 0.5 * platform.range.maximum_pa:
-        raise sdo.error(
-            f"one count is {scales[0]:g} Pa: the range ends at {high * scales[0]:g} Pa in 16 bits"
+    fixed = device.mapping.scaling
+    if isinstance(fixed, FixedScaling):
+        setpoint, actual = fixed.setpoint, fixed.reading
+    else:
+        setpoint, actual = (
+            _unit(sdo, platform, device.require(kind, channel)) for kind in ("setpoint", "reading")
         )
-    return Scaling(scales[0], scales[1], low, high)
-
-
-def _set_limits(sdo: SdoClient, scaling: Scaling) -> None:
-    sdo.step = "limits"
-    sdo.write_checked(cia408.UPPER_LIMIT, 1, scaling.high, 2, is_signed=True)
-    sdo.write_checked(cia408.LOWER_LIMIT, 1, scaling.low, 2, is_signed=True)
-    sdo.step = "hold set point"
-    sdo.write_checked(cia408.HOLD_SETPOINT, 1, 0, 2, is_signed=True)
-    sdo.step = "mode"
-    modes = (
-        (cia408.DEVICE_MODE, cia408.SETPOINT_VIA_BUS),
-        (cia408.CONTROL_MODE, cia408.PRESSURE_CLOSED_LOOP),
+    entry = device.require("setpoint", channel)
+    low, high = cia408.counts_within(
+        platform.range.minimum_pa,
+        platform.range.maximum_pa,
+        setpoint.pa_per_count,
+        setpoint.zero_count,
+        cia408.limits_of(entry.bits, entry.is_signed),
     )
-    for index, mode in modes:
-        if sdo.read(index, 0, is_signed=True) != mode:
-            sdo.write_checked(index, 0, mode, 1, is_signed=True)
+    reached_pa = (high - setpoint.zero_count) * setpoint.pa_per_count
+    if reached_pa < 0.5 * platform.range.maximum_pa or not low <= setpoint.zero_count <= high:
+        raise sdo.error(
+            f"one count is {setpoint.pa_per_count:g} Pa: the range ends at {reached_pa:g} Pa "
+            f"in {entry.bits} bits"
+        )
+    return Scaling(
+        setpoint.pa_per_count, actual.pa_per_count, low, high, setpoint.zero_count, actual.zero_count
+    )
 
 
-def _map(sdo: SdoClient, communication: int, mapping: int, cob_id: int, layout: PdoLayout) -> None:
+def _unit(sdo: SdoClient, platform: CanopenPlatform, measured: Object) -> Linear:
+    unit, prefix = sdo.read(measured.index, 2), sdo.read(measured.index, 3, is_signed=True)
+    try:
+        pa_per_count = cia408.pascal_per_count(unit, prefix, platform.canopen.full_scale_pa)
+    except ValueError as error:
+        raise sdo.error(str(error)) from None
+    return Linear(pa_per_count=pa_per_count)
+
+
+def _set_limits(sdo: SdoClient, device: Device, channel: int, scaling: Scaling) -> None:
+    for kind, value, step in (
+        ("upper_limit", scaling.high, "limits"),
+        ("lower_limit", scaling.low, "limits"),
+        ("hold_setpoint", scaling.setpoint_zero, "hold set point"),
+    ):
+        sdo.step = step
+        found = device.find(kind, channel)
+        if found is not None:
+            sdo.write_checked(found.index, found.sub, value, found.size, found.is_signed)
+    sdo.step = "mode"
+    for setting in device.mapping.settings:
+        found = device.object(device.mapping.of_channel(setting, channel))
+        if sdo.read(found.index, found.sub, found.is_signed) != setting.value:
+            sdo.write_checked(found.index, found.sub, setting.value, found.size, found.is_signed)
+
+
+def _map(sdo: SdoClient, pdo: Pdo, node: int, event_ms: int) -> None:
     """Disable, clear, write, count, enable (CiA 301); every value is read back."""
-    sdo.step = f"mapping {mapping:04X}"
+    sdo.step = f"mapping {pdo.mapping:04X}"
+    communication, mapping, cob_id = pdo.communication, pdo.mapping, pdo.cob_id(node)
+    count = len(pdo.layout.objects)
+    if pdo.fixed:
+        entries = [(0, count), *enumerate((mapped.entry for mapped in pdo.layout.objects), start=1)]
+        for sub, wanted in entries:
+            found = sdo.read(mapping, sub)
+            if found != wanted:
+                raise sdo.error(
+                    f"the device's fixed map has {mapping:04X}:{sub} = 0x{found:X}, not 0x{wanted:X}"
+                )
     sdo.write(communication, 1, cob_id | COB_DISABLED, 4)
-    sdo.write(mapping, 0, 0, 1)
-    for number, mapped in enumerate(layout.objects, start=1):
-        sdo.write_checked(mapping, number, mapped.entry, 4)
-    sdo.write_checked(mapping, 0, len(layout.objects), 1)
-    sdo.write_checked(communication, 2, _EVERY_SYNC, 1)
+    if not pdo.fixed:
+        sdo.write(mapping, 0, 0, 1)
+        for number, mapped in enumerate(pdo.layout.objects, start=1):
+            sdo.write_checked(mapping, number, mapped.entry, 4)
+        sdo.write_checked(mapping, 0, count, 1)
+    sdo.write_checked(communication, 2, _BY_DEVICE if pdo.event else _EVERY_SYNC, 1)
+    if pdo.event:
+        sdo.write_checked(communication, 3, _INHIBIT, 2)
+        sdo.write_checked(communication, 5, event_ms, 2)
     sdo.write(communication, 1, cob_id, 4)
     found = sdo.read(communication, 1)
     if found & (COB_DISABLED | 0x7FF) != cob_id:  # bit 30 (no RTR) may be set by the device
         raise sdo.error(f"wrote {communication:04X}:1 = 0x{cob_id:X}, the device has 0x{found:X}")
 
 
-def _disable_other_pdos(sdo: SdoClient) -> None:
-    """Nothing on the bus but what is read: TPDO 2 to 4 off, where the device has them."""
+def _disable_other_pdos(sdo: SdoClient, device: Device) -> None:
+    """Nothing on the bus but what is read: other TPDOs off, where the device has them."""
     sdo.step = "other PDOs"
-    for number in range(1, 4):
+    used = {pdo.number for pdo in device.tpdos}
+    for number in range(1, PDO_NUMBERS + 1):
+        if number in used:
+            continue
+        communication = cia408.TPDO_COMMUNICATION + number - 1
         try:
-            cob_id = sdo.read(cia408.TPDO_COMMUNICATION + number, 1)
+            cob_id = sdo.read(communication, 1)
         except SdoAbortError as abort:
             if abort.code != SdoAbort.NO_OBJECT:
                 raise
             return
         if not cob_id & COB_DISABLED:
-            sdo.write(cia408.TPDO_COMMUNICATION + number, 1, cob_id | COB_DISABLED, 4)
+            sdo.write(communication, 1, cob_id | COB_DISABLED, 4)

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from soro_core.errors import ConfigError, SoroError
+from soro_core.hardware.emulation.faults import read_injection
 from soro_core.hardware.emulation.process import serve
 from soro_core.hardware.platform import load_platform
 
@@ -16,10 +17,12 @@ def main(arguments: list[str] | None = None) -> int:
     """Parse the command line and serve; 0 after a signal, 2 for wrong use, 1 for anything else that fails."""
     parser = argparse.ArgumentParser(prog="python -m soro_core.hardware.emulation", description=__doc__)
     parser.add_argument("platform", help="name of a shipped platform, or path of a platform file")
-    parser.add_argument("--lockstep", action="store_true", help="advance by SYNC, not by the clock")
-    parser.add_argument("--device-link", type=Path, help="symbolic link to make to the pseudo-terminal")
+    parser.add_argument("--lockstep", action="store_true", help="advance by exchanges, not by the clock")
+    parser.add_argument("--device-link", type=Path, help="name to make for what the host opens")
     parser.add_argument("--plant-link", type=Path, help="Unix socket on which true pressures are published")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sensor noise")
+    parser.add_argument("--control", type=Path, help="Unix socket on which faults are taken")
+    parser.add_argument("--fault", action="append", default=[], help="a fault as YAML, see `soro emulate`")
     given = parser.parse_args(arguments)
 
     def announce(path: str) -> None:
@@ -35,6 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
             device_link=given.device_link,
             plant_link=given.plant_link,
             seed=given.seed,
+            control=given.control,
+            faults=[read_injection(text, "--fault") for text in given.fault],
         )
     except SoroError as error:
         sys.stderr.write(f"{error}\n")

@@ -2,23 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeAlias
 
-from canopen.objectdictionary import ODVariable
-from canopen.objectdictionary.eds import import_eds
-
+from soro_core.hardware.canopen.eds import Entry, Key
 from soro_core.hardware.canopen.frames import SdoAbort
-
-Key: TypeAlias = tuple[int, int]
-
-# CiA 306 data types: bits and sign
-_TYPES = {2: (8, True), 3: (16, True), 4: (32, True), 5: (8, False), 6: (16, False), 7: (32, False)}
-
-VALVE_EDS = Path(__file__).resolve().parent.parent / "canopen" / "valve408.eds"
 
 
 class Refused(Exception):  # noqa: N818 - it is an answer of the protocol, not an error of the program
@@ -27,20 +14,6 @@ class Refused(Exception):  # noqa: N818 - it is an answer of the protocol, not a
     def __init__(self, code: SdoAbort) -> None:
         self.code = code
         super().__init__(code.name)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What the EDS says of one sub-object."""
-
-    bits: int
-    is_signed: bool
-    readable: bool
-    writable: bool
-    mappable: bool
-    low: int | None
-    high: int | None
-    default: int
 
 
 class ObjectDictionary:
@@ -107,28 +80,3 @@ class ObjectDictionary:
         if check is not None:
             check(value)
         self.values[index, sub] = value
-
-
-def load_dictionary(node: int, eds: Path = VALVE_EDS) -> ObjectDictionary:
-    """Object dictionary of one node from an EDS file."""
-    return ObjectDictionary(dict(_entries(node, eds)))
-
-
-@functools.cache
-def _entries(node: int, eds: Path) -> dict[Key, Entry]:
-    found: dict[Key, Entry] = {}
-    for item in import_eds(str(eds), node).values():
-        for variable in [item] if isinstance(item, ODVariable) else item.values():
-            bits, is_signed = _TYPES[variable.data_type]
-            access = variable.access_type
-            found[variable.index, variable.subindex] = Entry(
-                bits=bits,
-                is_signed=is_signed,
-                readable=access != "wo",
-                writable=access in ("rw", "rww", "rwr", "wo"),
-                mappable=variable.pdo_mappable,
-                low=variable.min,
-                high=variable.max,
-                default=variable.default or 0,
-            )
-    return found

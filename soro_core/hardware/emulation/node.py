@@ -1,4 +1,4 @@
-"""An emulated CANopen node: network management, boot-up, heartbeats both ways, emergencies, and its valve."""
+"""An emulated CANopen node: network management, boot-up, heartbeats both ways, emergencies, its valves."""
 
 from __future__ import annotations
 
@@ -12,36 +12,46 @@ from soro_core.hardware.canopen.cia408 import (
     PRODUCER_HEARTBEAT,
     State,
 )
+from soro_core.hardware.canopen.config import CanopenEmulation
+from soro_core.hardware.canopen.device import Device
+from soro_core.hardware.canopen.eds import read_eds
 from soro_core.hardware.canopen.frames import EmcyCode, NmtCommand, NmtState
-from soro_core.hardware.emulation.dictionary import load_dictionary
+from soro_core.hardware.emulation.dictionary import ObjectDictionary
 from soro_core.hardware.emulation.pdo_server import MS, Pdos
 from soro_core.hardware.emulation.sdo_server import serve
 from soro_core.hardware.emulation.valve import EmulatedValve
-from soro_core.hardware.platform import Emulation
 from soro_core.hardware.transport.frame import Frame
 
 _GENERIC, _COMMUNICATION = 1 << 0, 1 << 4  # bits of the error register
 
 
 class EmulatedNode:
-    """One node with one valve.
+    """One node with its valves.
 
     Parameters
     ----------
     node : int
         Node id.
-    emulation : Emulation
+    device : Device
+        Its EDS and mapping.
+    emulation : CanopenEmulation
         Behaviour of the device.
     send : callable
         Takes the frames that the node sends.
     """
 
     def __init__(
-        self, node: int, emulation: Emulation, send: Callable[[Frame], None], boot_delay_ns: int
+        self,
+        node: int,
+        device: Device,
+        emulation: CanopenEmulation,
+        send: Callable[[Frame], None],
+        boot_delay_ns: int,
     ) -> None:
         self.node = node
-        self.dictionary = load_dictionary(node)
-        self.valve = EmulatedValve(self.dictionary, emulation)
+        self.dictionary = ObjectDictionary(dict(read_eds(device.mapping.eds_path, node)))
+        channels = range(device.mapping.channels)
+        self.valves = [EmulatedValve(self.dictionary, device, channel, emulation) for channel in channels]
         self.state = NmtState.BOOT_UP
         self._send = send
         self._pdos = Pdos(self.dictionary, send)
@@ -52,23 +62,30 @@ class EmulatedNode:
         )
         self.dictionary.on_write[CONSUMER_HEARTBEAT, 1] = self._restart_consumer
 
+    @property
+    def valve(self) -> EmulatedValve:
+        """The first valve, which in most nodes is the only one."""
+        return self.valves[0]
+
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take a frame from the bus."""
         if frame.extended or frame.remote or self.state is NmtState.BOOT_UP:
             return
-        self.valve.now_ns = now_ns
+        for valve in self.valves:
+            valve.now_ns = now_ns
         can_id, data = frame.can_id, frame.data
         if can_id == frames.NMT_ID:
             self._on_nmt(data, now_ns)
         elif can_id == frames.SYNC_ID:
             if self.state is NmtState.OPERATIONAL:
-                self.valve.advance(now_ns)
-                fault = self.valve.state.is_fault
+                for valve in self.valves:
+                    valve.advance(now_ns)
+                fault = self._is_fault
                 self._pdos.sync(now_ns)
                 self._report_reset(fault)
         elif can_id == frames.SDO_REQUEST + self.node:
             if self.state is not NmtState.STOPPED:
-                fault = self.valve.state.is_fault
+                fault = self._is_fault
                 reply = serve(self.node, self.dictionary, data)
                 if reply is not None:
                     self._send(reply)
@@ -81,12 +98,13 @@ class EmulatedNode:
 
     def poll(self, now_ns: int) -> None:
         """Do what is due by time: boot, send heartbeats and event-driven PDOs, notice silence."""
-        self.valve.poll(now_ns)
+        for valve in self.valves:
+            valve.poll(now_ns)
         if self.state is NmtState.BOOT_UP:
             if now_ns >= self._boot_ns:
                 self._boot_up(now_ns)
             return
-        period_ns = self.dictionary.values[PRODUCER_HEARTBEAT, 0] * MS
+        period_ns = self.dictionary.values.get((PRODUCER_HEARTBEAT, 0), 0) * MS
         if 0 < period_ns <= now_ns - self._heartbeat_sent_ns:
             # On the grid of the period, not of the polls; from now where the grid is left behind.
             self._heartbeat_sent_ns = max(self._heartbeat_sent_ns + period_ns, now_ns - period_ns)
@@ -100,14 +118,16 @@ class EmulatedNode:
             self.fault(EmcyCode.RPDO_TIMEOUT, _GENERIC | _COMMUNICATION, State.FAULT_DISABLED)
 
     def fault(self, code: int, register: int, end: State) -> None:
-        """Report an emergency and let the valve react, ending in one of the fault states."""
-        if self.valve.fault(end):
+        """Report an emergency and let the valves react, ending in one of the fault states."""
+        reacting = [valve.fault(end) for valve in self.valves]
+        if any(reacting):
             self._emergency(code, register)
 
     def reset(self, now_ns: int, communication_only: bool = False) -> None:
-        """Start anew, as by power or by command: values not stored are lost, the valve vents."""
-        self.valve.now_ns = now_ns
-        self.valve.power_off()
+        """Start anew, as by power or by command: values not stored are lost, the valves vent."""
+        for valve in self.valves:
+            valve.now_ns = now_ns
+            valve.power_off()
         self.state, self._boot_ns = (
             NmtState.BOOT_UP,
             now_ns + (0 if communication_only else self._boot_delay_ns),
@@ -122,7 +142,8 @@ class EmulatedNode:
         self._send(frames.heartbeat(self.node, NmtState.BOOT_UP))
         self._heartbeat_sent_ns = now_ns
         self.state = NmtState.PRE_OPERATIONAL
-        self.valve.power_on()
+        for valve in self.valves:
+            valve.power_on()
 
     def _on_nmt(self, data: bytes, now_ns: int) -> None:
         parsed = frames.parse_nmt(data)
@@ -130,6 +151,8 @@ class EmulatedNode:
             return
         if parsed[0] == NmtCommand.START:
             self.state = NmtState.OPERATIONAL
+            for valve in self.valves:
+                valve.enter_operational()
         elif parsed[0] == NmtCommand.STOP:
             self._leave(NmtState.STOPPED)
         elif parsed[0] == NmtCommand.PRE_OPERATIONAL:
@@ -140,16 +163,17 @@ class EmulatedNode:
     def _leave(self, state: NmtState) -> None:
         self.state = state
         self._pdos.reset()
-        self.valve.leave_operational()
+        for valve in self.valves:
+            valve.leave_operational()
 
     def _communication_error(self) -> None:
-        behaviour = self.dictionary.values[ERROR_BEHAVIOUR, 1]
+        behaviour = self.dictionary.values.get((ERROR_BEHAVIOUR, 1), 0)
         if self.state is NmtState.OPERATIONAL and behaviour != 1:  # 1: no change of state
             self._leave(NmtState.STOPPED if behaviour == 2 else NmtState.PRE_OPERATIONAL)
 
     def _consumed(self) -> tuple[int, int]:
         """Node whose heartbeat is consumed, and the longest silence [ns]."""
-        value = self.dictionary.values[CONSUMER_HEARTBEAT, 1]
+        value = self.dictionary.values.get((CONSUMER_HEARTBEAT, 1), 0)
         return value >> 16 & 0x7F, (value & 0xFFFF) * MS
 
     def _restart_consumer(self, _: int) -> None:
@@ -160,6 +184,10 @@ class EmulatedNode:
         if self.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL):
             self._send(frames.emergency(self.node, code, register))
 
+    @property
+    def _is_fault(self) -> bool:
+        return any(valve.state.is_fault for valve in self.valves)
+
     def _report_reset(self, was_fault: bool) -> None:
-        if was_fault and not self.valve.state.is_fault:
+        if was_fault and not self._is_fault:
             self._emergency(EmcyCode.NO_ERROR, 0)

@@ -114,7 +114,7 @@ class Pdos:
         return missed
 
     def _value(self, index: int, sub: int) -> int:
-        return self._dictionary.values[index, sub]
+        return self._dictionary.values.get((index, sub), 0)  # inhibit time and timer are optional
 
     def _enabled(self, pdo: _Pdo) -> bool:
         return not self._value(pdo.communication, 1) & COB_DISABLED

@@ -1,99 +1,116 @@
-"""The emulator as a process: a pseudo-terminal as adapter, a socket as plant link, one loop around both."""
+"""The emulator as a process: lines to the host, a socket as plant link, one loop around both."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import pty
 import selectors
 import signal
-import tty
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.emulation.slcan_server import SlcanServer
-from soro_core.hardware.emulation.world import World
+from soro_core.hardware.emulation.control import ControlServer
+from soro_core.hardware.emulation.devices import EmulatedDevices
+from soro_core.hardware.emulation.endpoints import ENDPOINTS, PtyEndpoint, TcpEndpoint
+from soro_core.hardware.emulation.faults import Injection
+from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.plant_link import PlantLinkServer
-from soro_core.hardware.platform import Platform
+from soro_core.hardware.platform import PlatformBase
 
 
 class Emulator:
-    """Emulated devices of a platform, served on a pseudo-terminal.
+    """Emulated devices of any family, served to a host.
 
     Parameters
     ----------
-    platform : Platform
-        What is emulated.
+    devices : EmulatedDevices
+        What is served.
     lockstep : bool
-        Whether SYNC is the clock, or the time given to `run`.
+        Whether the host advances the devices, or the time given to `run`.
     device_link : Path, optional
-        Symbolic link to make to the pseudo-terminal; an older link at that path is replaced.
+        Name to make for the line: a symbolic link to its pseudo-terminal (or, for TCP, one that reads as its
+        address). For several lines it is a folder of links 0, 1, ... An older link is replaced.
     plant_link : Path, optional
         Unix socket on which the true pressures are published.
-    seed : int
-        Seed of the sensor noise.
+    control : Path, optional
+        Unix socket on which faults are taken.
 
     Raises
     ------
     HardwareError
-        If the link or the socket cannot be made.
+        If a link or the socket cannot be made.
     """
 
     def __init__(
         self,
-        platform: Platform,
+        devices: EmulatedDevices,
         lockstep: bool,
         device_link: Path | None = None,
         plant_link: Path | None = None,
-        seed: int = 0,
+        control: Path | None = None,
     ) -> None:
+        self.devices = devices
         self._lockstep = lockstep
         self._stopped = False
-        self._master, self._slave = pty.openpty()
-        # The slave stays open here, so that the line outlives a host, as an adapter does.
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.pty_path = os.ttyname(self._slave)
-        self._link = device_link
-        self._server = SlcanServer(lambda frame: self.world.host_sends(frame))
-        self.world = World(platform, self._server.deliver, lockstep, seed)
-        self._plant: PlantLinkServer | None = None
+        self._clock: Callable[[], int] = lambda: 0
+        self._start_ns = 0
         # select() waits with microseconds; epoll and poll round up to milliseconds, longer than ten frames.
         self._selector = selectors.SelectSelector()
-        self._selector.register(self._master, selectors.EVENT_READ)
+        self._wake = os.pipe()
+        os.set_blocking(self._wake[1], False)
+        self._selector.register(self._wake[0], selectors.EVENT_READ, self._woken)
+        self.on_wake: Callable[[], None] = lambda: None
+        self._plant: PlantLinkServer | None = None
+        self._links: dict[Path, str] = {}
+        self._device_link = device_link
+        self._control: ControlServer | None = None
+        self._endpoints: list[PtyEndpoint | TcpEndpoint] = []
+        # Changed at the head of a turn: a fault begins in the midst of one, with the line in use.
+        self._plugged = True
+        devices.faults.on_start["adapter_unplug"] = lambda _: self._set_plugged(False)
+        devices.faults.on_end["adapter_unplug"] = lambda _: self._set_plugged(True)
         try:
+            if control is not None:
+                self._control = ControlServer(control, devices.faults, self._selector)
             if plant_link is not None:
                 self._plant = PlantLinkServer(plant_link)
-                self._selector.register(self._plant, selectors.EVENT_READ)
-                self.world.on_tick = self._plant.publish
-            if device_link is not None:
-                _symlink(self.pty_path, device_link)
+                self._selector.register(self._plant, selectors.EVENT_READ, self._plant.accept)
+                devices.on_tick = self._plant.publish
+            self._plug()
         except HardwareError:
-            self._link = None
             self.close()
             raise
 
+    @property
+    def address(self) -> str:
+        """What the host opens: one path or address for each line, with commas between them."""
+        return ",".join(endpoint.address for endpoint in self._endpoints)
+
     def run(self, clock: Callable[[], int]) -> None:
         """Serve until `stop`; `clock` gives a monotonic time [ns]."""
-        start_ns = clock()
+        self._clock, self._start_ns = clock, clock()
         while not self._stopped:
+            if self._plugged != bool(self._endpoints):
+                (self._plug if self._plugged else self._unplug)()
             timeout = None
             if not self._lockstep:
                 # What the process was held up stays a hole in the world's time.
-                start_ns += self.world.run(clock() - start_ns)
-                timeout = max((self.world.next_event_ns - (clock() - start_ns)) * 1e-9, 0.0)
+                self._start_ns += self.devices.run(self._now_ns())
+                timeout = max((self.devices.next_event_ns - self._now_ns()) * 1e-9, 0.0)
             self._write()
             for key, _ in self._selector.select(timeout):
-                if key.fd == self._master:
-                    self._read(None if self._lockstep else clock() - start_ns)
-                elif self._plant is not None and key.fileobj is self._plant:
-                    self._plant.accept()
+                key.data()
 
-    def wake_on(self, descriptor: int) -> None:
-        """Let `run` look whether it has been stopped when a descriptor becomes readable."""
-        self._selector.register(descriptor, selectors.EVENT_READ)
+    @property
+    def wake_descriptor(self) -> int:
+        """Where a byte written wakes `run` up, as the interpreter does for a signal."""
+        return self._wake[1]
+
+    def wake(self) -> None:
+        """Let `run` call `on_wake` and look whether it has been stopped; from any thread."""
+        os.write(self._wake[1], b".")
 
     def stop(self) -> None:
         """End `run` after the present turn; may be called from a signal handler."""
@@ -101,14 +118,13 @@ class Emulator:
 
     def close(self) -> None:
         """Take away what the constructor made."""
-        if self._link is not None and self._link.is_symlink() and os.readlink(self._link) == self.pty_path:
-            self._link.unlink()
-        if self._plant is not None:
-            self._plant.close()
+        self._unplug()
+        for server in (self._plant, self._control):
+            if server is not None:
+                server.close()
         self._selector.close()
-        for descriptor in (self._master, self._slave):
-            with contextlib.suppress(OSError):
-                os.close(descriptor)
+        for descriptor in self._wake:
+            os.close(descriptor)
 
     def __enter__(self) -> Emulator:
         return self
@@ -118,66 +134,91 @@ class Emulator:
     ) -> None:
         self.close()
 
-    def _read(self, now_ns: int | None) -> None:
-        with contextlib.suppress(BlockingIOError):
-            chunk = os.read(self._master, 65536)
-            if now_ns is not None:
-                self.world.run(now_ns)  # frames are queued at the time at which they came
-            self._server.feed(chunk)
+    def _woken(self) -> None:
+        os.read(self._wake[0], 64)
+        self.on_wake()
+
+    def _now_ns(self) -> int:
+        return self._clock() - self._start_ns
+
+    def _before_input(self) -> None:
+        if not self._lockstep:
+            self.devices.run(self._now_ns())  # bytes are taken at the time at which they came
 
     def _write(self) -> None:
-        output = self._server.output
-        if output:
-            with contextlib.suppress(BlockingIOError):
-                del output[: os.write(self._master, output)]
-            if output and not self._lockstep:
-                return
-            while output and not self._stopped:  # in lockstep nothing may be lost: wait for the host
-                self._wait_writable()
+        for endpoint in self._endpoints:
+            endpoint.write()
+            # In lockstep nothing may be lost: wait for the host.
+            while self._lockstep and endpoint.line.output and not self._stopped:
+                endpoint.wait_writable(0.1)
+                endpoint.write()
 
-    def _wait_writable(self) -> None:
-        with selectors.SelectSelector() as selector:
-            selector.register(self._master, selectors.EVENT_WRITE)
-            if selector.select(0.1):
-                with contextlib.suppress(BlockingIOError):
-                    del self._server.output[: os.write(self._master, self._server.output)]
+    def _set_plugged(self, plugged: bool) -> None:
+        self._plugged = plugged
+
+    def _plug(self) -> None:
+        self._endpoints = [
+            ENDPOINTS[line.transport or self.devices.transport](line, self._selector, self._before_input)
+            for line in self.devices.lines
+        ]
+        if self._device_link is not None:
+            self._link_all(self._device_link)
+
+    def _unplug(self) -> None:
+        """Take the lines away from the host, and their names with them."""
+        for link, target in self._links.items():
+            if link.is_symlink() and os.readlink(link) == target:
+                link.unlink()
+        for folder in {link.parent for link in self._links} if len(self._links) > 1 else ():
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        self._links.clear()
+        endpoints, self._endpoints = self._endpoints, []
+        for endpoint in endpoints:
+            endpoint.close()
+            endpoint.line.output.clear()
+
+    def _link_all(self, name: Path) -> None:
+        try:
+            links = [name]
+            if len(self._endpoints) > 1:
+                name.mkdir(exist_ok=True)
+                links = [name / str(number) for number in range(len(self._endpoints))]
+            for link, endpoint in zip(links, self._endpoints, strict=True):
+                if link.is_symlink():
+                    link.unlink()
+                link.symlink_to(endpoint.address)
+                self._links[link] = endpoint.address
+        except OSError as error:
+            raise HardwareError(f"{name}: cannot link to the emulated line ({error})") from None
 
 
 def serve(
-    platform: Platform,
+    platform: PlatformBase,
     clock: Callable[[], int],
     announce: Callable[[str], None],
     lockstep: bool = False,
     device_link: Path | None = None,
     plant_link: Path | None = None,
     seed: int = 0,
+    control: Path | None = None,
+    faults: Sequence[Injection] = (),
 ) -> None:
-    """Run an emulator until SIGTERM or SIGINT; `announce` is given the pseudo-terminal's path."""
-    with Emulator(platform, lockstep, device_link, plant_link, seed) as emulator:
-        # A handler that does nothing but set a flag, and a pipe that wakes select() up.
-        wake_read, wake_write = os.pipe()
-        os.set_blocking(wake_write, False)
-        emulator.wake_on(wake_read)
+    """Run an emulator until SIGTERM or SIGINT; `announce` is given the `Emulator.address`."""
+    devices = FAMILIES[platform.family].emulate(platform, lockstep, seed)
+    with Emulator(devices, lockstep, device_link, plant_link, control) as emulator:
+        for fault in faults:
+            devices.faults.add(fault)
+        # A handler that does nothing but set a flag, and the pipe that wakes select() up.
         numbers = (signal.SIGTERM, signal.SIGINT)
         former = {number: signal.signal(number, lambda *_: emulator.stop()) for number in numbers}
-        former_fd = signal.set_wakeup_fd(wake_write)
+        former_fd = signal.set_wakeup_fd(emulator.wake_descriptor)
         with contextlib.suppress(OSError):  # Linux rounds waits up by 50 us otherwise, half a frame
             Path("/proc/self/timerslack_ns").write_text("1000", encoding="ascii")
         try:
-            announce(emulator.pty_path)
+            announce(emulator.address)
             emulator.run(clock)
         finally:
             signal.set_wakeup_fd(former_fd)
             for number, handler in former.items():
                 signal.signal(number, handler)
-            os.close(wake_read)
-            os.close(wake_write)
-
-
-def _symlink(target: str, link: Path) -> None:
-    try:
-        if link.is_symlink():
-            link.unlink()
-        link.symlink_to(target)
-    except OSError as error:
-        raise HardwareError(f"{link}: cannot link to the emulated adapter ({error})") from None

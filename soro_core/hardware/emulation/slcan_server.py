@@ -4,63 +4,62 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from soro_core.hardware.emulation.adapter import Adapter
+from soro_core.hardware.emulation.error_counters import ErrorCounters
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.slcan_codec import BEL, CR, LONGEST_LINE, decode_frame, encode
 
-LONGEST_OUTPUT = 65536  # bytes kept for a host that does not read; lines beyond are lost
+_STATES = {"active": b"a", "warning": b"w", "passive": b"p", "bus_off": b"b"}
+_FLAGS = {"active": 0x00, "warning": 0x04, "passive": 0x24, "bus_off": 0xA4}
 
 
-class SlcanServer:
-    """State of an emulated adapter.
+class SlcanServer(Adapter):
+    """State of an emulated adapter."""
 
-    Parameters
-    ----------
-    send : callable
-        Takes the frames that the host sends.
-    """
-
-    def __init__(self, send: Callable[[Frame], None]) -> None:
-        self.output = bytearray()
-        self.overruns = 0
-        self._send = send
+    def __init__(self, send: Callable[[Frame], bool]) -> None:
+        super().__init__(send)
         self._open = self._listen_only = False
+        self._flags = 0
         self._rest = b""
 
-    def feed(self, chunk: bytes) -> None:
-        """Take bytes from the host."""
+    def take(self, chunk: bytes) -> None:
         *lines, self._rest = (self._rest + chunk).split(CR)
         if len(self._rest) > LONGEST_LINE:
             self._rest = b"?"  # noise: refused as one bad command when its CR comes
         for line in lines:
             if line:  # python-can sends an empty line when it opens; it is no command
-                self._put(self._command(line))
+                self.say(self._command(line))
 
-    def deliver(self, frame: Frame) -> None:
-        """Take a frame from the bus."""
+    def deliver(self, frame: Frame, now_ns: int) -> None:
         if self._open:
-            self._put(encode(frame))
+            self.say(encode(frame))
 
-    def _put(self, line: bytes) -> None:
-        if len(self.output) > LONGEST_OUTPUT:
-            self.overruns += 1
-        else:
-            self.output += line
+    def report(self, errors: ErrorCounters, letter: str) -> None:
+        self._flags = _FLAGS[errors.state]
+        if not self._open:
+            return
+        if letter:
+            self.say(b"e1%s\r" % letter.encode())
+        counters = b"%03d%03d" % (min(errors.receive, 255), min(errors.transmit, 255))
+        self.say(b"s%s%s\r" % (_STATES[errors.state], counters))
 
     def _command(self, line: bytes) -> bytes:
         kind = line[:1]
         if kind in b"tTrR":
             frame = decode_frame(line)
-            if frame is None or not self._open or self._listen_only:
+            if frame is None or not self._open or self._listen_only or not self.send(frame):
                 return BEL
-            self._send(frame)
             return b"z\r" if kind in b"tr" else b"Z\r"
         if line == b"C":
             self._open = False
             self.output.clear()  # what waits for a host that has gone is not for the next one
             return CR
         if line in (b"O", b"L"):
-            self._open, self._listen_only = True, line == b"L"  # a second O is python-can's habit
+            if not self._open:  # a second O is python-can's habit
+                self.rejoin()
+            self._open, self._listen_only = True, line == b"L"
             return CR
         if len(line) == 2 and kind == b"S" and line[1:] in b"0123456789"[:9]:
             return BEL if self._open else CR
-        return {b"V": b"V1013\r", b"N": b"NA408\r", b"F": b"F00\r" if self._open else BEL}.get(line, BEL)
+        flags = b"F%02X\r" % self._flags if self._open else BEL
+        return {b"V": b"V1013\r", b"N": b"NA408\r", b"F": flags}.get(line, BEL)

@@ -7,19 +7,26 @@ from collections.abc import Callable
 import numpy as np
 
 from soro_core.hardware.canopen.cia408 import CYCLE_PERIOD
+from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_core.hardware.canopen.device import describe
 from soro_core.hardware.canopen.frames import SYNC_ID
+from soro_core.hardware.emulation.adapter import Adapter
 from soro_core.hardware.emulation.air import Air
+from soro_core.hardware.emulation.can_faults import OF_NODES, ON_ADAPTER_LINE, ON_FRAMES, NodeFaults
+from soro_core.hardware.emulation.devices import EmulatedDevices
+from soro_core.hardware.emulation.faults import Injection
 from soro_core.hardware.emulation.hub import Hub, Port
+from soro_core.hardware.emulation.line_faults import LineFaults
 from soro_core.hardware.emulation.node import EmulatedNode
-from soro_core.hardware.platform import Platform
-from soro_core.hardware.port import Array
+from soro_core.hardware.emulation.slcan_server import SlcanServer
+from soro_core.hardware.emulation.socketcand_server import SocketcandServer
 from soro_core.hardware.transport.frame import Frame
 
-LONGEST_STEP_NS = 20_000_000
+_ADAPTERS: dict[str, type[Adapter]] = {"slcan": SlcanServer, "socketcand": SocketcandServer}
 
 
-class World:
-    """Emulated devices of one platform.
+class World(EmulatedDevices):
+    """Emulated CANopen devices of one platform on their bus; as host it has a python-can bus or an adapter.
 
     In lockstep frames take no time, and each SYNC of the host, once the devices have answered it, advances
     everything by the communication cycle period that the host has written (object 1006). In real time `run`
@@ -27,7 +34,7 @@ class World:
 
     Parameters
     ----------
-    platform : Platform
+    platform : CanopenPlatform
         What is emulated.
     receive : callable
         Takes every frame that the host's adapter hears.
@@ -38,84 +45,105 @@ class World:
     """
 
     def __init__(
-        self, platform: Platform, receive: Callable[[Frame], None], lockstep: bool, seed: int = 0
+        self, platform: CanopenPlatform, receive: Callable[[Frame], None], lockstep: bool, seed: int = 0
     ) -> None:
         emulation = platform.emulation
-        self.now_ns = 0
-        self.ticks = 0
-        self.stalled_ns = 0
-        self.on_tick: Callable[[int, Array], None] = lambda time_ns, pressures: None
+        super().__init__((), emulation.step_s)
         self._lockstep = lockstep
         self._default_period_ns = round(1e9 / platform.cycle_hz)
-        self._step_ns = round(emulation.step_s * 1e9)
-        self._next_step_ns = self._step_ns
         self.hub = Hub(0 if lockstep else platform.transport.bitrate)
-        self._host = self.hub.attach(lambda frame, _: receive(frame))
+        self.host = self.hub.attach(lambda frame, _: receive(frame))
         delay_ns = 0 if lockstep else round(emulation.boot_delay_s * 1e9)
-        self.nodes = [self._attach(valve.node, platform, delay_ns) for valve in platform.valves]
-        demands = [node.valve.demand_pa for node in self.nodes]
-        self.air = Air(emulation.regulator, demands, np.random.default_rng(seed))
-        for number, node in enumerate(self.nodes):
-            node.valve.connect(self.air, number)
+        self._device = describe(platform.canopen.mapping)
+        self._node_faults: list[NodeFaults] = []
+        ids = dict.fromkeys(valve.node for valve in platform.valves)
+        by_id = {node: self._attach(node, platform, delay_ns) for node in ids}
+        self.nodes = list(by_id.values())
+        valves = [by_id[valve.node].valves[valve.channel] for valve in platform.valves]
+        self.air = Air(emulation.regulator, [v.demand_pa for v in valves], np.random.default_rng(seed))
+        for number, valve in enumerate(valves):
+            valve.connect(self.air, number)
+        self.connect_faults(platform.chamber_names, seed)
+        for node in self.nodes:
             node.poll(0)
         self.hub.run(0)
 
-    @property
-    def pressure_pa(self) -> Array:
-        """True chamber pressures [Pa gauge]."""
-        return self.air.pressure_pa
+    def connect_faults(self, chambers: tuple[str, ...], seed: int) -> None:
+        super().connect_faults(chambers, seed)
+        faults = self.faults
+        faults.supported |= ON_FRAMES | OF_NODES
+        self._line_faults = [LineFaults(faults, line, ON_ADAPTER_LINE) for line in self.lines]
+        self.hub.connect_faults(faults, self.host)
+        for name in OF_NODES:
+            faults.on_start[name], faults.on_end[name] = self._begin, self._end
 
-    @property
-    def next_event_ns(self) -> int:
-        """Time at which `run` has something to do, in real time."""
-        event = self.hub.next_event_ns
-        return self._next_step_ns if event is None else min(event, self._next_step_ns)
+    def _begin(self, injection: Injection) -> None:
+        for node in self._node_faults:
+            node.begin(injection)
+
+    def _end(self, injection: Injection) -> None:
+        for node in self._node_faults:
+            node.end(injection)
 
     def host_sends(self, frame: Frame) -> None:
-        """Take a frame from the host's adapter."""
-        self.hub.send(self._host, frame, self.now_ns)
+        """Take a frame from a host on the bus."""
+        self._take(self.host, frame)
+
+    def add_adapter(self, kind: type[Adapter]) -> Adapter:
+        """Add an adapter to the bus; the first one is at `host`."""
+        port = self.hub.attach(lambda *_: None) if self.lines else self.host
+        adapter = kind(lambda frame: self._take(port, frame))
+        port.receive, port.report = adapter.deliver, adapter.report
+        adapter.rejoin = lambda: self.hub.rejoin(port)
+        self.lines = (*self.lines, adapter)
+        return adapter
+
+    def _take(self, port: Port, frame: Frame) -> bool:
+        """Take a frame from a host's port."""
+        taken = self.hub.send(port, frame, self.now_ns)
         self.hub.run(self.now_ns)
         if self._lockstep and frame.can_id == SYNC_ID and not frame.extended:
-            self._tick(self.now_ns + self._period_ns())
+            self.tick(self.now_ns + self._period_ns())
+        return taken
 
-    def run(self, now_ns: int) -> int:
-        """Advance to a time, in real time; return how far the world stays behind it [ns].
+    def due_ns(self) -> int | None:
+        return self.hub.next_event_ns
 
-        A world whose process was held up does not catch up with more than 20 ms: its devices would miss
-        heartbeats that are only waiting to be read, which real devices do not.
-        """
-        behind = max(now_ns - self.now_ns - LONGEST_STEP_NS, 0)
-        self.stalled_ns += behind
-        target = now_ns - behind
-        while self.next_event_ns <= target:
-            self.now_ns = max(self.next_event_ns, self.now_ns)
-            self.hub.run(self.now_ns)
-            if self.now_ns >= self._next_step_ns:
-                self._next_step_ns += self._step_ns
-                self._tick(self.now_ns)
-        self.now_ns = max(target, self.now_ns)
-        self.hub.run(self.now_ns)
-        return behind
+    def work(self, now_ns: int) -> None:
+        self.hub.run(now_ns)
 
-    def _tick(self, now_ns: int) -> None:
-        self.now_ns = now_ns
-        self.ticks += 1
-        self.air.advance(now_ns)
+    def poll(self, now_ns: int) -> None:
         for node in self.nodes:
             node.poll(now_ns)
-        self.hub.run(now_ns)
-        self.on_tick(now_ns, self.air.pressure_pa)
 
     def _period_ns(self) -> int:
-        period_us = self.nodes[0].dictionary.values[CYCLE_PERIOD, 0]
+        period_us = self.nodes[0].dictionary.values.get((CYCLE_PERIOD, 0), 0)
         return period_us * 1000 if period_us else self._default_period_ns
 
-    def _attach(self, node: int, platform: Platform, boot_delay_ns: int) -> EmulatedNode:
+    def _attach(self, node: int, platform: CanopenPlatform, boot_delay_ns: int) -> EmulatedNode:
         port: Port
+        chambers = tuple(valve.chamber for valve in platform.valves if valve.node == node)
+        faults = NodeFaults(lambda: self.faults, chambers, lambda: self.now_ns)
 
         def send(frame: Frame) -> None:
-            self.hub.send(port, frame, self.now_ns)
+            if (passed := faults.outgoing(frame)) is not None:
+                self.hub.send(port, passed, self.now_ns)
 
-        emulated = EmulatedNode(node, platform.emulation, send, boot_delay_ns)
-        port = self.hub.attach(emulated.receive)
+        def receive(frame: Frame, now_ns: int) -> None:
+            if (passed := faults.incoming(frame)) is not None:
+                emulated.receive(passed, now_ns)
+
+        emulated = EmulatedNode(node, self._device, platform.emulation, send, boot_delay_ns)
+        faults.attach(emulated)
+        self._node_faults.append(faults)
+        port = self.hub.attach(receive)
         return emulated
+
+
+def emulate(platform: CanopenPlatform, lockstep: bool, seed: int) -> World:
+    """Emulated devices of a platform behind the adapters that it names, or the one of its transport."""
+    world = World(platform, lambda frame: None, lockstep, seed)
+    usual = "socketcand" if platform.transport.kind == "socketcand" else "slcan"
+    for name in platform.emulation.adapters or (usual,):
+        world.add_adapter(_ADAPTERS[name])
+    return world

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 
 import can
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
 from soro_core.hardware.transport.frame import Frame
+
+_FULL_TRIES, _FULL_WAIT_S = 20, 0.0005
 
 
 class CanLink:
@@ -29,6 +34,8 @@ class CanLink:
         self._send_frames: Callable[[Sequence[Frame]], None] | None = None
         self._recv_frame: Callable[[float], Frame | None] | None = None
         self._closed_counts: Counter[str] = Counter()
+        self._error_frames: Counter[str] = Counter()
+        self._bus_off = False
         self.sent = 0
         self.received = 0
 
@@ -40,23 +47,26 @@ class CanLink:
     @property
     def is_bus_off(self) -> bool:
         """Whether the controller has taken itself off the bus."""
-        return self._bus is not None and bool(self._bus.state == can.BusState.ERROR)
+        if self._bus is None:
+            return False
+        return self._bus_off or bool(self._bus.state == can.BusState.ERROR)
 
     @property
     def counts(self) -> Counter[str]:
         """What the adapter counts: garbled (malformed lines), refused (frames), errors (on the wire)."""
-        return self._closed_counts + self._bus_counts()
+        errors = Counter(errors=sum(self._error_frames.values()))
+        return self._closed_counts + self._bus_counts() + errors
 
     def open(self) -> None:
         """Open the bus anew: an adapter that was pulled or went off the bus needs it, and none is harmed."""
         self.close()
-        self._bus = self._open_bus()
+        self._bus, self._bus_off = self._open_bus(), False
         self._send_frames = getattr(self._bus, "send_frames", None)
         self._recv_frame = getattr(self._bus, "recv_frame", None)
 
     def close(self) -> None:
         """Close the bus; never raises."""
-        self._closed_counts = self.counts
+        self._closed_counts += self._bus_counts()
         bus, self._bus = self._bus, None
         if bus is not None:
             with contextlib.suppress(Exception):
@@ -70,7 +80,7 @@ class CanLink:
                 self._send_frames(frames)
             else:
                 for frame in frames:
-                    bus.send(to_message(frame))
+                    _send(bus, to_message(frame))
         except (can.CanError, OSError) as error:
             raise HardwareError(f"{bus.channel_info}: sending failed ({error})") from None
         self.sent += len(frames)
@@ -83,11 +93,21 @@ class CanLink:
                 frame = self._recv_frame(timeout_s)
             else:
                 message = bus.recv(timeout_s)
+                while message is not None and message.is_error_frame:
+                    self._on_error_frame(message)
+                    message = bus.recv(0.0)
                 frame = None if message is None else from_message(message)
         except (can.CanError, OSError) as error:
             raise HardwareError(f"{bus.channel_info}: receiving failed ({error})") from None
         self.received += frame is not None
         return frame
+
+    def _on_error_frame(self, message: can.Message) -> None:
+        """Take what the kernel says of the controller; it is no frame of the bus."""
+        classes = message.arbitration_id
+        self._error_frames.update(letters(classes, bytes(message.data)) or "?")
+        if classes & (BUS_OFF | RESTARTED):
+            self._bus_off = bool(classes & BUS_OFF)
 
     def _require(self) -> can.BusABC:
         if self._bus is None:
@@ -100,6 +120,20 @@ class CanLink:
             refused=getattr(self._bus, "frames_refused", 0),
             errors=sum(getattr(self._bus, "bus_errors", {}).values()),
         )
+
+
+def _send(bus: can.BusABC, message: can.Message) -> None:
+    """Send; where the kernel's queue of the interface is full, wait for a frame or so to leave it."""
+    for _ in range(_FULL_TRIES):
+        try:
+            bus.send(message)
+        except (can.CanError, OSError) as error:
+            if errno.ENOBUFS not in (getattr(error, "errno", 0), getattr(error, "error_code", 0)):
+                raise
+            time.sleep(_FULL_WAIT_S)
+        else:
+            return
+    bus.send(message)
 
 
 def to_message(frame: Frame) -> can.Message:

@@ -55,6 +55,8 @@ class Reply:
         return self.text != "\x07"
 
 
+_DONE = {line: Reply(line.decode()) for line in (b"", b"z", b"Z")}
+
 Event: TypeAlias = Frame | Health | BusErrors | Reply
 
 
@@ -116,11 +118,11 @@ class Decoder:
 
 
 def _decode(line: bytes) -> Event | None:
+    if line in _DONE:  # as many as frames, so before them
+        return _DONE[line]
     frame = decode_frame(line)
     if frame is not None:
         return frame
-    if line in (b"", b"z", b"Z"):
-        return Reply(line.decode())
     if match := _HEALTH.fullmatch(line):
         return Health(_STATES[match[1]], int(match[2]), int(match[3]))
     if (match := _ERRORS.fullmatch(line)) and len(match[2]) == int(match[1]):

@@ -1,51 +1,19 @@
-"""The limiter, the watchdogs and the latch: the one place that every command passes on its way to a valve.
-
-Everything is a pure function of a frozen state: `offer` takes a command in, `cycle` gives the set points of
-the next exchange with the regulators, `request_vent` and `reset` are what a person asks for. Once tripped the
-state is latched: it answers zero set points and `vented` until `reset` is called with a zero command.
-"""
+"""The limiter, the watchdogs and the latch: frozen state in, frozen state out."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
-from soro_core.config import Strict
+from soro_core.pneumatics.regulator import RegulatorModel
+from soro_core.safety.limits import Limits
+from soro_core.safety.monitors import broken_wire, watch
+from soro_core.safety.remembered import Array, Flags, MonitorState, Times, chamber, initial_monitors
 
-Array: TypeAlias = NDArray[np.float64]
-
-# Rating of the platform: below 0.1 MPa gauge. No parameter raises it.
-HARD_LIMIT_PA = 100e3
-
-
-class Limits(Strict):
-    """What a command and a reading may be; defaults for the three-bellow platform."""
-
-    minimum_pa: float = Field(0.0, ge=-HARD_LIMIT_PA, le=0.0, description="lowest set point")
-    maximum_pa: float = Field(90e3, gt=0, lt=HARD_LIMIT_PA, description="highest set point")
-    rise_pa_s: float = Field(200e3, gt=0, le=2e6, description="fastest rise of a set point")
-    fall_pa_s: float = Field(
-        400e3, gt=0, le=2e6, description="fastest fall of a set point; a vent is not limited"
-    )
-    command_age_s: float = Field(0.1, gt=0, le=0.5, description="age of the last good command that vents")
-    reading_age_s: float = Field(0.05, gt=0, le=0.5, description="age of the last fresh reading that vents")
-    over_pressure_pa: float = Field(100e3, gt=0, le=105e3, description="measured pressure that vents")
-    over_pressure_s: float = Field(0.02, ge=0, le=0.1, description="time that it may be exceeded")
-    burst_pressure_pa: float = Field(
-        110e3, gt=0, le=120e3, description="measured pressure that vents at once"
-    )
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Limits:
-        if self.over_pressure_pa <= self.maximum_pa:
-            raise ValueError("over_pressure_pa must be above maximum_pa")
-        if self.burst_pressure_pa < self.over_pressure_pa:
-            raise ValueError("burst_pressure_pa must not be below over_pressure_pa")
-        return self
+# Regulators of which nothing else is said.
+TYPICAL = RegulatorModel()
 
 
 @dataclass(frozen=True)
@@ -57,9 +25,10 @@ class SafetyState:
 
     setpoint_pa: Array
     command_pa: Array
+    monitors: MonitorState
     command_ns: int | None = None
     command_source: str = ""
-    reading_ns: int | None = None
+    reading_ns: Times | None = None
     over_ns: int | None = None
     cycle_ns: int | None = None
     cause: str | None = None
@@ -71,9 +40,9 @@ class SafetyState:
         return self.cause is not None
 
 
-def initial_state(n: int) -> SafetyState:
-    """Return the state of `n` chambers that no command has reached."""
-    return SafetyState(setpoint_pa=np.zeros(n), command_pa=np.zeros(n))
+def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
+    """Return the state of `n` chambers that no command has reached; causes call them by `names` if given."""
+    return SafetyState(setpoint_pa=np.zeros(n), command_pa=np.zeros(n), monitors=initial_monitors(n, names))
 
 
 def offer(
@@ -110,7 +79,14 @@ def offer(
 
 
 def cycle(
-    limits: Limits, state: SafetyState, reading_pa: Array, fresh: bool, now_ns: int, fault: str | None = None
+    limits: Limits,
+    state: SafetyState,
+    reading_pa: Array,
+    fresh: bool | Flags,
+    now_ns: int,
+    fault: str | None = None,
+    supply_pa: Array | None = None,
+    response: RegulatorModel = TYPICAL,
 ) -> SafetyState:
     """Judge the last readings and the age of the command, and set the next set points.
 
@@ -118,18 +94,32 @@ def cycle(
     ----------
     reading_pa : ndarray (n,)
         Measured pressures [Pa gauge] of the last exchange.
-    fresh : bool
-        Whether every chamber answered in it.
+    fresh : bool or ndarray (n,) of bool
+        Which chambers answered in it.
     fault : str or None
         What the regulators reported of themselves; any fault trips.
+    supply_pa : ndarray (n,) or None
+        Supply pressures [Pa gauge] where a device reports them, NaN elsewhere.
+    response : RegulatorModel
+        How the platform's regulators follow their set points: what the monitors expect of the readings.
     """
-    if state.reading_ns is None or fresh:
-        state = replace(state, reading_ns=now_ns)
+    fresh = np.broadcast_to(fresh, state.setpoint_pa.shape)
+    known = np.full(fresh.shape, now_ns) if state.reading_ns is None else state.reading_ns
     dt = 0.0 if state.cycle_ns is None else max(now_ns - state.cycle_ns, 0) * 1e-9
-    state = replace(state, cycle_ns=now_ns, over_ns=_over_since(limits, state, reading_pa, now_ns))
+    state = replace(
+        state,
+        reading_ns=np.where(fresh, now_ns, known),
+        cycle_ns=now_ns,
+        over_ns=_over_since(limits, state, reading_pa, now_ns),
+    )
     if state.vented:
         return state
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
+    if cause is None:
+        monitors, cause = watch(
+            limits.monitors, response, state.monitors, state.setpoint_pa, reading_pa, fresh, supply_pa, now_ns
+        )
+        state = replace(state, monitors=monitors)
     if cause is not None:
         return request_vent(state, cause)
     if state.command_ns is None:
@@ -163,7 +153,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
         return state, f"{state.command_source} still asks for pressure: the command must be zero"
     if state.over_ns is not None:
         return state, "a measured pressure is still above the limit"
-    fresh = initial_state(state.setpoint_pa.shape[0])
+    fresh = initial_state(state.setpoint_pa.shape[0], state.monitors.names)
     return replace(fresh, cycle_ns=state.cycle_ns, rejected=state.rejected), None
 
 
@@ -171,15 +161,16 @@ def _refuse(
     limits: Limits, state: SafetyState, command_pa: Array, stamp_ns: int, now_ns: int, source: str
 ) -> str | None:
     """Why a command cannot be taken, or None. Finiteness comes before every comparison: NaN fails none."""
+    names = state.monitors.names
     command = np.asarray(command_pa, dtype=np.float64)
     if command.shape != state.command_pa.shape:
         return f"wrong length: {command.shape} for {state.command_pa.shape[0]} chambers"
     if not np.all(np.isfinite(command)):
-        return f"not finite: chamber {int(np.argmin(np.isfinite(command)))}"
+        return f"not finite: {chamber(names, int(np.argmin(np.isfinite(command))))}"
     if np.any(command < limits.minimum_pa) or np.any(command > limits.maximum_pa):
         worst = int(np.argmax(np.maximum(limits.minimum_pa - command, command - limits.maximum_pa)))
         return (
-            f"out of range: chamber {worst} {command[worst]:.0f} Pa, allowed "
+            f"out of range: {chamber(names, worst)} {command[worst]:.0f} Pa, allowed "
             f"{limits.minimum_pa:.0f} to {limits.maximum_pa:.0f} Pa"
         )
     age = (now_ns - stamp_ns) * 1e-9
@@ -202,15 +193,20 @@ def _over_since(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: i
 
 
 def _trip_cause(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: int) -> str | None:
+    names = state.monitors.names
     if not np.all(np.isfinite(reading_pa)):
-        return f"reading not finite: chamber {int(np.argmin(np.isfinite(reading_pa)))}"
+        return f"reading not finite: {chamber(names, int(np.argmin(np.isfinite(reading_pa))))}"
+    if wire := broken_wire(limits.monitors, names, reading_pa):
+        return wire
     highest = int(np.argmax(reading_pa)) if reading_pa.size else 0
     over_for = -1.0 if state.over_ns is None else (now_ns - state.over_ns) * 1e-9
     if np.any(reading_pa > limits.burst_pressure_pa) or over_for > limits.over_pressure_s:
-        return f"over-pressure: chamber {highest} at {reading_pa[highest] / 1e3:.1f} kPa"
-    silent = 0.0 if state.reading_ns is None else (now_ns - state.reading_ns) * 1e-9
-    if silent > limits.reading_age_s:
-        return f"readings lost: none fresh for {silent * 1e3:.0f} ms"
+        return f"over-pressure: {chamber(names, highest)} at {reading_pa[highest] / 1e3:.1f} kPa"
+    if state.reading_ns is not None and state.reading_ns.size:
+        oldest = int(np.argmin(state.reading_ns))
+        silent = float(now_ns - state.reading_ns[oldest]) * 1e-9
+        if silent > limits.reading_age_s:
+            return f"readings lost: {chamber(names, oldest)} not fresh for {silent * 1e3:.0f} ms"
     if state.command_ns is not None:
         age = (now_ns - state.command_ns) * 1e-9
         if age > limits.command_age_s:

@@ -1,0 +1,88 @@
+"""Faults: the matrix of every fault on every family, and an hour without one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.faults import cells
+from benchmarks.faults.cells import Result
+from benchmarks.faults.rigs import RIGS, Loop
+from benchmarks.faults.rows import MATRIX, Row
+from benchmarks.options import Options
+from benchmarks.report import table
+
+TITLE = "Faults"
+
+
+def run(options: Options) -> str:
+    """Run every cell, and write."""
+    parts = [_INTRO]
+    for family, rows in MATRIX.items():
+        results = []
+        for row in rows[: options.pick(len(rows), 3)]:
+            options.say(f"{family}: {row.fault}")
+            results.append(cells.run(family, row))
+        parts += [f"### {family}", _summary(results), _table(results)]
+        seconds = options.pick(3600, 5)
+        options.say(f"{family}: {seconds} s without a fault")
+        parts.append(healthy(family, seconds))
+    return "\n\n".join(parts)
+
+
+_INTRO = """\
+Every fault is injected into a running arm (three chambers on a circle of 25 kPa, 2 s a turn, in lockstep)
+with the limits as shipped. *Trip*: time from the injection to the vent command, then to all chambers below
+5 kPa (of those that the fault does not block), the cause matched, the latch held while commands go on and the
+fault goes away, a reset refused while pressure is commanded and granted with a zero command."""
+
+
+def healthy(family: str, seconds: float) -> str:
+    """Circles of all sizes and speeds, and steps of full scale, on devices with nothing wrong."""
+    rig = RIGS[family](Row("", "tolerate"))
+    loop = Loop(rig)
+    try:
+        rig.regulator.configure()
+        for _ in range(round(seconds / rig.period_s)):
+            loop.cycle(healthy_command(loop.cycles * rig.period_s))
+            if loop.state.vented:
+                break
+    finally:
+        rig.close()
+    ran_s = loop.cycles * rig.period_s
+    end = f"**tripped** after {ran_s:.1f} s: {loop.state.cause}" if loop.state.vented else "no trip"
+    return f"Without a fault for {ran_s / 60:.1f} minutes of circles and steps of full scale: {end}."
+
+
+def healthy_command(t: float) -> np.ndarray:
+    """Set points [Pa gauge] of three chambers: ten seconds each of one kind."""
+    number = int(t // 10)
+    if number % 2:
+        return 90e3 * (np.floor((t + np.arange(3) * 0.3) / (0.2 + 0.2 * (number % 7))) % 2)
+    period, size = 0.5 + 0.5 * (number % 16), 5e3 * (1 + number % 9)
+    return 45e3 + size * np.sin(2 * np.pi * (t / period + np.arange(3) / 3))
+
+
+def _summary(results: list[Result]) -> str:
+    bad = [result for result in results if result.problems]
+    kinds = {must: sum(r.row.must == must for r in results) for must in ("tolerate", "degrade", "trip")}
+    counts = ", ".join(f"{number} {must}" for must, number in kinds.items())
+    return f"{len(results)} faults ({counts}): {len(results) - len(bad)} as stated, {len(bad)} not."
+
+
+def _table(results: list[Result]) -> str:
+    head = ["fault", "must", "vent command, ms (bound)", "below 5 kPa, ms", "cause, count", "as stated"]
+    return table(head, [_line(result) for result in results])
+
+
+def _line(result: Result) -> list[object]:
+    row = result.row
+    trip = "-" if result.trip_ms is None else f"{result.trip_ms:.0f} ({row.bound_ms:.0f})"
+    empty = "-" if result.empty_ms is None else f"{result.empty_ms:.0f}{' (others)' if row.blocked else ''}"
+    said = (
+        result.cause.split(";")[0]
+        if result.cause
+        else f"{row.counts} {result.counted}"
+        if row.counts
+        else "-"
+    )
+    return [row.fault, row.must, trip, empty, said, "; ".join(result.problems) or "yes"]

@@ -1,0 +1,174 @@
+"""Drivers on emulated devices in lockstep, and the loop around them; a family adds its rig to `RIGS`."""
+
+from __future__ import annotations
+
+import queue
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.faults.rows import Row
+from soro_core import safety
+from soro_core.errors import HardwareError
+from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
+from soro_core.hardware.canopen.driver import CanopenRegulator
+from soro_core.hardware.emulation.devices import EmulatedDevices
+from soro_core.hardware.emulation.inprocess import HubBus
+from soro_core.hardware.emulation.process import Emulator
+from soro_core.hardware.families import FAMILIES
+from soro_core.hardware.platform import PlatformBase
+
+
+@dataclass
+class Rig:
+    """A driver on emulated devices in lockstep.
+
+    Attributes
+    ----------
+    close : callable
+        Ends both.
+    at_devices : callable
+        Calls a function where the devices live.
+    mend : callable
+        What a person does besides ~/reset: starting a server that has ended.
+    """
+
+    platform: PlatformBase
+    regulator: Regulator
+    devices: EmulatedDevices
+    close: Callable[[], None]
+    at_devices: Callable[[Callable[[], None]], None] = field(default=lambda action: action())
+    mend: Callable[[], None] = field(default=lambda: None)
+
+    @property
+    def period_s(self) -> float:
+        """Time of a cycle."""
+        return 1.0 / self.platform.cycle_hz
+
+
+def on_a_line(platform: PlatformBase, seed: int = 1) -> Rig:
+    """Any family over its real bytes: the emulator serves in a thread, advanced by the driver's cycles."""
+    # What is lost costs this time on the wall; the devices' time stands still meanwhile.
+    platform = platform.model_copy(update={"lockstep_timeout_s": 0.1})
+    devices = FAMILIES[platform.family].emulate(platform, lockstep=True, seed=seed)
+    folder = tempfile.TemporaryDirectory(prefix="soro-")
+    link = Path(folder.name) / "line"  # outlives an adapter that is pulled out and put back
+    emulator = Emulator(devices, lockstep=True, device_link=link)
+    waiting: queue.SimpleQueue[tuple[Callable[[], None], threading.Event]] = queue.SimpleQueue()
+
+    def at_devices(action: Callable[[], None]) -> None:
+        done = threading.Event()
+        waiting.put((action, done))
+        emulator.wake()
+        if not done.wait(10.0):
+            raise RuntimeError("the emulated devices' thread has ended")
+
+    def woken() -> None:
+        while not waiting.empty():
+            action, done = waiting.get()
+            action()
+            done.set()
+
+    emulator.on_wake = woken
+    serving = threading.Thread(target=emulator.run, args=(time.monotonic_ns,), daemon=True)
+    serving.start()
+    regulator = open_regulator(platform, str(link), lockstep=True)
+
+    def close() -> None:
+        regulator.close()
+        emulator.stop()
+        emulator.wake()
+        serving.join(5.0)
+        emulator.close()
+        folder.cleanup()
+
+    return Rig(platform, regulator, devices, close, at_devices)
+
+
+def canopen(row: Row) -> Rig:
+    """CANopen: frame by frame in this process, but for the faults of the adapter's line."""
+    platform = load_platform("emulated_canopen")
+    if row.bytes:
+        return on_a_line(platform)
+    bus = HubBus(platform, seed=1)  # type: ignore[arg-type]
+    driver = CanopenRegulator(platform, lambda: bus, clock=time.monotonic, lockstep=True)  # type: ignore[arg-type]
+    return Rig(platform, driver, bus.world, driver.close)
+
+
+def veab(row: Row) -> Rig:
+    """VEAB boards: the published server ends at the first trouble and has to be started by hand."""
+    rig = on_a_line(load_platform("veab_tcp"))
+    rig.mend = rig.devices.start  # type: ignore[attr-defined]
+    return rig
+
+
+RIGS: dict[str, Callable[[Row], Rig]] = {
+    "canopen_408": canopen,
+    "itv_rs232": lambda row: on_a_line(load_platform("itv_serial")),
+    "alicat": lambda row: on_a_line(load_platform("alicat_serial")),
+    "veab_tcp": veab,
+    "soro_board": lambda row: on_a_line(load_platform("soro_board")),
+}
+
+
+class Loop:
+    """What the regulator node does, without ROS: exchange, judge, vent when the latch closes."""
+
+    def __init__(self, rig: Rig, limits: safety.Limits = safety.Limits()) -> None:  # noqa: B008 - frozen
+        self.rig, self.limits = rig, limits
+        names = rig.regulator.chamber_names
+        self.state = safety.initial_state(len(names), names)
+        self.cycles = 0
+        self.vented_at: int | None = None
+        self.exchange: Exchange | None = None
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the present cycle."""
+        return round(self.cycles * self.rig.period_s * 1e9)
+
+    def cycle(self, command_pa: np.ndarray | None) -> None:
+        """One cycle; None for a controller that has stopped."""
+        rig, now, devices_ns = self.rig, self.now_ns, self.rig.devices.now_ns
+        if command_pa is not None:
+            self.state, _ = safety.offer(self.limits, self.state, command_pa, now, now)
+        try:
+            exchange = rig.regulator.exchange(self.state.setpoint_pa, now)
+        except HardwareError as error:
+            self.state = safety.request_vent(self.state, str(error))
+        else:
+            self.exchange = exchange
+            fault = "; ".join(f"{f.code}: {f.source}: {f.message}" for f in exchange.faults) or None
+            known = exchange.fresh | np.isfinite(exchange.pressure_pa)
+            reading = np.where(known, exchange.pressure_pa, 0.0)
+            response = rig.platform.emulation.regulator
+            self.state = safety.cycle(
+                self.limits, self.state, reading, exchange.fresh, now, fault, exchange.supply_pa, response
+            )
+        if self.state.vented and self.vented_at is None:
+            self.vented_at = self.cycles
+            rig.regulator.vent()
+        # Where nothing reaches the devices that they take for a cycle, their time goes on all the same.
+        rig.at_devices(lambda: self._let_time_go_on(devices_ns))
+        self.cycles += 1
+
+    def _let_time_go_on(self, devices_ns: int) -> None:
+        devices = self.rig.devices
+        if devices.now_ns == devices_ns:
+            devices.tick(devices_ns + round(self.rig.period_s * 1e9))
+
+    def reset(self) -> str | None:
+        """What ~/reset does; the refusal."""
+        opened, refusal = safety.reset(self.limits, self.state, self.now_ns)
+        if refusal is None:
+            try:
+                self.rig.regulator.configure()
+            except HardwareError as error:
+                return str(error)
+            self.state, self.vented_at = opened, None
+        return refusal

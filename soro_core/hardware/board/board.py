@@ -1,0 +1,170 @@
+"""The board without sockets: bytes of the host in, bytes for it out, ports driven at the times in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from soro_core.hardware.board import core, frames, messages
+from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.messages import Cause, Port
+from soro_core.hardware.board.ports import PortReading, PortReport, Ports
+
+_ANSWERED = (Kind.SET, Kind.RESET)
+
+
+class Board:
+    """Decisions, ports and frames of one board; `now_ns` is a monotonic time given from outside.
+
+    `set_points` counts the SETs that were right.
+
+    Parameters
+    ----------
+    platform : BoardPlatform
+        Ports, range and times.
+    ports : Ports
+        The chips.
+    boot : int
+        Number that differs each time the server starts.
+    on_report : callable
+        Takes the result of every self-test.
+    """
+
+    def __init__(
+        self,
+        platform: BoardPlatform,
+        ports: Ports,
+        boot: int,
+        on_report: Callable[[list[PortReport]], None] = lambda reports: None,
+    ) -> None:
+        options, allowed = platform.board, platform.range
+        self.rules = core.Rules(
+            ports=len(ports),
+            minimum_pa=round(allowed.minimum_pa),
+            maximum_pa=round(allowed.maximum_pa),
+            watchdog_ns=round(options.watchdog_s * 1e9),
+            tolerated_errors=options.tolerated_errors,
+        )
+        self.state = core.initial_state(self.rules)
+        self.ports, self.set_points = ports, 0
+        self._boot, self._on_report = boot & 0xFFFFFFFF, on_report
+        self._watchdog_ms = round(options.watchdog_s * 1e3)
+        self._refresh_ns = round(1e9 / options.refresh_hz)
+        self._heartbeat_ns = round(options.heartbeat_s * 1e9)
+        self._decoder = frames.Decoder(messages.lengths(len(ports)))
+        self._readings: list[PortReading] = []
+        self._read_ns: list[int | None] = [None] * len(ports)
+        self._exchanged_ns = self._sent_ns = 0
+
+    @property
+    def garbled(self) -> int:
+        """Runs of bytes that were no frame."""
+        return self._decoder.garbled
+
+    @property
+    def next_event_ns(self) -> int:
+        """Time at which `poll` has something to do."""
+        due = self._exchanged_ns + self._refresh_ns
+        if self.state.greeted:
+            due = min(due, self._sent_ns + self._heartbeat_ns)
+        if self.state.fed_ns is not None:
+            due = min(due, self.state.fed_ns + self.rules.watchdog_ns)
+        return due
+
+    def start(self, now_ns: int) -> list[PortReport]:
+        """Self-test; every port is at 0 Pa afterwards, whatever the board did before."""
+        reports = self._test()
+        self._exchange(now_ns)
+        return reports
+
+    def feed(self, chunk: bytes, now_ns: int) -> bytes:
+        """Take bytes of the host; what to send to it."""
+        self.state = core.watch(self.rules, self.state, now_ns)
+        output, answer = b"", False
+        for frame in self._decoder.feed(chunk):
+            self.state, why, port = core.receive(self.rules, self.state, frame, now_ns)
+            if why is not None:
+                output += frames.encode(core.refusal(frame, why, port))
+            elif frame.kind is Kind.HELLO:
+                output += frames.encode(self._welcome(frame.sequence))
+            elif frame.kind is Kind.RESET:
+                self._test()
+            self.set_points += why is None and frame.kind is Kind.SET
+            answer = answer or (why is None and frame.kind in _ANSWERED)
+            if frame.kind is Kind.BYE:
+                self._exchange(now_ns)
+        if answer:  # of several SETs that came together only the newest is carried out
+            self._exchange(now_ns)
+            output += self._report(now_ns)
+        return output
+
+    def poll(self, now_ns: int) -> bytes:
+        """Do what is due: watchdog, refresh of the ports, heartbeat; what to send to the host."""
+        before = self.state
+        self.state = core.watch(self.rules, self.state, now_ns)
+        tripped = self.state.cause is not before.cause
+        if tripped or now_ns >= self._exchanged_ns + self._refresh_ns:
+            self._exchange(now_ns)
+        if self.state.greeted and (tripped or now_ns >= self._sent_ns + self._heartbeat_ns):
+            return self._report(now_ns)
+        return b""
+
+    def host_gone(self, now_ns: int) -> None:
+        """The connection has ended: vent now."""
+        self.state = core.host_gone(self.state)
+        self._decoder.reset()
+        self._exchange(now_ns)
+
+    def stop(self, now_ns: int) -> bytes:
+        """Vent, for good; what to send to the host."""
+        self.state = core.latch(self.state, Cause.STOPPING)
+        self.ports.vent()
+        return self._report(now_ns) if self.state.greeted else b""
+
+    def _test(self) -> list[PortReport]:
+        reports = self.ports.self_test()
+        self.state = core.tested(self.state, not any(report.error for report in reports))
+        self._on_report(reports)
+        return reports
+
+    def _exchange(self, now_ns: int) -> None:
+        self._exchanged_ns = now_ns
+        self._readings = self.ports.exchange(self.state.setpoint_pa)
+        for port, reading in enumerate(self._readings):
+            if reading.pressure_pa is not None:
+                self._read_ns[port] = now_ns
+        before = self.state.cause
+        self.state = core.judge(self.rules, self.state, [reading.flags for reading in self._readings])
+        if self.state.cause is not before:
+            self.ports.vent()
+
+    def _welcome(self, sequence: int) -> Frame:
+        limits = ((self.rules.minimum_pa, self.rules.maximum_pa),) * self.rules.ports
+        welcome = messages.Welcome(self._boot, self._watchdog_ms, limits)
+        return Frame(Kind.WELCOME, sequence, messages.pack_welcome(welcome))
+
+    def _report(self, now_ns: int) -> bytes:
+        self._sent_ns = now_ns
+        state = messages.State(
+            time_us=now_ns // 1000,
+            armed=self.state.fed_ns is not None,
+            cause=self.state.cause,
+            garbled=self.garbled,
+            ports=tuple(map(self._port, self._readings, self._read_ns, [now_ns] * self.rules.ports)),
+        )
+        return frames.encode(Frame(Kind.STATE, self.state.sequence, messages.pack_state(state)))
+
+    def _port(self, reading: PortReading, read_ns: int | None, now_ns: int) -> Port:
+        age_ms = messages.NEVER_MS if read_ns is None else (now_ns - read_ns) // 1_000_000
+        pressure = 0 if reading.pressure_pa is None else round(reading.pressure_pa)
+        return Port(round(reading.applied_pa), pressure, reading.flags, age_ms)
+
+
+def describe(reports: Sequence[PortReport]) -> list[str]:
+    """Lines of a self-test for people."""
+    lines = []
+    for report in reports:
+        pressure = "" if report.pressure_pa is None else f"{report.pressure_pa / 1e3:.1f} kPa"
+        text = report.error or ", ".join(part for part in (pressure, report.warning) if part)
+        lines.append(f"port {report.port}: {'FAILED, ' if report.error else 'ok, '}{text}")
+    return lines

@@ -1,0 +1,282 @@
+"""Driver of a board that runs `soro board`: one SET and one STATE a cycle.
+
+The board vents by itself when its host dies, so this driver only has to say what is wrong, not to mend it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+
+from soro_core.errors import HardwareError
+from soro_core.hardware import checks, rest
+from soro_core.hardware.board import messages, texts
+from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.messages import PortFlag, State
+from soro_core.hardware.board.session import Session
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Flags, Regulator
+from soro_core.hardware.transport.tcp import ByteLink, TcpLink
+
+Answer = TypeVar("Answer")
+
+_LONGEST_WAIT_S = 1.0
+
+
+class BoardRegulator(Regulator):
+    """Regulators of one arm behind one board.
+
+    Parameters
+    ----------
+    platform : BoardPlatform
+        Ports, range and times.
+    link : ByteLink
+        Connection to the board; opened by `configure`.
+    clock : callable
+        Monotonic time [s] for the limits of blocking steps.
+    lockstep : bool
+        Wait for every answer, pace nothing.
+    """
+
+    device_watchdog = True
+
+    def __init__(
+        self, platform: BoardPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool = False
+    ) -> None:
+        self.platform, self.lockstep = platform, lockstep
+        self._clock = clock
+        self._names = platform.chamber_names
+        self._ports = [valve.port for valve in platform.valves]
+        self._session = Session(link, len(platform.ports))
+        self._session.on_state = self._on_state
+        # What the board applies may differ by a count of its DAC.
+        self._tolerance_pa = [1.0 + platform.resolution_pa(port) for port in self._ports]
+        self._latched: dict[str, Fault] = {}
+        self._configured = self._closed = False
+        self._boot: int | None = None
+        self._heard_ns = self._read_ns = 0
+        self._heard = self._missed = self._cycles = self._lost = 0
+        self._pressure_pa: Array = np.full(len(self._names), np.nan)
+        self._sent_pa: Array = np.zeros(len(self._names))
+
+    @property
+    def chamber_names(self) -> tuple[str, ...]:
+        return self._names
+
+    @property
+    def update_hz(self) -> float:
+        return self.platform.cycle_hz
+
+    @property
+    def statistics(self) -> BusStatistics:
+        session = self._session
+        return BusStatistics(
+            cycles=self._cycles,
+            frames_sent=session.sent,
+            frames_received=session.received,
+            frames_lost=self._lost,
+            frames_late=session.late,
+            frames_garbled=session.garbled,
+            frames_refused=session.not_obeyed,
+        )
+
+    def configure(self) -> None:
+        if self._closed:
+            raise HardwareError("the driver is closed; make a new one")
+        self._configured = False
+        self._latched.clear()
+        self._boot, self._missed = None, 0
+        session = self._session
+        session.link.open()
+        session.greet()
+        welcome = self._await(lambda: session.welcome, "HELLO")
+        allowed = (round(self.platform.range.minimum_pa), round(self.platform.range.maximum_pa))
+        for number in self._ports:
+            if welcome.limits_pa[number] != allowed:
+                raise self._failed(
+                    f"port {number} is limited to {welcome.limits_pa[number]} Pa, not {allowed}"
+                )
+        self._boot = welcome.boot
+        session.reset()
+        state = self._await(lambda: session.state if session.is_answered else None, "RESET")
+        if state.cause:
+            raise self._failed(f"{texts.CAUSES[state.cause][1]}{texts.complaints(state)}")
+        self._sent_pa = np.zeros(self.n_chambers)
+        self._heard_ns = self._read_ns = -1
+        self._configured = True
+
+    def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
+        if not self._configured:
+            raise HardwareError("exchange before configure")
+        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
+        if setpoint.shape != self._sent_pa.shape:
+            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        if self._heard_ns < 0:
+            self._heard_ns = self._read_ns = now_ns
+        self._cycles += 1
+        refused = checks.refused(self.platform.range, self._names, setpoint)
+        self._drain()
+        usable = not refused and not self._latched
+        fresh = self._transact(setpoint if usable else np.zeros_like(setpoint))
+        faults = [*refused, *self._judge(fresh, now_ns)]
+        return Exchange(self._sent_pa.copy(), self._pressure_pa.copy(), fresh, tuple(faults))
+
+    def vent(self) -> None:
+        if self._configured and self._session.link.is_open:
+            try:
+                self._session.drain()
+                self._send_set(np.zeros(self.n_chambers))
+            except HardwareError as error:
+                self._latch("link_lost", str(error))
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        # The board vents by itself where the connection is gone.
+        with contextlib.suppress(HardwareError):
+            if self._configured and self._session.link.is_open:
+                period_s = 1.0 / self.platform.cycle_hz
+                fall_pa = self.platform.shutdown_ramp_pa_s * period_s
+                longest = round(_LONGEST_WAIT_S / period_s)
+                rest.ramp_down(self._paced_cycle, self._sent_pa, fall_pa, 1, longest)
+                self._session.bye()
+        self._configured = False
+        self._session.link.close()
+
+    # -- a cycle -----------------------------------------------------------------------------------
+
+    def _transact(self, setpoint_pa: Array) -> Flags:
+        """Send set points and wait for the answer; where it is fresh. A lost connection is a fault."""
+        session, fresh = self._session, np.zeros(self.n_chambers, dtype=np.bool_)
+        try:
+            if not session.link.is_open:
+                self._sent_pa = np.zeros(self.n_chambers)
+                if session.link.reconnect():
+                    session.greet()  # for the readings; only `configure` gets the board to obey
+                return fresh
+            self._send_set(setpoint_pa)
+            self._wait_for_answer()
+        except HardwareError as error:
+            self._latch("link_lost", str(error))
+            return fresh
+        if session.is_answered and session.state is not None:
+            for n, port in enumerate(self._ports):
+                fresh[n] = not session.state.ports[port].flags & PortFlag.ADC_ERROR
+        else:
+            self._lost += 1
+        return fresh
+
+    def _wait_for_answer(self) -> None:
+        session, budget_s = self._session, self.platform.cycle_budget_s
+        if self.lockstep and self._missed < self.platform.host.stale_cycles:
+            budget_s = self.platform.lockstep_timeout_s
+        deadline = self._clock() + budget_s
+        while not session.is_answered and session.refused is None:
+            left = deadline - self._clock()
+            if left <= 0 or not session.receive(left):
+                return
+
+    def _judge(self, fresh: Flags, now_ns: int) -> list[Fault]:
+        """Everything that is wrong after a cycle."""
+        session, times = self._session, self.platform.host
+        state, welcome = session.state, session.welcome
+        if session.received != self._heard:
+            self._heard, self._heard_ns = session.received, now_ns
+        if welcome is not None and welcome.boot != self._boot:
+            self._latch("rebooted", "the board's server has been started anew")
+        if session.refused is not None:
+            self._latch("command_rejected", f"the board {texts.refusal(session.refused[0])}")
+            session.refused = None
+        if state is not None and state.cause:
+            code, text = texts.CAUSES[state.cause]
+            self._latch(code, f"the board {text}{texts.complaints(state)}")
+        elif state is not None and fresh.any():
+            self._compare(state)
+        if now_ns - self._heard_ns > times.heartbeat_consumer_s * 1e9:
+            self._latch("heartbeat_lost", f"not heard for {times.heartbeat_consumer_s * 1e3:.0f} ms")
+        faults = list(self._latched.values())
+        self._missed = 0 if fresh.all() else self._missed + 1
+        if fresh.all():
+            self._read_ns = now_ns
+        elif self._missed >= times.stale_cycles or now_ns - self._read_ns >= times.stale_s * 1e9:
+            names = ", ".join(name for name, good in zip(self._names, fresh, strict=True) if not good)
+            faults.append(Fault("stale_reading", names, f"no pressure for {self._missed} cycles"))
+        return faults
+
+    def _compare(self, state: State) -> None:
+        """The board says what its DACs were given: it must be what was sent."""
+        for n, port in enumerate(self._ports):
+            applied = state.ports[port].applied_pa
+            if abs(applied - self._sent_pa[n]) > self._tolerance_pa[n]:
+                text = f"was given {self._sent_pa[n]:.0f} Pa and applies {applied} Pa"
+                self._latch("setpoint_ignored", text, self._names[n])
+
+    def _send_set(self, setpoint_pa: Array) -> None:
+        values = [0] * len(self.platform.ports)
+        allowed = self.platform.range
+        for n, port in enumerate(self._ports):
+            limited = min(max(float(setpoint_pa[n]), allowed.minimum_pa), allowed.maximum_pa)
+            values[port] = round(limited)
+            self._sent_pa[n] = values[port]
+        self._session.set(values)
+
+    def _paced_cycle(self, setpoint_pa: Array) -> Array:
+        """One cycle of the shutdown."""
+        next_s = self._clock() + 1.0 / self.platform.cycle_hz
+        fresh = self._transact(setpoint_pa)
+        while not self.lockstep and (left := next_s - self._clock()) > 0:
+            self._session.receive(left)
+        return np.where(fresh, self._pressure_pa, np.nan)
+
+    def _drain(self) -> None:
+        try:
+            if self._session.link.is_open:
+                self._session.drain()
+        except HardwareError as error:
+            self._latch("link_lost", str(error))
+
+    def _on_state(self, state: State) -> None:
+        for n, port in enumerate(self._ports):
+            reading = state.ports[port]
+            if not reading.flags & PortFlag.ADC_ERROR and reading.age_ms != messages.NEVER_MS:
+                self._pressure_pa[n] = reading.pressure_pa
+
+    # -- start-up ----------------------------------------------------------------------------------
+
+    def _await(self, look: Callable[[], Answer | None], step: str) -> Answer:
+        """Wait for the answer to a step of the start-up."""
+        deadline = self._clock() + self.platform.host.start_timeout_s
+        while (answer := look()) is None:
+            if self._session.refused is not None:
+                raise self._failed(texts.refusal(self._session.refused[0]))
+            left = deadline - self._clock()
+            if left <= 0:
+                raise self._failed(f"does not answer {step}")
+            self._session.receive(left)
+        return answer
+
+    def _failed(self, text: str) -> HardwareError:
+        return HardwareError(f"board: start-up: {text}")
+
+    def _latch(self, code: str, message: str, source: str = "board") -> None:
+        self._latched.setdefault(code, Fault(code, source, message, latched=True))
+
+
+def open_driver(
+    platform: BoardPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
+) -> BoardRegulator:
+    """Make the driver of a platform; `endpoint` takes the place of the board's address.
+
+    Raises
+    ------
+    HardwareError
+        If neither names an address.
+    """
+    address = endpoint or platform.device
+    if address is None:
+        raise HardwareError("board: no address: give transport.host in the platform, or an endpoint")
+    link = TcpLink(address, platform.transport.connect_timeout_s, clock)
+    return BoardRegulator(platform, link, clock, lockstep)

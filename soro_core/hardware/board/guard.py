@@ -1,0 +1,102 @@
+"""A process that watches the server's process, and vents the ports when that one dies or hangs.
+
+A DAC keeps its voltage when nobody writes to it any more. The server vents when its host is silent; this
+vents when the server is: killed, crashed, or stuck in a call that does not return.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import sys
+from collections.abc import Callable
+
+from soro_core.errors import SoroError
+
+_ROUNDS = 3
+
+
+def guarded(run: Callable[[Callable[[], None]], int], vent: Callable[[], None], silence_s: float) -> int:
+    """Run a server in a child process and vent after it.
+
+    Call it before any thread is started.
+
+    Parameters
+    ----------
+    run : callable
+        The server; it must call what it is given at least every `silence_s`, and return its exit status.
+    vent : callable
+        Brings every port to 0 Pa; called in this process when the child ends in any way.
+    silence_s : float
+        Silence after which the child is killed.
+
+    Returns
+    -------
+    int
+        Exit status of the child, 1 if it was killed.
+    """
+    receiver, sender = os.pipe()
+    os.set_blocking(sender, False)
+    child = os.fork()
+    if child == 0:
+        os.close(receiver)
+        _serve(run, sender)
+    os.close(sender)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: _terminate(child))
+    _watch(receiver, silence_s)
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(child, signal.SIGKILL)  # it has gone, or it hangs
+    for _ in range(_ROUNDS):
+        vent()
+    _, status = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    if code < 0:
+        sys.stderr.write(f"the server was killed by {signal.Signals(-code).name}\n")
+    return 1 if code < 0 else code
+
+
+def _serve(run: Callable[[Callable[[], None]], int], sender: int) -> None:
+    """The child: never returns."""
+    code = 1
+    try:
+        code = run(lambda: _beat(sender))
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 1
+    except SoroError as error:
+        sys.stderr.write(f"{error}\n")
+    except BaseException as error:
+        sys.stderr.write(f"{type(error).__name__}: {error}\n")
+    finally:
+        with contextlib.suppress(OSError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+
+
+def _beat(sender: int) -> None:
+    """Tell the guard that all is well; a guard that has gone ends the server."""
+    try:
+        os.write(sender, b".")
+    except BlockingIOError:
+        pass
+    except BrokenPipeError:
+        raise SystemExit("the guard process has gone") from None
+
+
+def _watch(receiver: int, silence_s: float) -> None:
+    """Return when the child has gone or is silent; before its first beat it has all the time it needs."""
+    poll = select.poll()
+    poll.register(receiver, select.POLLIN)
+    timeout_ms: float | None = None
+    while poll.poll(timeout_ms):
+        if not os.read(receiver, 4096):
+            return
+        timeout_ms = 1e3 * silence_s
+
+
+def _terminate(child: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(child, signal.SIGTERM)

@@ -1,0 +1,255 @@
+"""The ports of a board: set points to DAC codes, ADC counts to pressures, and a test of every chip."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+from soro_core.errors import HardwareError
+from soro_core.hardware.board import chips
+from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.messages import PortFlag
+
+_HIGHEST_CODE = chips.CODES - 1
+_RAIL = 2047  # counts at which the ADC is at its end
+
+
+@dataclass(frozen=True)
+class PortReading:
+    """What a cycle did at one port [Pa gauge]; `pressure_pa` is None where the ADC did not answer."""
+
+    applied_pa: float
+    pressure_pa: float | None
+    flags: PortFlag
+
+
+@dataclass(frozen=True)
+class PortReport:
+    """Self-test of one port; `error` is empty if it passed, `warning` does not keep it from working."""
+
+    port: int
+    pressure_pa: float | None
+    error: str
+    warning: str = ""
+
+
+class BoardPort:
+    """One DAC and one ADC."""
+
+    def __init__(self, platform: BoardPlatform, number: int, bus: chips.I2cBus) -> None:
+        wiring, options = platform.ports[number], platform.board
+        self.number, self.wiring, self.bus = number, wiring, bus
+        self._scale = platform.scale_of(number)
+        self._volts_per_code = options.dac_full_scale_v / chips.CODES
+        self._volts_per_count = options.adc_full_scale_v / 2048 * options.adc_divider
+        self._config = chips.adc_config(options.adc_rate_sps, options.adc_full_scale_v)
+        # The ends of the range as the DAC can ask for them.
+        self._lowest_pa = self.applied_pa(self._nearest(platform.range.minimum_pa))
+        self._highest_pa = self.applied_pa(self._nearest(platform.range.maximum_pa))
+        self.safe_code = self._nearest(0.0)
+        self._written: int | None = None
+
+    def code(self, setpoint_pa: float) -> int:
+        """DAC code of a set point [Pa gauge]; 0 Pa for what is no number, the range's end beyond it."""
+        if setpoint_pa != setpoint_pa:
+            return self.safe_code
+        return self._nearest(min(max(setpoint_pa, self._lowest_pa), self._highest_pa))
+
+    def applied_pa(self, code: int) -> float:
+        """Pressure [Pa gauge] that a code asks for."""
+        return self._scale.asked_pa(code * self._volts_per_code)
+
+    def exchange(self, setpoint_pa: float) -> PortReading:
+        """Write the DAC, read the ADC."""
+        flags, code, pressure = PortFlag.NONE, self.code(setpoint_pa), None
+        if self._works(lambda: chips.write_dac(self.bus, self.wiring.dac, code)):
+            self._written = code
+        else:
+            flags |= PortFlag.DAC_ERROR
+        counts = 0
+
+        def read() -> None:
+            nonlocal counts
+            counts = chips.read_adc(self.bus, self.wiring.adc)
+
+        if self._works(read):
+            pressure = self._scale.read_pa(counts * self._volts_per_count)
+            if abs(counts) >= _RAIL:
+                flags |= PortFlag.OUT_OF_RANGE
+        else:
+            flags |= PortFlag.ADC_ERROR
+        return PortReading(self.applied_pa(code), pressure, flags)
+
+    def vent(self) -> None:
+        """Ask for 0 Pa; a DAC that does not answer is the next cycle's fault."""
+        with contextlib.suppress(OSError):
+            chips.write_dac(self.bus, self.wiring.dac, self.safe_code)
+            self._written = self.safe_code
+
+    def lost_its_setting(self) -> bool:
+        """Whether a chip does not hold what it was last given: it has been without power."""
+        try:
+            dac = chips.read_dac(self.bus, self.wiring.dac)
+            config = chips.read_adc_config(self.bus, self.wiring.adc)
+        except OSError:
+            return False  # `exchange` says so
+        return dac.code != self._written or not chips.same_config(config, self._config)
+
+    def start(self) -> str:
+        """Write and read back the DAC around its safe code, start the ADC; what failed, or nothing."""
+        dac, adc = self.wiring.dac, self.wiring.adc
+        beside = self.safe_code + (1 if self.safe_code < _HIGHEST_CODE else -1)
+        try:
+            for code in (beside, self.safe_code):
+                chips.write_dac(self.bus, dac, code)
+                found = chips.read_dac(self.bus, dac)
+                if found.code != code or not found.on or not found.ready:
+                    return f"DAC 0x{dac:02X}: wrote {code}, read {found}"
+                self._written = code
+        except OSError as error:
+            return f"DAC 0x{dac:02X}: {error.strerror}"
+        try:
+            chips.start_adc(self.bus, adc, self._config)
+            config = chips.read_adc_config(self.bus, adc)
+        except OSError as error:
+            return f"ADC 0x{adc:02X}: {error.strerror}"
+        if not chips.same_config(config, self._config):
+            return f"ADC 0x{adc:02X}: wrote 0x{self._config:04X}, read 0x{config:04X}"
+        return ""
+
+    def report(self, error: str) -> PortReport:
+        """Read the ADC, after its first conversion, and the code that the DAC starts with."""
+        if error:
+            return PortReport(self.number, None, error)
+        try:
+            counts = chips.read_adc(self.bus, self.wiring.adc)
+            stored = chips.read_dac(self.bus, self.wiring.dac).stored_code
+        except OSError as found:
+            return PortReport(self.number, None, f"read back: {found.strerror}")
+        pressure = self._scale.read_pa(counts * self._volts_per_count)
+        if abs(counts) >= _RAIL:
+            return PortReport(self.number, pressure, f"ADC 0x{self.wiring.adc:02X}: at the end of its range")
+        warning = "" if stored == self.safe_code else self._power_up_warning(stored)
+        return PortReport(self.number, pressure, "", warning)
+
+    def _power_up_warning(self, stored: int) -> str:
+        pressure = self.applied_pa(stored)
+        return f"the DAC asks for {pressure / 1e3:.1f} kPa after power-up; `soro board --store-safe` mends it"
+
+    def _nearest(self, pressure_pa: float) -> int:
+        return min(max(round(self._scale.to_volts(pressure_pa) / self._volts_per_code), 0), _HIGHEST_CODE)
+
+    def _works(self, transfer: Callable[[], None]) -> bool:
+        """Whether a transfer succeeds; a chip that does not answer at once is asked once more."""
+        for attempt in range(2):
+            try:
+                transfer()
+            except OSError as error:
+                # A line that is held costs its timeout each time: the other ports cannot wait for it.
+                if attempt or error.errno == errno.ETIMEDOUT:
+                    return False
+            else:
+                return True
+        return False
+
+
+class Ports:
+    """All ports of a board, bus by bus.
+
+    Parameters
+    ----------
+    platform : BoardPlatform
+        Ports, scales and converters.
+    open_bus : callable
+        Opens an I2C bus by its number.
+    wait : callable
+        Waits a time [s] for the first conversions.
+    executor : Executor, optional
+        Runs the buses beside each other; without one they take turns.
+
+    Raises
+    ------
+    HardwareError
+        If a bus cannot be opened.
+    """
+
+    def __init__(
+        self,
+        platform: BoardPlatform,
+        open_bus: Callable[[int], chips.I2cBus],
+        wait: Callable[[float], None],
+        executor: Executor | None = None,
+    ) -> None:
+        self._wait, self._executor = wait, executor
+        self._settle_s = 2.0 / platform.board.adc_rate_sps
+        numbers = sorted({port.bus for port in platform.ports})
+        self._buses = {number: open_bus(number) for number in numbers}
+        self.ports = [BoardPort(platform, n, self._buses[p.bus]) for n, p in enumerate(platform.ports)]
+        self._groups = [[port for port in self.ports if port.wiring.bus == number] for number in numbers]
+        self._checked = 0
+
+    def __len__(self) -> int:
+        return len(self.ports)
+
+    def self_test(self) -> list[PortReport]:
+        """Bring every port to 0 Pa, write and read back every DAC, start and read every ADC."""
+        errors = [port.start() for port in self.ports]
+        self._wait(self._settle_s)
+        return [port.report(error) for port, error in zip(self.ports, errors, strict=True)]
+
+    def exchange(self, setpoint_pa: Sequence[float]) -> list[PortReading]:
+        """Write every DAC, read every ADC, and look whether one port has kept its settings."""
+        checked, self._checked = self._checked, (self._checked + 1) % len(self.ports)
+
+        def serve(group: list[BoardPort]) -> list[tuple[int, PortReading]]:
+            found = []
+            for port in group:
+                lost = port.number == checked and port.lost_its_setting()
+                reading = port.exchange(setpoint_pa[port.number])
+                if lost:
+                    reading = replace(reading, flags=reading.flags | PortFlag.CHIP_RESET)
+                found.append((port.number, reading))
+            return found
+
+        groups = (
+            map(serve, self._groups) if self._executor is None else self._executor.map(serve, self._groups)
+        )
+        return [reading for _, reading in sorted((item for group in groups for item in group), key=_number)]
+
+    def store_safe(self) -> None:
+        """Make 0 Pa the power-up value of every DAC that has another one.
+
+        Raises
+        ------
+        HardwareError
+            If a DAC does not keep it.
+        """
+        for port in self.ports:
+            try:
+                if chips.read_dac(port.bus, port.wiring.dac).stored_code == port.safe_code:
+                    continue
+                chips.store_dac(port.bus, port.wiring.dac, port.safe_code)
+                self._wait(0.06)
+                stored = chips.read_dac(port.bus, port.wiring.dac).stored_code
+            except OSError as error:
+                raise HardwareError(f"port {port.number}: DAC: {error.strerror}") from None
+            if stored != port.safe_code:
+                raise HardwareError(f"port {port.number}: DAC: stored {port.safe_code}, read {stored}")
+
+    def vent(self) -> None:
+        """Bring every port to 0 Pa; a chip that does not answer does not keep the others from it."""
+        for port in self.ports:
+            port.vent()
+
+    def close(self) -> None:
+        """Let the buses go; the DACs hold what they have."""
+        for bus in self._buses.values():
+            with contextlib.suppress(OSError):
+                bus.close()
+
+
+def _number(item: tuple[int, PortReading]) -> int:
+    return item[0]

@@ -1,0 +1,300 @@
+"""`soro board`: serves the ports of a platform over TCP; also ``python -m soro_core.hardware.board.server``.
+
+It needs no ROS and no numba, so that a Raspberry Pi can run it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import selectors
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from soro_core.errors import ConfigError, HardwareError, SoroError
+from soro_core.hardware.board import frames, messages
+from soro_core.hardware.board.board import Board, describe
+from soro_core.hardware.board.chips import I2cBus
+from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.guard import guarded
+from soro_core.hardware.board.i2c import LinuxI2c
+from soro_core.hardware.board.ports import Ports
+from soro_core.hardware.platform import load_platform
+
+_CHUNK = 65536
+_BACKLOG = 16384  # bytes kept for a host that does not read; further frames are dropped whole
+_DRAIN = 16  # chunks of the present host that are taken before a new one is refused
+_IDLE_NS = 1_000_000_000  # a host that has been silent for so long gives way to a new one
+
+
+class Server:
+    """One loop around sockets and board.
+
+    Parameters
+    ----------
+    board : Board
+        What is served.
+    listener : socket
+        Listening socket.
+    clock : callable
+        Monotonic time [ns].
+    beat : callable
+        Called in every turn, at least once in a period of the ports.
+    """
+
+    def __init__(
+        self, board: Board, listener: socket.socket, clock: Callable[[], int], beat: Callable[[], None]
+    ) -> None:
+        self._board, self._listener, self._clock, self._beat = board, listener, clock, beat
+        self._host: socket.socket | None = None
+        self._heard_ns = 0
+        self._output = bytearray()
+        self._stopped = False
+        # select() waits with microseconds; epoll and poll round up to milliseconds.
+        self._selector = selectors.SelectSelector()
+        listener.setblocking(False)
+        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+
+    def run(self) -> None:
+        """Serve until `stop`; the ports are at 0 Pa when this ends, however it ends."""
+        try:
+            while not self._stopped:
+                self._beat()
+                self._put(self._board.poll(self._clock()))
+                timeout_s = (self._board.next_event_ns - self._clock()) * 1e-9
+                for key, _ in self._selector.select(max(timeout_s, 0.0)):
+                    key.data()
+        finally:
+            self._put(self._board.stop(self._clock()))
+            self._drop()
+            self._selector.close()
+
+    def wake_on(self, descriptor: int) -> None:
+        """Let `run` look whether it has been stopped when a descriptor becomes readable."""
+        self._selector.register(descriptor, selectors.EVENT_READ, lambda: None)
+
+    def stop(self) -> None:
+        """End `run` after the present turn; may be called from a signal handler."""
+        self._stopped = True
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            host, _ = self._listener.accept()
+            host.setblocking(False)
+            # A host that has just left must not keep the next one out.
+            for _ in range(_DRAIN):
+                if not self._read():
+                    break
+            now_ns = self._clock()
+            if self._host is not None and now_ns - self._heard_ns < _IDLE_NS:
+                busy = frames.encode(Frame(Kind.REFUSED, 0, messages.pack_refused(messages.Refusal.BUSY)))
+                with contextlib.suppress(OSError):
+                    host.send(busy)
+                host.close()
+                return
+            self._leave()
+            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._host, self._heard_ns = host, now_ns
+            self._selector.register(host, selectors.EVENT_READ, self._read)
+
+    def _read(self) -> bool:
+        """Take what has come; whether there may be more."""
+        if self._host is None:
+            return False
+        try:
+            chunk = self._host.recv(_CHUNK)
+        except BlockingIOError:
+            return False
+        except OSError:
+            chunk = b""
+        if not chunk:
+            self._leave()
+            return False
+        now_ns = self._clock()
+        if answer := self._board.feed(chunk, now_ns):
+            self._heard_ns = now_ns  # garbage is no sign of life
+            self._put(answer)
+        return True
+
+    def _put(self, data: bytes) -> None:
+        if self._host is None:
+            return
+        if len(self._output) + len(data) <= _BACKLOG:
+            self._output += data
+        if not self._output:
+            return
+        try:
+            del self._output[: self._host.send(self._output)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._leave()
+
+    def _leave(self) -> None:
+        """The host has gone."""
+        if self._host is not None:
+            self._drop()
+            self._board.host_gone(self._clock())
+
+    def _drop(self) -> None:
+        host, self._host = self._host, None
+        self._output.clear()
+        if host is not None:
+            self._selector.unregister(host)
+            host.close()
+
+
+def serve(
+    platform: BoardPlatform,
+    open_bus: Callable[[int], I2cBus],
+    address: tuple[str, int],
+    announce: Callable[[str], None],
+    beat: Callable[[], None] = lambda: None,
+) -> None:
+    """Test the ports and serve them until SIGTERM or SIGINT.
+
+    Parameters
+    ----------
+    platform : BoardPlatform
+        Ports and times.
+    open_bus : callable
+        Opens an I2C bus by its number.
+    address : tuple
+        Interface ("" for all) and TCP port (0 for a free one) to listen on.
+    announce : callable
+        Takes lines for people: the self-tests, then ``ready: host:port``.
+    beat : callable
+        Called in every turn of the loop.
+
+    Raises
+    ------
+    HardwareError
+        If a bus or the TCP port cannot be opened.
+    """
+    buses = {port.bus for port in platform.ports}
+    with contextlib.ExitStack() as stack:
+        # Transfers let the interpreter go, so that the buses work beside each other.
+        executor = stack.enter_context(ThreadPoolExecutor(len(buses))) if len(buses) > 1 else None
+        ports = Ports(platform, open_bus, time.sleep, executor)
+        stack.callback(ports.close)
+        boot = int.from_bytes(os.urandom(4), "little")
+        board = Board(platform, ports, boot, lambda reports: _say(announce, describe(reports)))
+        board.start(time.monotonic_ns())
+        try:
+            listener = stack.enter_context(socket.create_server(address))
+        except OSError as error:
+            raise HardwareError(f"{address[0]}:{address[1]}: cannot listen ({error.strerror})") from None
+        server = Server(board, listener, time.monotonic_ns, beat)
+        stack.enter_context(_stopped_by_signals(server))
+        with contextlib.suppress(OSError):  # Linux rounds waits up by 50 us otherwise
+            Path("/proc/self/timerslack_ns").write_text("1000", encoding="ascii")
+        announce("ready: {}:{}".format(*listener.getsockname()[:2]))
+        server.run()
+
+
+def run_board(
+    config: str,
+    listen: str,
+    announce: Callable[[str], None],
+    check: bool = False,
+    store_safe: bool = False,
+    open_bus: Callable[[int], I2cBus] = LinuxI2c,
+) -> int:
+    """What the command does; its exit status, 1 where a port fails the self-test of `check`.
+
+    `listen` is ``HOST`` or ``HOST:PORT``, empty for every interface and the platform's port.
+
+    Raises
+    ------
+    SoroError
+        If the platform file is wrong or the hardware is not there.
+    """
+    platform = load_platform(config)
+    if not isinstance(platform, BoardPlatform):
+        raise ConfigError(config, "family", platform.family, "soro_board")
+    if check or store_safe:
+        return _test(platform, open_bus, announce, store_safe)
+
+    host, _, port = listen.rpartition(":") if ":" in listen else (listen, "", "")
+    if not f"{port or 0}".isdecimal():
+        raise ConfigError("soro board", "--listen", listen, "HOST or HOST:PORT")
+    address = (host, int(port or platform.transport.port))
+
+    guards_own = Ports(platform, open_bus, time.sleep)
+
+    def run(beat: Callable[[], None]) -> int:
+        serve(platform, open_bus, address, announce, beat)
+        return 0
+
+    return guarded(run, guards_own.vent, platform.board.hang_s)
+
+
+def _test(
+    platform: BoardPlatform,
+    open_bus: Callable[[int], I2cBus],
+    announce: Callable[[str], None],
+    store_safe: bool,
+) -> int:
+    ports = Ports(platform, open_bus, time.sleep)
+    if store_safe:
+        ports.store_safe()
+    reports = ports.self_test()
+    _say(announce, describe(reports))
+    return int(any(report.error for report in reports))
+
+
+def _say(announce: Callable[[str], None], lines: list[str]) -> None:
+    for line in lines:
+        announce(line)
+
+
+@contextlib.contextmanager
+def _stopped_by_signals(server: Server) -> Iterator[None]:
+    """A handler that does nothing but set a flag, and a pipe that wakes select() up."""
+    wake_read, wake_write = os.pipe()
+    os.set_blocking(wake_write, False)
+    server.wake_on(wake_read)
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    former = {number: signal.signal(number, lambda *_: server.stop()) for number in numbers}
+    former_fd = signal.set_wakeup_fd(wake_write)
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(former_fd)
+        for number, handler in former.items():
+            signal.signal(number, handler)
+        os.close(wake_read)
+        os.close(wake_write)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Parse the command line and serve; 0 after a signal, 2 for wrong use, 1 for anything else that fails."""
+    parser = argparse.ArgumentParser(prog="python -m soro_core.hardware.board.server", description=__doc__)
+    parser.add_argument("config", help="name of a shipped platform, or path of a platform file")
+    parser.add_argument("--listen", default="", help="HOST or HOST:PORT to listen on; all and the platform's")
+    parser.add_argument("--check", action="store_true", help="test every chip, report, and end")
+    parser.add_argument(
+        "--store-safe", action="store_true", help="make 0 Pa the power-up value of every DAC, test, and end"
+    )
+    given = parser.parse_args(arguments)
+    try:
+        return run_board(given.config, given.listen, _print, given.check, given.store_safe)
+    except SoroError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2 if isinstance(error, ConfigError) else 1
+
+
+def _print(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

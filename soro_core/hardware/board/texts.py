@@ -1,0 +1,43 @@
+"""What the board's codes mean, for people and as faults of the port."""
+
+from __future__ import annotations
+
+from soro_core.hardware.board.messages import Cause, PortFlag, Refusal, State
+
+CAUSES = {
+    Cause.WATCHDOG: ("watchdog_vented", "has vented: it was given no set point in time"),
+    Cause.HOST_GONE: ("watchdog_vented", "has vented: its host's connection ended"),
+    Cause.DEVICE_ERROR: ("device_error", "has vented: a chip does not answer"),
+    Cause.CHIP_RESET: ("rebooted", "has vented: a chip has been without power"),
+    Cause.SELF_TEST: ("device_error", "has failed its self-test"),
+    Cause.STOPPING: ("left_operational", "has been stopped"),
+}
+_REFUSALS: dict[int, str] = {
+    Refusal.BUSY: "serves another host",
+    Refusal.PORTS: "has another number of ports than the platform file",
+    Refusal.RANGE: "refuses a set point as out of its range",
+    Refusal.OLD: "refuses a set point as older than the last",
+    Refusal.NO_HELLO: "does not know this host",
+}
+_FLAGS = {
+    PortFlag.DAC_ERROR: "DAC does not answer",
+    PortFlag.ADC_ERROR: "ADC does not answer",
+    PortFlag.OUT_OF_RANGE: "voltage beyond the ADC's range",
+    PortFlag.CHIP_RESET: "a chip has been without power",
+}
+
+
+def refusal(code: int) -> str:
+    """Why the board refuses, after "the board"."""
+    return _REFUSALS.get(code, f"refuses with code {code}")
+
+
+def complaints(state: State) -> str:
+    """What the board says of its ports, in brackets, or nothing."""
+    found = [
+        f"port {number}: {text}"
+        for number, port in enumerate(state.ports)
+        for flag, text in _FLAGS.items()
+        if port.flags & flag
+    ]
+    return f" ({', '.join(found)})" if found else ""

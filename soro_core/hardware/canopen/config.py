@@ -1,0 +1,106 @@
+"""Platform files of the family canopen_408: CiA 408 valves behind a CAN adapter."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict
+from soro_core.hardware.canopen.mapping import DeviceMapping, default_mapping
+from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.transport.config import Transport
+
+
+class CanopenValve(ValveBase):
+    """One regulator: the chamber that it feeds and its node on the bus."""
+
+    node: int = Field(ge=1, le=127, description="CANopen node id")
+    channel: int = Field(0, ge=0, le=15, description="regulator of a node that has several")
+
+
+class CanopenOptions(Strict):
+    """Times and identities of CANopen; the defaults suit control rates of 50 Hz and more."""
+
+    master_node: int = Field(
+        127, ge=1, le=127, description="node id under which the driver sends its heartbeat"
+    )
+    heartbeat_s: float = Field(0.025, ge=0.005, le=1, description="heartbeat period, both ways")
+    heartbeat_consumer_s: float = Field(
+        0.1, ge=0.01, le=5, description="silence after which the other side is lost"
+    )
+    rpdo_deadline_s: float = Field(0.05, ge=0.005, le=5, description="longest time between two set points")
+    boot_timeout_s: float = Field(5.0, gt=0, le=60, description="time for a device to boot")
+    sdo_timeout_s: float = Field(0.25, gt=0, le=5, description="time for one SDO answer")
+    sdo_retries: int = Field(2, ge=0, le=10, description="further attempts after an SDO timeout")
+    activation_timeout_s: float = Field(
+        0.5, gt=0, le=5, description="time from first set point to state ACTIVE"
+    )
+    status_s: float = Field(
+        0.1, ge=0.01, le=1, description="period of status words that a device sends by event"
+    )
+    stale_cycles: int = Field(3, ge=1, le=100, description="missed readings in a row that make a fault")
+    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
+    mapping: DeviceMapping = Field(
+        default_factory=default_mapping, description="objects and PDOs of the devices"
+    )
+    vendor_id: int | None = Field(
+        None, ge=0, le=0xFFFFFFFF, description="required vendor (1018:1); none for any"
+    )
+    product_code: int | None = Field(None, ge=0, le=0xFFFFFFFF, description="required product (1018:2)")
+    full_scale_pa: float | None = Field(
+        None,
+        gt=0,
+        le=2e6,
+        description="pressure at 16384 counts [Pa]; only for devices with normalised values",
+    )
+
+
+class CanopenEmulation(EmulationBase):
+    """How the emulated devices of this platform behave."""
+
+    adapters: Annotated[tuple[Literal["slcan", "socketcand"], ...], Field(strict=False)] = Field(
+        (), description="adapters on the emulated bus; empty for the one of the transport"
+    )
+    boot_delay_s: float = Field(0.1, ge=0, le=10, description="time from power-on to boot-up; 0 in lockstep")
+    pressure_unit: Literal["pa", "bar", "normalised"] = Field(
+        "pa", description="unit of the device's pressures"
+    )
+    pressure_prefix: int = Field(1, ge=-6, le=6, description="power of ten of the device's pressures")
+    full_scale_pa: float = Field(
+        100e3, gt=0, le=2e6, description="pressure at 16384 counts, for normalised [Pa]"
+    )
+
+
+class CanopenPlatform(PlatformBase):
+    """CiA 408 valves on one CAN bus; `cycle_hz` is written to them as SYNC period."""
+
+    family: Literal["canopen_408"]
+    transport: Transport
+    valves: Annotated[tuple[CanopenValve, ...], Field(strict=False, min_length=1, max_length=126)]
+    canopen: CanopenOptions = Field(default_factory=CanopenOptions)
+    emulation: CanopenEmulation = CanopenEmulation()
+
+    @property
+    def device(self) -> str | None:
+        return self.transport.address
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CanopenPlatform:
+        nodes = [valve.node for valve in self.valves]
+        channels = self.canopen.mapping.channels
+        places = [(valve.node, valve.channel) for valve in self.valves]
+        if len(set(places)) < len(places):
+            node, channel = repeated(places)
+            twice = f"node once, not {node}" if channels == 1 else f"channel once, not {node}.{channel}"
+            raise ValueError(f"valves: each {twice} twice")
+        if max(valve.channel for valve in self.valves) >= channels:
+            raise ValueError(f"valves: channel 0 to {channels - 1}, of as many as the mapping has")
+        times, period = self.canopen, 1.0 / self.cycle_hz
+        if times.master_node in nodes:
+            raise ValueError(f"canopen.master_node: a node id that no valve has, not {times.master_node}")
+        if times.rpdo_deadline_s < 2 * period:
+            raise ValueError(f"canopen.rpdo_deadline_s: at least two cycles, {2 * period:.4g} s")
+        if times.heartbeat_consumer_s < 2 * max(times.heartbeat_s, period):
+            raise ValueError("canopen.heartbeat_consumer_s: at least twice the heartbeat and twice the cycle")
+        return self

@@ -1,0 +1,193 @@
+"""Device mapping: which objects of a CANopen device are set point, reading, control and status word.
+
+A mapping and the device's EDS file describe a device completely, so that another make is a configuration. The
+shipped ones stand in config/canopen; a platform names one and may change any of its keys.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict, config_folder, find_config, read_yaml
+from soro_core.errors import ConfigError
+
+DEFAULT_DEVICE = "cia408"
+PDO_NUMBERS = 4  # those with predefined identifiers
+
+_ENTRY = re.compile(r"(setpoint|control|reading|status)(?:\.(\d+))?")
+
+
+class ObjectAddress(Strict):
+    """One object of the device; size and sign are those of the EDS."""
+
+    index: int = Field(ge=0x1000, le=0xFFFF)
+    sub: int = Field(0, ge=0, le=254)
+
+
+class Setting(ObjectAddress):
+    """A value that is written at start-up, or that fills a place in an RPDO."""
+
+    value: int
+
+
+Entry: TypeAlias = str | Setting
+
+
+class PdoMapping(Strict):
+    """One PDO, in the order of its entries.
+
+    An entry is ``setpoint``, ``control`` (RPDO), ``reading`` or ``status`` (TPDO), with ``.1`` and so on for
+    further channels, or in an RPDO an object with a constant value.
+    """
+
+    number: int = Field(ge=1, le=PDO_NUMBERS, description="which of the predefined PDOs")
+    entries: Annotated[tuple[Entry, ...], Field(strict=False, min_length=1, max_length=8)]
+    transmission: Literal["sync", "event"] = Field(
+        "sync", description="with every SYNC, or by the device when a value changes"
+    )
+    fixed: bool = Field(False, description="the device's map cannot be written: it is compared only")
+
+    @model_validator(mode="after")
+    def _known(self) -> PdoMapping:
+        for entry in self.entries:
+            if isinstance(entry, str) and not _ENTRY.fullmatch(entry):
+                raise ValueError(f"entries: setpoint, control, reading or status, or setpoint.1, not {entry}")
+        return self
+
+
+class Linear(Strict):
+    """Counts and pressures: pressure = (count - zero_count) pa_per_count."""
+
+    pa_per_count: float = Field(gt=0, le=1e5)
+    zero_count: int = Field(0, ge=-(2**31), lt=2**31, description="count at 0 Pa gauge")
+
+
+class DeviceScaling(Strict):
+    """Unit and power of ten are read from sub-objects 2 and 3 of set point and reading (CiA 408)."""
+
+    kind: Literal["device"]
+
+
+class FixedScaling(Strict):
+    """The device does not say what its counts mean."""
+
+    kind: Literal["fixed"]
+    setpoint: Linear
+    reading: Linear
+
+
+Scaling: TypeAlias = Annotated[DeviceScaling | FixedScaling, Field(discriminator="kind")]
+
+
+class DeviceMapping(Strict):
+    """How a driver uses one kind of device; objects of further channels follow at `channel_offset`."""
+
+    device: str = Field(description="name of the shipped mapping that this one is based on")
+    eds: str = Field(description="EDS file: a path, or the name of one in config/canopen")
+    profile: int | None = Field(None, ge=0, le=0xFFFF, description="low word of object 1000; none for any")
+    channels: int = Field(1, ge=1, le=16, description="regulators in one node")
+    channel_offset: int = Field(
+        0x800, ge=1, le=0x1000, description="from an object of one channel to that of the next"
+    )
+    setpoint: ObjectAddress
+    reading: ObjectAddress
+    control: ObjectAddress | None = Field(
+        None, description="control word of the CiA 408 state machine; none for devices without"
+    )
+    status: ObjectAddress | None = None
+    hold_setpoint: ObjectAddress | None = Field(None, description="set point in state HOLD; 0 is written")
+    upper_limit: ObjectAddress | None = Field(None, description="the platform's range is written there")
+    lower_limit: ObjectAddress | None = None
+    settings: Annotated[tuple[Setting, ...], Field(strict=False)] = Field(
+        (), description="written at start-up to every channel where the device has another value"
+    )
+    rpdos: Annotated[tuple[PdoMapping, ...], Field(strict=False, min_length=1)]
+    tpdos: Annotated[tuple[PdoMapping, ...], Field(strict=False, min_length=1)]
+    scaling: Scaling
+
+    @model_validator(mode="before")
+    @classmethod
+    def _on_shipped(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        return {**shipped_mapping(str(given.get("device", DEFAULT_DEVICE))), **given}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> DeviceMapping:
+        if (self.control is None) != (self.status is None):
+            raise ValueError("control and status: both, or none of them")
+        for pdos, kinds in (
+            (self.rpdos, {"setpoint": self.setpoint, "control": self.control}),
+            (self.tpdos, {"reading": self.reading, "status": self.status}),
+        ):
+            numbers = [pdo.number for pdo in pdos]
+            if len(set(numbers)) < len(numbers):
+                raise ValueError("rpdos, tpdos: each number once")
+            found = [slot(entry) for pdo in pdos for entry in pdo.entries]
+            given = sorted((kind, channel) for kind, channel in found if kind != "constant")
+            wanted = sorted(
+                (kind, channel)
+                for kind, address in kinds.items()
+                if address is not None
+                for channel in range(self.channels)
+            )
+            if given != wanted:
+                names = ", ".join(f"{kind}.{channel}" for kind, channel in wanted)
+                raise ValueError(f"rpdos, tpdos: each of {names} in one PDO, once")
+        if any(slot(entry)[0] == "constant" for pdo in self.tpdos for entry in pdo.entries):
+            raise ValueError("tpdos: reading and status only")
+        for pdo in (*self.rpdos, *self.tpdos):
+            if pdo.transmission == "event" and {"setpoint", "reading"} & {slot(e)[0] for e in pdo.entries}:
+                raise ValueError("rpdos, tpdos: set points and readings go with SYNC")
+        return self
+
+    @property
+    def eds_path(self) -> Path:
+        """Where the EDS file is.
+
+        Raises
+        ------
+        ConfigError
+            If it is neither a path nor shipped.
+        """
+        shipped = config_folder() / "canopen" / self.eds
+        for path in (Path(self.eds), shipped):
+            if path.is_file():
+                return path
+        known = ", ".join(sorted(path.name for path in shipped.parent.glob("*.eds")))
+        raise ConfigError("canopen.mapping", "eds", self.eds, f"the path of an EDS file, or one of {known}")
+
+    def address(self, kind: str, channel: int) -> ObjectAddress | None:
+        """Object of one channel: of setpoint, reading, control, status or one of the limits."""
+        first: ObjectAddress | None = getattr(self, kind)
+        return None if first is None else self.of_channel(first, channel)
+
+    def of_channel(self, first: ObjectAddress, channel: int) -> ObjectAddress:
+        """The same object of another channel."""
+        return ObjectAddress(index=first.index + channel * self.channel_offset, sub=first.sub)
+
+
+def slot(entry: Entry) -> tuple[str, int]:
+    """Kind and channel of a PDO's entry; ``constant`` for a fixed value."""
+    match = None if isinstance(entry, Setting) else _ENTRY.fullmatch(entry)
+    return ("constant", 0) if match is None else (match[1], int(match[2] or 0))
+
+
+def shipped_mapping(name: str) -> dict[str, Any]:
+    """Keys of a mapping in config/canopen.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name.
+    """
+    return {**read_yaml(find_config(name, "canopen")), "device": name}
+
+
+def default_mapping() -> DeviceMapping:
+    """One CiA 408 valve a node."""
+    return DeviceMapping.model_validate({"device": DEFAULT_DEVICE})

@@ -1,0 +1,148 @@
+"""The emulated end of a serial line: bytes take their time, and on a half-duplex line they collide.
+
+A pseudo-terminal carries bytes at once whatever baud rate is set, so the pacing is here.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+
+from soro_core.hardware.emulation.devices import Line
+
+BITS_PER_BYTE = 10
+FOREVER_NS = 1 << 62  # when a device without power is up again
+_PIECE_NS = 1_000_000  # what is sent comes out in pieces of about a millisecond
+_COLLISION = 0x55  # bits that a collision flips
+LONGEST_QUEUE = 4096  # bytes from the host that wait for their time; further ones are lost
+_PART = re.compile(rb"[^\r\n]*[\r\n]|[^\r\n]+")
+
+
+class Station(ABC):
+    """What listens to a line: all devices that hang on it.
+
+    Attributes
+    ----------
+    act_ns : int or None
+        Time at which it does something by itself.
+    before : callable
+        To be called with the time before a valve is changed or its pressure read.
+    """
+
+    act_ns: int | None = None
+    before: Callable[[int], None] = staticmethod(lambda now_ns: None)
+
+    @abstractmethod
+    def receive(self, chunk: bytes, end_ns: int) -> None:
+        """Take bytes that came without a pause and end at `end_ns`; CR and LF stand at the end only."""
+
+    def act(self, now_ns: int) -> None:
+        """Do what is due at `act_ns`."""
+        self.act_ns = None
+
+
+class Uart(Line):
+    """One serial line with its devices.
+
+    Parameters
+    ----------
+    baud : int
+        Its rate [bit/s], 8N1.
+    half_duplex : bool
+        Whether host and devices share the wire.
+    now_ns : callable
+        Time of the world.
+    mark : bytes
+        Byte by which the host ends its cycle in lockstep; empty for none.
+    """
+
+    def __init__(self, baud: int, half_duplex: bool, now_ns: Callable[[], int], mark: bytes = b"") -> None:
+        super().__init__()
+        self.byte_ns = round(BITS_PER_BYTE * 1e9 / baud)
+        self.station: Station | None = None
+        self.on_mark: Callable[[], None] = lambda: None
+        self.collisions = self.overruns = 0
+        self._half_duplex, self._now_ns, self._mark = half_duplex, now_ns, mark
+        self._coming: deque[tuple[int, bytes]] = deque()  # up to a CR, an LF or a pause, and its end
+        self._going: deque[tuple[int, bytes]] = deque()
+        self._host_ns = self._device_ns = 0  # end of what each side has sent
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether nothing is on the wire."""
+        return not self._coming and not self._going
+
+    def feed(self, chunk: bytes) -> None:
+        """Take bytes from the host; its marks are for the emulator, no faults act on them."""
+        if not self._mark:
+            super().feed(chunk)
+            return
+        parts = chunk.split(self._mark)
+        for number, part in enumerate(parts):
+            if part:
+                super().feed(part)
+            if number < len(parts) - 1:
+                self.on_mark()
+
+    def answer_mark(self) -> None:
+        """Give the host its mark back."""
+        self.output += self._mark
+
+    def take(self, chunk: bytes) -> None:
+        now_ns = self._now_ns()
+        for part in _PART.findall(chunk):
+            if self._host_ns - now_ns > LONGEST_QUEUE * self.byte_ns:
+                self.overruns += len(part)
+                continue
+            start_ns = max(self._host_ns, now_ns)
+            self._host_ns = start_ns + len(part) * self.byte_ns
+            if self._half_duplex and start_ns < self._device_ns:
+                self._collide(start_ns)
+                hit = min(-((start_ns - self._device_ns) // self.byte_ns), len(part))
+                part = _flipped(part[:hit]) + part[hit:]
+            self._coming.append((self._host_ns, part))
+
+    def send(self, data: bytes, at_ns: int) -> None:
+        """Let the devices send, from a time on; faults act on it as one message."""
+        data = self.to_host(data)
+        start_ns = max(at_ns, self._device_ns)
+        if self._half_duplex and start_ns < self._host_ns:
+            self.collisions += 1
+            self._coming = deque((end_ns, _flipped(part)) for end_ns, part in self._coming)
+            data = _flipped(data)
+        size = max(_PIECE_NS // self.byte_ns, 1)
+        for first in range(0, len(data), size):
+            piece = data[first : first + size]
+            start_ns += len(piece) * self.byte_ns
+            self._going.append((start_ns, piece))
+        self._device_ns = start_ns
+
+    def due_ns(self) -> int | None:
+        """Time of the next event on the line."""
+        heads = [queue[0][0] for queue in (self._coming, self._going) if queue]
+        if self.station is not None and self.station.act_ns is not None:
+            heads.append(self.station.act_ns)
+        return min(heads, default=None)
+
+    def step(self, now_ns: int) -> None:
+        """Carry out the one event that is due at a time."""
+        if self._coming and self._coming[0][0] <= now_ns:
+            end_ns, part = self._coming.popleft()
+            if self.station is not None:
+                self.station.receive(part, end_ns)
+        elif self._going and self._going[0][0] <= now_ns:
+            self.output += self._going.popleft()[1]
+        elif self.station is not None and self.station.act_ns is not None and self.station.act_ns <= now_ns:
+            self.station.act(self.station.act_ns)
+
+    def _collide(self, start_ns: int) -> None:
+        self.collisions += 1
+        self._going = deque(
+            (end_ns, _flipped(piece) if end_ns > start_ns else piece) for end_ns, piece in self._going
+        )
+
+
+def _flipped(data: bytes) -> bytes:
+    return bytes(byte ^ _COLLISION for byte in data)

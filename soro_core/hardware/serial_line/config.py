@@ -1,0 +1,133 @@
+"""Platform files of the families itv_rs232 and alicat."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict
+from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+
+Baud = Literal[2400, 4800, 9600, 19200, 38400, 57600, 115200]
+
+
+class LineOptions(Strict):
+    """Times of a serial line; the defaults suit a cable or a USB adapter."""
+
+    answer_timeout_s: float = Field(
+        0.05, gt=0, le=2, description="longest time from the end of a request to the end of its answer"
+    )
+    quiet_s: float = Field(
+        0.01, ge=0, le=1, description="silence after a lost or garbled answer before the next request"
+    )
+    silent_after: int = Field(3, ge=1, le=100, description="missed answers in a row that make a fault")
+    stale_s: float = Field(0.5, gt=0, le=5, description="age of a reading that makes a fault")
+    check_s: float = Field(
+        0.2, gt=0, le=2, description="how often a device is asked whether it still has its set point"
+    )
+    slew_pa_s: float = Field(
+        400e3, gt=0, le=10e6, description="fastest change of what is sent; a vent is not limited"
+    )
+    boot_timeout_s: float = Field(2.0, gt=0, le=60, description="time for a device to answer at all")
+    reconnect_s: float = Field(
+        1.0, ge=0, le=60, description="time for which configure tries to open a port that is not there"
+    )
+    vent_s: float = Field(0.5, gt=0, le=5, description="longest time that a vent waits for its confirmation")
+    supervisor: bool = Field(
+        True, description="keep a process beside the driver that vents when the driver dies"
+    )
+
+
+class LineEmulation(EmulationBase):
+    """How the emulated devices of a serial line behave."""
+
+    boot_delay_s: float = Field(0.1, ge=0, le=10, description="silence after power-on; 0 in lockstep")
+    answer_delay_s: float = Field(0.001, ge=0, le=0.1, description="time from a request to its answer")
+
+
+class AlicatEmulation(LineEmulation):
+    """How emulated Alicat controllers behave."""
+
+    firmware: str = Field("10v20.0-R24", description="version that they report, for example 5v12.0-R22")
+    unit: Literal["kPaG", "barG", "PSIG"] = Field("kPaG", description="unit of their pressures")
+    full_scale_pa: float = Field(103.4e3, gt=0, le=2e6, description="their range [Pa gauge]")
+
+
+class SerialPlatform(PlatformBase):
+    """What both dialects have in common. `cycle_hz` is the rate of exchanges, not of the devices' updates."""
+
+    baud: Baud
+    cycle_budget_s: float = Field(
+        0.002, ge=0, le=0.1, description="longest wait of an exchange for bytes that are on their way"
+    )
+    line: LineOptions = LineOptions()
+
+
+class ItvValve(ValveBase):
+    """One SMC ITV with its own port."""
+
+    port: str | None = Field(None, description="path of its serial port; none where it is given when opened")
+
+
+class ItvPlatform(SerialPlatform):
+    """SMC ITV electro-pneumatic regulators with RS-232C, one port each."""
+
+    family: Literal["itv_rs232"]
+    valves: Annotated[tuple[ItvValve, ...], Field(strict=False, min_length=1, max_length=32)]
+    baud: Baud = 9600
+    full_scale_pa: float = Field(
+        gt=0,
+        le=2e6,
+        description="pressure at 1023 counts: 100e3 for ITVx01, 500e3 for ITVx03, 900e3 for ITVx05",
+    )
+    emulation: LineEmulation = LineEmulation()
+
+    @property
+    def device(self) -> str | None:
+        ports = [valve.port for valve in self.valves if valve.port is not None]
+        return ",".join(ports) if len(ports) == len(self.valves) else None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ItvPlatform:
+        ports = [valve.port for valve in self.valves if valve.port is not None]
+        if len(set(ports)) < len(ports):
+            raise ValueError(f"valves: each port once, not {repeated(ports)} twice")
+        if self.range.maximum_pa > self.full_scale_pa:
+            raise ValueError(f"range.maximum_pa: at most full_scale_pa, {self.full_scale_pa:g} Pa")
+        if self.range.minimum_pa != 0.0:
+            raise ValueError("range.minimum_pa: 0, the counts of an ITV begin there")
+        return self
+
+
+class AlicatValve(ValveBase):
+    """One Alicat pressure controller on the line."""
+
+    unit: str = Field(pattern=re.compile("^[A-Z]$"), description="its letter on the line, A to Z")
+
+
+class AlicatPlatform(SerialPlatform):
+    """Alicat pressure controllers, up to 26 on one port."""
+
+    family: Literal["alicat"]
+    port: str | None = Field(None, description="path of the serial port; none where it is given when opened")
+    valves: Annotated[tuple[AlicatValve, ...], Field(strict=False, min_length=1, max_length=26)]
+    baud: Baud = 19200
+    setpoint_command: Literal["by_firmware", "S"] = Field(
+        "by_firmware",
+        description="LS from firmware 9v00 on, S below; S also there, which newer ones know too: its answer "
+        "has the pressure, so that a chamber gets twice the rate",
+    )
+    emulation: AlicatEmulation = AlicatEmulation()
+
+    @property
+    def device(self) -> str | None:
+        return self.port
+
+    @model_validator(mode="after")
+    def _consistent(self) -> AlicatPlatform:
+        units = [valve.unit for valve in self.valves]
+        if len(set(units)) < len(units):
+            raise ValueError(f"valves: each unit once, not {repeated(units)} twice")
+        return self

@@ -1,0 +1,104 @@
+"""The two drivers on serial lines: SMC ITV with a port a valve, Alicat with all units on one port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from soro_core.errors import HardwareError
+from soro_core.hardware.serial_line import alicat, itv
+from soro_core.hardware.serial_line.alicat import AlicatChannel
+from soro_core.hardware.serial_line.config import AlicatPlatform, ItvPlatform, SerialPlatform
+from soro_core.hardware.serial_line.driver import SerialRegulator
+from soro_core.hardware.serial_line.engine import BITS_PER_BYTE, LineEngine
+from soro_core.hardware.serial_line.itv import ItvChannel
+from soro_core.hardware.serial_line.port import BytePort, SerialPort, open_with_retries, paths_of
+
+
+class ItvRegulator(SerialRegulator):
+    """SMC ITV, one port each."""
+
+    platform: ItvPlatform
+
+    @property
+    def update_hz(self) -> float:
+        return self.platform.baud / (BITS_PER_BYTE * itv.PAIR_BYTES)
+
+    def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
+        times, baud = self.platform.line, self.platform.baud
+        return [
+            LineEngine(
+                port,
+                [ItvChannel(self.platform, valve, port.name)],
+                baud,
+                times.answer_timeout_s,
+                times.quiet_s,
+            )
+            for valve, port in zip(self.platform.valves, ports, strict=True)
+        ]
+
+    def start_devices(self, engine: LineEngine) -> None:
+        for channel in engine.channels:
+            assert isinstance(channel, ItvChannel)
+            session = self.session(engine, channel.source)
+            session.wait_for_boot(b"\r\nREQ\r\n")
+            channel.start(session)
+
+
+class AlicatRegulator(SerialRegulator):
+    """Alicat pressure controllers on one port."""
+
+    platform: AlicatPlatform
+
+    @property
+    def update_hz(self) -> float:
+        is_modern = all(isinstance(c, AlicatChannel) and c.is_modern for c in self._channels)
+        bytes_a_unit = alicat.LS_BYTES if is_modern else alicat.SET_BYTES
+        return self.platform.baud / (BITS_PER_BYTE * bytes_a_unit * len(self.platform.valves))
+
+    def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
+        (port,) = ports
+        times, baud = self.platform.line, self.platform.baud
+        channels = [AlicatChannel(self.platform, valve, port.name) for valve in self.platform.valves]
+        return [LineEngine(port, channels, baud, times.answer_timeout_s, times.quiet_s)]
+
+    def start_devices(self, engine: LineEngine) -> None:
+        units = tuple(valve.unit for valve in self.platform.valves)
+        alicat.stop_stream(self.session(engine, engine.port.name), units)
+        for channel in engine.channels:
+            assert isinstance(channel, AlicatChannel)
+            session = self.session(engine, channel.source)
+            session.wait_for_boot(channel.unit.encode() + b"\r")
+            channel.start(session)
+
+
+def open_itv(
+    platform: ItvPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
+) -> ItvRegulator:
+    """Make the driver of a platform; `endpoint` takes the place of its ports."""
+    return ItvRegulator(
+        platform, lambda: _open(platform, endpoint, len(platform.valves), clock), clock, lockstep
+    )
+
+
+def open_alicat(
+    platform: AlicatPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
+) -> AlicatRegulator:
+    """Make the driver of a platform; `endpoint` takes the place of its port."""
+    return AlicatRegulator(platform, lambda: _open(platform, endpoint, 1, clock), clock, lockstep)
+
+
+def _open(
+    platform: SerialPlatform, endpoint: str | None, count: int, clock: Callable[[], float]
+) -> list[SerialPort]:
+    named = endpoint or platform.device
+    if named is None:
+        raise HardwareError(f"{platform.family}: no port named: give it in the platform, or an endpoint")
+    ports: list[SerialPort] = []
+    try:
+        for path in paths_of(named, count):
+            ports.append(open_with_retries(path, platform.baud, platform.line.reconnect_s, clock))
+    except HardwareError:
+        for port in ports:
+            port.close()
+        raise
+    return ports

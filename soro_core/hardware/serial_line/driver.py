@@ -1,0 +1,298 @@
+"""Driver for regulators on serial text lines, for both dialects.
+
+These devices are slow (an ITV takes 23 ms for a set point and a reading at 9600 baud) and have no watchdog.
+So `exchange` never waits longer than `cycle_budget_s` for an answer: it takes what has come, sends what is
+due, and says in `fresh` which chambers were sampled since the last one. Because a device whose host dies
+keeps its pressure, a supervisor process lives beside the driver (`soro_core.hardware.supervisor`); an arm on
+these families needs a normally open dump valve besides.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from soro_core.errors import HardwareError
+from soro_core.hardware import checks
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.rest import ramp_down
+from soro_core.hardware.serial_line.channel import Channel
+from soro_core.hardware.serial_line.config import SerialPlatform
+from soro_core.hardware.serial_line.engine import LineEngine
+from soro_core.hardware.serial_line.lockstep import LockstepPort
+from soro_core.hardware.serial_line.port import BytePort
+from soro_core.hardware.serial_line.session import Session
+from soro_core.hardware.supervisor_client import Supervisor
+
+LONGEST_WAIT_S = 1.0
+
+
+class SerialRegulator(Regulator):
+    """Regulators of one arm on one or more serial lines.
+
+    Parameters
+    ----------
+    platform : SerialPlatform
+        Valves, range and times.
+    open_ports : callable
+        Opens the ports, in the order of the lines; called by `configure`.
+    clock : callable
+        Monotonic time [s].
+    lockstep : bool
+        The devices' time advances with the exchanges only.
+    """
+
+    device_watchdog = False
+
+    def __init__(
+        self,
+        platform: SerialPlatform,
+        open_ports: Callable[[], Sequence[BytePort]],
+        clock: Callable[[], float],
+        lockstep: bool = False,
+    ) -> None:
+        self.platform, self.lockstep = platform, lockstep
+        self._open_ports, self._clock = open_ports, clock
+        self._names = platform.chamber_names
+        self._period_ns = round(1e9 / platform.cycle_hz)
+        self._line_ns = 0
+        self._ports: list[BytePort] = []
+        self._engines: list[LineEngine] = []
+        self._channels: list[Channel] = []
+        self._closed_counts: Counter[str] = Counter()
+        self._configured = self._closed = False
+        self._cycles = 0
+        self._last_ns = 0
+        self._supervisor: Supervisor | None = None
+
+    # -- what a dialect gives ----------------------------------------------------------------------
+
+    @abstractmethod
+    def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
+        """Engines with their channels; the channels in the order of the platform's valves."""
+
+    @abstractmethod
+    def start_devices(self, engine: LineEngine) -> None:
+        """Bring the devices on a line to 0."""
+
+    # -- the port ----------------------------------------------------------------------------------
+
+    @property
+    def chamber_names(self) -> tuple[str, ...]:
+        return self._names
+
+    @property
+    def statistics(self) -> BusStatistics:
+        counts = self._closed_counts + self._counts()
+        return BusStatistics(
+            cycles=self._cycles,
+            frames_sent=counts["sent"],
+            frames_received=counts["received"],
+            frames_lost=counts["lost"],
+            frames_late=counts["late"],
+            frames_garbled=counts["garbled"],
+            frames_refused=counts["refused"],
+        )
+
+    @property
+    def latched(self) -> tuple[Fault, ...]:
+        """Faults that only `configure` clears."""
+        return tuple(fault for channel in self._channels for fault in channel.latched.values())
+
+    def configure(self) -> None:
+        if self._closed:
+            raise HardwareError("the driver is closed; make a new one")
+        self._configured = False
+        self._close_ports()
+        ports = self._open_ports()
+        self._start_supervisor()  # it gets ready while the devices start
+        self._ports = [LockstepPort(port) if self.lockstep else port for port in ports]
+        self._engines = self.make_lines(self._ports)
+        by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
+        self._channels = [by_name[name] for name in self._names]
+        for engine in self._engines:
+            self.start_devices(engine)
+            engine.discard(self.now_ns())
+        if self._supervisor is not None:
+            self._supervisor.arm(self._vent_plan())
+        self._last_ns = now_ns = self.now_ns()
+        for channel in self._channels:
+            channel.restart(now_ns)
+        self._configured = True
+
+    def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
+        if not self._configured:
+            raise HardwareError("exchange before configure")
+        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
+        if setpoint.shape != (self.n_chambers,):
+            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        self._cycles += 1
+        refused = checks.refused(self.platform.range, self._names, setpoint)
+        dt = self._since_last()
+        for channel, target in zip(self._channels, setpoint.tolist(), strict=True):
+            channel.fresh = False
+            if refused or self.latched:
+                channel.vent()
+            else:
+                channel.follow(target, dt)
+        self._cycle()
+        faults = [fault for channel in self._channels for fault in channel.faults(self.now_ns())]
+        if self._supervisor is not None and not self._supervisor.is_alive:
+            faults.append(Fault("supervisor_lost", "supervisor", "the process that vents in need has ended"))
+        return Exchange(
+            sent_pa=np.array([channel.sent_pa for channel in self._channels]),
+            pressure_pa=np.array([channel.pressure_pa for channel in self._channels]),
+            fresh=np.array([channel.fresh for channel in self._channels]),
+            faults=(*refused, *faults),
+        )
+
+    def vent(self) -> None:
+        # A line whose start-up has failed is not known well enough to be spoken to.
+        engines = [engine for engine in self._engines if all(c.started for c in engine.channels)]
+        if not engines:
+            return
+        for channel in self._channels:
+            channel.vent()
+        end_s = self._clock() + self.platform.line.vent_s
+        while True:
+            working = [engine for engine in engines if self._advanced(engine)]
+            if self.lockstep:  # a tick is all that a call may take; the caller repeats
+                with contextlib.suppress(HardwareError):
+                    self._tick()
+                return
+            left_s = end_s - self._clock()
+            if left_s <= 0 or all(c.at_zero or not c.urgent for e in working for c in e.channels):
+                return
+            self._await_bytes(working, min(left_s, 0.005))
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        if self._configured:
+            with contextlib.suppress(HardwareError):
+                self._bring_down()
+            self.vent()
+        self._configured = False
+        self._close_ports()
+        if self._supervisor is not None:
+            self._supervisor.dismiss()
+
+    # -- for start-up ------------------------------------------------------------------------------
+
+    def now_ns(self) -> int:
+        """Time of the lines: the clock's, or in lockstep the devices'."""
+        return self._line_ns if self.lockstep else round(self._clock() * 1e9)
+
+    def wait(self, timeout_s: float) -> None:
+        """Let time pass until bytes come; in lockstep one cycle."""
+        if self.lockstep:
+            self._tick()
+        else:
+            self._await_bytes(self._engines, timeout_s)
+
+    def session(self, engine: LineEngine, source: str) -> Session:
+        """Start-up dialogue on a line."""
+        return Session(engine, self, source, self.platform.line)
+
+    # -- a cycle -----------------------------------------------------------------------------------
+
+    def _cycle(self) -> None:
+        for engine in self._engines:
+            self._advance(engine)
+        if self.lockstep:
+            self._tick()
+            for engine in self._engines:
+                engine.receive(self.now_ns())
+            return
+        end_s = self._clock() + self.platform.cycle_budget_s
+        while (left_s := end_s - self._clock()) > 0:
+            self._await_bytes(self._engines, left_s)
+            for engine in self._engines:
+                self._advance(engine)
+
+    def _since_last(self) -> float:
+        """Time since the last cycle [s], at most two periods: a pause is no licence to jump."""
+        # In lockstep a cycle's time comes at its end.
+        now_ns = self.now_ns() + (self._period_ns if self.lockstep else 0)
+        dt_ns, self._last_ns = now_ns - self._last_ns, now_ns
+        return min(dt_ns, 2 * self._period_ns) * 1e-9
+
+    def _advance(self, engine: LineEngine) -> None:
+        engine.receive(self.now_ns())
+        engine.send(self.now_ns())
+
+    def _tick(self) -> None:
+        ports = [port for port in self._ports if isinstance(port, LockstepPort)]
+        for port in ports:
+            port.end_cycle()
+        for port in ports:
+            port.await_cycle(self.platform.lockstep_timeout_s, self._clock)
+        self._line_ns += self._period_ns
+
+    def _await_bytes(self, engines: Sequence[LineEngine], timeout_s: float) -> None:
+        """Wait for bytes, at most so long; also when there is no port to wait for."""
+        descriptors = [engine.port.fileno() for engine in engines]
+        # A port that has gone is readable at once; the next read says so.
+        select.select([number for number in descriptors if number >= 0], [], [], max(timeout_s, 0.0))
+
+    def _bring_down(self) -> None:
+        """Ramp to 0 from what was sent, then wait for the pressure to go; bounded in time."""
+        sent = np.array([0.0 if self.latched else channel.sent_pa for channel in self._channels])
+        fall_pa = self.platform.shutdown_ramp_pa_s * self._period_ns * 1e-9
+        ramp_down(self._rest_cycle, sent, fall_pa, 1, round(LONGEST_WAIT_S * 1e9 / self._period_ns))
+
+    def _rest_cycle(self, setpoint_pa: Array) -> Array:
+        """One cycle of the shutdown, paced; pressures, NaN while a device has not confirmed 0."""
+        start_ns, dt = self.now_ns(), self._since_last()
+        for channel, target in zip(self._channels, setpoint_pa.tolist(), strict=True):
+            channel.follow(target, dt)
+        self._cycle()
+        left_s = (start_ns + self._period_ns - self.now_ns()) * 1e-9
+        if not self.lockstep and left_s > 0:
+            select.select([], [], [], left_s)
+        return np.array([channel.pressure_pa if channel.at_zero else np.nan for channel in self._channels])
+
+    def _start_supervisor(self) -> None:
+        if self._supervisor is not None and not self._supervisor.is_alive:
+            self._supervisor.dismiss()
+            self._supervisor = None
+        if self._supervisor is None and self.platform.line.supervisor and not self.lockstep:
+            self._supervisor = Supervisor()
+
+    def _close_ports(self) -> None:
+        self._closed_counts += self._counts()
+        self._engines = []
+        ports, self._ports = self._ports, []
+        for port in ports:
+            port.close()
+
+    def _counts(self) -> Counter[str]:
+        return sum((engine.counts for engine in self._engines), Counter())
+
+    def _vent_plan(self) -> list[dict[str, object]]:
+        baud = self.platform.baud
+        # Shorter than the driver's own patience: what is not confirmed is sent again at once.
+        timeout_s = min(self.platform.line.answer_timeout_s, 0.03 + 400 / baud)
+        return [
+            {
+                "address": engine.port.name,
+                "baud": baud,
+                "timeout_s": timeout_s,
+                "steps": [step for channel in engine.channels for step in channel.vent_steps()],
+            }
+            for engine in self._engines
+        ]
+
+    def _advanced(self, engine: LineEngine) -> bool:
+        """Advance a line that may have gone; whether it has not."""
+        try:
+            self._advance(engine)
+        except HardwareError:
+            return False
+        return True

@@ -1,0 +1,92 @@
+"""Transports of a platform file: the ways to a CAN bus, told apart by `kind`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, field_validator
+
+from soro_core.config import Strict
+
+# Bit rates of the LAWICEL command S. 800k (S7) is left out: libraries disagree on it (750k in python-can).
+BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_000)
+
+
+class CanTransport(Strict):
+    """What every way to a CAN bus has."""
+
+    bitrate: int = Field(1_000_000, description="CAN bit rate [bit/s]")
+    open_timeout_s: float = Field(
+        1.0, gt=0, le=10, description="time in which the adapter or server must answer"
+    )
+
+    @field_validator("bitrate")
+    @classmethod
+    def _known_bitrate(cls, value: int) -> int:
+        if value not in BITRATES:
+            raise ValueError(f"one of {', '.join(map(str, BITRATES))} bit/s")
+        return value
+
+    @property
+    def address(self) -> str | None:
+        """What is opened, or None where it is given when opened."""
+        return None
+
+
+class SlcanTransport(CanTransport):
+    """A CAN adapter that speaks LAWICEL ASCII (slcan) on a serial port or a pseudo-terminal."""
+
+    kind: Literal["slcan"]
+    device: str | None = Field(
+        None, description="path of the serial port; none where it is given when opened"
+    )
+    serial_baud: int = Field(1_000_000, ge=9600, le=12_000_000, description="baud rate of the serial port")
+
+    @property
+    def address(self) -> str | None:
+        return self.device
+
+
+class SocketcanTransport(CanTransport):
+    """A network interface of the Linux kernel; its bit rate is set with `ip link`, and only noted here."""
+
+    kind: Literal["socketcan"]
+    channel: str = Field(min_length=1, max_length=15, description="name of the interface, for example can0")
+
+    @property
+    def address(self) -> str | None:
+        return self.channel
+
+
+class SocketcandTransport(CanTransport):
+    """A CAN bus of another machine, served over TCP by socketcand."""
+
+    kind: Literal["socketcand"]
+    host: str | None = Field(None, description="name or address; none where it is given when opened")
+    port: int = Field(29536, ge=1, le=65535)
+    channel: str = Field("can0", min_length=1, max_length=15, description="the server's name of the bus")
+
+    @property
+    def address(self) -> str | None:
+        return None if self.host is None else f"{self.host}:{self.port}"
+
+
+class PythonCanTransport(CanTransport):
+    """Any interface that python-can knows, by its name (pcan, kvaser, ixxat, vector, gs_usb, ...)."""
+
+    kind: Literal["python_can"]
+    interface: str = Field(min_length=1, description="python-can's name of the interface")
+    channel: str | int = Field(description="as the interface wants it")
+    options: dict[str, bool | int | float | str] = Field(
+        default_factory=dict, description="further arguments of the interface"
+    )
+
+    @property
+    def address(self) -> str | None:
+        return str(self.channel)
+
+
+Transport: TypeAlias = Annotated[
+    SlcanTransport | SocketcanTransport | SocketcandTransport | PythonCanTransport,
+    Field(discriminator="kind"),
+]

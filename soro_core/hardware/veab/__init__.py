@@ -1,0 +1,1 @@
+"""VEAB boards of the published desktop platform, behind their TCP server."""

@@ -1,0 +1,80 @@
+"""Platform files of the family veab_tcp: VEAB boards behind the published TCP server."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict
+from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.transport.tcp import TcpTransport
+from soro_core.hardware.veab.protocol import LOWEST_PA, SPAN_PA
+
+
+class VeabValve(ValveBase):
+    """One valve: the chamber that it feeds and its place in the server's messages."""
+
+    port: int = Field(ge=0, description="position in the server's messages, from 0")
+
+
+class VeabOptions(Strict):
+    """Times of the driver."""
+
+    keep_alive_s: float = Field(
+        0.1,
+        ge=0.01,
+        le=0.2,
+        description="pause between exchanges after which 0 Pa is sent; the server ends, and holds its "
+        "pressures, when it hears nothing for 0.5 s",
+    )
+    supervisor: bool = Field(
+        True, description="run a process beside the driver that vents when it dies; not in lockstep"
+    )
+    vented_pa: float = Field(
+        5e3, gt=0, le=20e3, description="pressure below which a chamber counts as vented"
+    )
+    vent_timeout_s: float = Field(
+        2.0, gt=0, le=10, description="longest time from set point 0 to a vented chamber"
+    )
+    stale_cycles: int = Field(5, ge=1, le=100, description="cycles without a reading that make a fault")
+    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
+
+
+class VeabEmulation(EmulationBase):
+    """How the emulated server behaves."""
+
+    push_hz: float = Field(250.0, gt=0, le=1000, description="rate at which it sends readings, in real time")
+    restart_s: float | None = Field(
+        None,
+        gt=0,
+        le=60,
+        description="time after which a server that has ended is started again; none: never",
+    )
+
+
+class VeabPlatform(PlatformBase):
+    """VEAB valves behind the published server."""
+
+    family: Literal["veab_tcp"]
+    transport: TcpTransport
+    ports: int = Field(ge=1, le=64, description="ports of the server, used or not: 12 with all six boards")
+    valves: Annotated[tuple[VeabValve, ...], Field(strict=False, min_length=1, max_length=64)]
+    host: VeabOptions = VeabOptions()
+    emulation: VeabEmulation = VeabEmulation()
+
+    @property
+    def device(self) -> str | None:
+        return self.transport.address
+
+    @model_validator(mode="after")
+    def _consistent(self) -> VeabPlatform:
+        numbers = [valve.port for valve in self.valves]
+        if len(set(numbers)) < len(numbers):
+            raise ValueError(f"valves: each port once, not {repeated(numbers)} twice")
+        if max(numbers) >= self.ports:
+            raise ValueError(f"valves: ports 0 to {self.ports - 1}, not {max(numbers)}")
+        highest = LOWEST_PA + SPAN_PA
+        if self.range.minimum_pa < LOWEST_PA or self.range.maximum_pa > highest:
+            raise ValueError(f"range: within {LOWEST_PA:g} to {highest:g} Pa, the span of the valves")
+        return self

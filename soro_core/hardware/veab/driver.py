@@ -1,0 +1,295 @@
+"""Driver for the published TCP server of the VEAB boards.
+
+That server has no watchdog, and when it ends, for whatever reason, the valves hold their pressure for good.
+It ends when its client leaves, when it hears nothing for 0.5 s, and at any message of another length. So this
+driver never leaves before readings have shown that the arm is empty, a thread of it sends 0 Pa while the
+control loop is silent, each message goes out in one piece, and a second process holds the connection and
+vents when this one is killed. For the rest, a cable or the machine itself, the arm needs a normally open dump
+valve.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable
+
+import numpy as np
+
+from soro_core.errors import HardwareError
+from soro_core.hardware import checks, rest
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.transport.tcp import ByteLink, TcpLink
+from soro_core.hardware.veab.config import VeabPlatform
+from soro_core.hardware.veab.keeper import Keeper
+from soro_core.hardware.veab.stream import Stream
+
+_SERVER_HZ = 250.0
+# A message reaches the DACs in the server's next round, 4 ms; then the connection may be given up.
+_SETTLE_NS = 10_000_000
+_LEAST_S = 0.05  # time at 0 Pa before leaving: readings may be older than the set points
+
+
+class VeabRegulator(Regulator):
+    """Regulators of one arm behind the published server.
+
+    Parameters
+    ----------
+    platform : VeabPlatform
+        Ports, range and times.
+    link : ByteLink
+        Connection to the server; opened by `configure`.
+    clock : callable
+        Monotonic time [s] for the limits of blocking steps.
+    lockstep : bool
+        Wait for one reading a message, pace nothing, keep nothing alive.
+
+    Attributes
+    ----------
+    vent_confirmed : bool
+        Whether readings have shown every chamber empty since 0 Pa was last commanded.
+    """
+
+    device_watchdog = False
+
+    def __init__(
+        self, platform: VeabPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool = False
+    ) -> None:
+        self.platform, self.lockstep = platform, lockstep
+        self.vent_confirmed = False
+        self._clock = clock
+        self._stream = Stream(platform, link, clock)
+        self._names = platform.chamber_names
+        self._lock = threading.Lock()
+        self._keeper: Keeper | None = None
+        self._latched: dict[str, Fault] = {}
+        self._configured = self._closed = False
+        self._zero_ns: int | None = None  # since when 0 Pa has been commanded without a break
+        self._broken_ns: int | None = None  # since when the readings make no sense
+        self._read_ns: int | None = None
+        self._now_ns = self._missed = self._cycles = self._lost = self._garbled = 0
+        self._zeros: Array = np.zeros(len(self._names))
+
+    @property
+    def chamber_names(self) -> tuple[str, ...]:
+        return self._names
+
+    @property
+    def update_hz(self) -> float:
+        return min(self.platform.cycle_hz, _SERVER_HZ)
+
+    @property
+    def statistics(self) -> BusStatistics:
+        return BusStatistics(
+            cycles=self._cycles,
+            frames_sent=self._stream.sent,
+            frames_received=self._stream.received,
+            frames_lost=self._lost,
+            frames_garbled=self._garbled,
+        )
+
+    def configure(self) -> None:
+        if self._closed:
+            raise HardwareError("the driver is closed; make a new one")
+        with self._lock:
+            self._configured = False
+            self._latched.clear()
+            self._broken_ns = self._read_ns = self._zero_ns = None
+            self._missed = 0
+            if self.platform.host.supervisor and not self.lockstep:
+                self._stream.hold()
+            is_new = self._stream.open()
+            if self._keeper is None and not self.lockstep:
+                self._keeper = Keeper(self._keep, self.platform.host.keep_alive_s / 4)
+            self._bring_to_zero(is_new)
+            self._configured = True
+
+    def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
+        if not self._configured:
+            raise HardwareError("exchange before configure")
+        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
+        if setpoint.shape != self._zeros.shape:
+            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        if self._keeper is not None and not self._keeper.is_alive:
+            self._latch("device_error", "the thread that keeps the server alive has died")
+        if self._stream.holder is not None and not self._stream.holder.is_alive:
+            self._latch("supervisor_lost", "the process that vents in need has ended", "supervisor")
+        with self._lock:
+            self._now_ns = now_ns
+            self._cycles += 1
+            refused = checks.refused(self.platform.range, self._names, setpoint)
+            usable = not refused and not self._latched
+            fresh = self._cycle(setpoint if usable else self._zeros)
+            faults = (*refused, *self._judge(fresh, now_ns))
+            flags = np.full(self.n_chambers, fresh)
+            return Exchange(self._stream.sent_pa.copy(), self._stream.pressure_pa.copy(), flags, faults)
+
+    def vent(self) -> None:
+        with self._lock:
+            if self._configured and self._stream.is_open:
+                try:
+                    self._stream.drain()
+                    self._stream.send(self._zeros)
+                except HardwareError as error:
+                    self._latch("link_lost", str(error))
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        if self._keeper is not None:
+            self._keeper.stop()
+        with self._lock:
+            # Leaving ends the server, which holds what it has: the arm must be empty before.
+            with contextlib.suppress(HardwareError):
+                if self._configured and self._stream.is_open:
+                    period_s = 1.0 / self.platform.cycle_hz
+                    fall_pa = self.platform.shutdown_ramp_pa_s * period_s
+                    waits = [round(s / period_s) for s in (_LEAST_S, self.platform.host.vent_timeout_s)]
+                    start_pa = self._stream.sent_pa
+                    self.vent_confirmed = rest.ramp_down(self._paced, start_pa, fall_pa, *waits)
+            self._configured = False
+            self._stream.close(self.vent_confirmed)
+
+    # -- a cycle -----------------------------------------------------------------------------------
+
+    def _cycle(self, setpoint_pa: Array) -> bool:
+        """Send, and take a reading that has come since the last cycle; whether there was one."""
+        stream = self._stream
+        try:
+            if not stream.is_open:
+                stream.sent_pa, setpoint_pa = self._zeros.copy(), self._zeros
+                if not stream.reconnect():
+                    return False
+                self._broken_ns = None
+            if not self.lockstep:
+                stream.drain()
+            stream.send(setpoint_pa)
+            self._wait_for_reading()
+            if stream.broken:
+                self._resynchronise(stream.broken)
+        except HardwareError as error:
+            self._latch("link_lost", str(error))
+            return False
+        new = stream.take_new()
+        self._lost += not new
+        return new
+
+    def _wait_for_reading(self) -> None:
+        stream, budget_s = self._stream, self.platform.cycle_budget_s
+        if self.lockstep and self._missed < self.platform.host.stale_cycles:
+            budget_s = self.platform.lockstep_timeout_s
+        deadline = self._clock() + budget_s
+        while not stream.has_new and not stream.broken and (left := deadline - self._clock()) > 0:
+            if not stream.receive(left):
+                return
+
+    def _resynchronise(self, why: str) -> None:
+        """Give up a stream that makes no sense, once the server has had time to write 0 Pa to its DACs."""
+        self._latch("out_of_sync", f"the server sends {why}")
+        if self._broken_ns is None:
+            self._broken_ns = self._now_ns
+            self._garbled += 1
+            self._stream.send(self._zeros)
+        elif self._now_ns - self._broken_ns >= _SETTLE_NS:
+            self._stream.give_up()
+
+    def _judge(self, fresh: bool, now_ns: int) -> list[Fault]:
+        """Everything that is wrong after a cycle."""
+        times = self.platform.host
+        self._read_ns = now_ns if fresh or self._read_ns is None else self._read_ns
+        self._missed = 0 if fresh else self._missed + 1
+        self._confirm_vent(fresh, now_ns)
+        faults = list(self._latched.values())
+        if self._missed >= times.stale_cycles or now_ns - self._read_ns >= times.stale_s * 1e9:
+            faults.append(Fault("stale_reading", "link", f"no pressure for {self._missed} cycles"))
+        return faults
+
+    def _confirm_vent(self, fresh: bool, now_ns: int) -> None:
+        """After a vent the readings must fall: this server is not taken at its word."""
+        if self._stream.sent_pa.any():
+            self._zero_ns, self.vent_confirmed = None, False
+            return
+        if self._zero_ns is None:
+            self._zero_ns = now_ns
+        limit, stream = self.platform.host, self._stream
+        if not fresh:
+            return
+        if stream.is_empty(limit.vented_pa):
+            self.vent_confirmed = True
+        elif now_ns - self._zero_ns >= limit.vent_timeout_s * 1e9:
+            self._latch("not_vented", *self._fullest())
+
+    def _paced(self, setpoint_pa: Array) -> Array:
+        """One cycle of the shutdown."""
+        next_s = self._clock() + 1.0 / self.platform.cycle_hz
+        fresh = self._cycle(setpoint_pa)
+        while not self.lockstep and self._stream.is_open and (left := next_s - self._clock()) > 0:
+            self._stream.receive(left)
+        return self._stream.pressure_pa if fresh else np.full(self.n_chambers, np.nan)
+
+    def _keep(self) -> None:
+        """The keeper's turn: 0 Pa if the control loop has been silent, and room for the server's readings."""
+        stream = self._stream
+        with self._lock:
+            if not stream.is_open:
+                return
+            try:
+                stream.drain()
+                silent_s = stream.silent_s
+                if silent_s >= self.platform.host.keep_alive_s:
+                    if stream.sent_pa.any():
+                        self._latch("watchdog_vented", f"no exchange for {silent_s * 1e3:.0f} ms", "host")
+                    stream.send(self._zeros)
+            except HardwareError as error:
+                self._latch("link_lost", str(error))
+
+    def _bring_to_zero(self, is_new: bool) -> None:
+        """Send 0 Pa until the readings show that every chamber is empty."""
+        times, stream, heard = self.platform.host, self._stream, False
+        # In lockstep each message is a cycle of the devices' time, so none is sent without need.
+        has_read = self.lockstep and (not is_new or stream.receive(self.platform.lockstep_timeout_s))
+        if has_read and not stream.sent_pa.any() and stream.is_empty(times.vented_pa):
+            stream.take_new()
+            self.vent_confirmed = True
+            return
+        for _ in range(round(times.vent_timeout_s * self.platform.cycle_hz)):
+            fresh = not np.isnan(self._paced(self._zeros)).any()
+            if not stream.is_open or stream.broken:
+                why = next(iter(self._latched.values())).message
+                raise HardwareError(f"start-up: {why}; is `ports` what the server has?")
+            heard = heard or fresh
+            if fresh and stream.is_empty(times.vented_pa):
+                self.vent_confirmed = True
+                return
+        if not heard:
+            raise HardwareError("start-up: the server sends no readings; is `ports` what it has?")
+        text, source = self._fullest()
+        raise HardwareError(f"{source}: start-up: {text}")
+
+    def _fullest(self) -> tuple[str, str]:
+        """What is wrong with the chamber that has kept the most, and which it is."""
+        pressure_pa = self._stream.pressure_pa
+        n = int(np.argmax(np.abs(pressure_pa)))
+        text = f"{pressure_pa[n] / 1e3:.1f} kPa after {self.platform.host.vent_timeout_s:g} s of set point 0"
+        return text, f"{self._names[n]} (port {self.platform.valves[n].port})"
+
+    def _latch(self, code: str, message: str, source: str = "link") -> None:
+        self._latched.setdefault(code, Fault(code, source, message, latched=True))
+
+
+def open_driver(
+    platform: VeabPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
+) -> VeabRegulator:
+    """Make the driver of a platform; `endpoint` takes the place of the server's address.
+
+    Raises
+    ------
+    HardwareError
+        If neither names an address.
+    """
+    address = endpoint or platform.device
+    if address is None:
+        raise HardwareError("VEAB server: no address: give transport.host in the platform, or an endpoint")
+    link = TcpLink(address, platform.transport.connect_timeout_s, clock)
+    return VeabRegulator(platform, link, clock, lockstep)

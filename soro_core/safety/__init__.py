@@ -1,0 +1,25 @@
+"""The limiter, the watchdogs, the monitors and the latch: the one place that every command passes.
+
+Everything is a pure function of a frozen state: `offer` takes a command in, `cycle` gives the set points of
+the next exchange with the regulators, `request_vent` and `reset` are what a person asks for. Once tripped the
+state is latched: it answers zero set points and `vented` until `reset` is called with a zero command.
+"""
+
+from soro_core.safety.limiter import SafetyState, cycle, initial_state, offer, request_vent, reset
+from soro_core.safety.limits import HARD_LIMIT_PA, Limits, Monitors, Rating, check_rating
+from soro_core.safety.remembered import MonitorState
+
+__all__ = [
+    "HARD_LIMIT_PA",
+    "Limits",
+    "MonitorState",
+    "Monitors",
+    "Rating",
+    "SafetyState",
+    "check_rating",
+    "cycle",
+    "initial_state",
+    "offer",
+    "request_vent",
+    "reset",
+]

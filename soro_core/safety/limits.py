@@ -1,0 +1,110 @@
+"""What a command and a reading may be: configurable, within bounds that no configuration crosses."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict
+from soro_core.errors import ConfigError
+
+# Rating of the three-bellow platform, below 0.1 MPa gauge; that of every platform which states no other.
+HARD_LIMIT_PA = 100e3
+# No platform is rated higher than this [Pa gauge].
+HIGHEST_RATING_PA = 1e6
+# Parts of the rating at which an over-pressure trips at the latest: after its time, and at once.
+OVER_PRESSURE, BURST = 1.05, 1.2
+
+
+class Rating(Strict):
+    """What the mechanics of a platform bear; stated in the platform file, and no parameter raises it."""
+
+    minimum_pa: float = Field(
+        -HARD_LIMIT_PA, ge=-101e3, le=0, description="set points stay at or above it [Pa gauge]"
+    )
+    maximum_pa: float = Field(
+        HARD_LIMIT_PA, gt=0, le=HIGHEST_RATING_PA, description="set points stay below it [Pa gauge]"
+    )
+
+
+class Monitors(Strict):
+    """When a reading is not to be believed, or a valve not to be trusted."""
+
+    model_pa: float = Field(
+        8e3, ge=1e3, le=30e3, description="difference between a reading and what the valve's lag explains"
+    )
+    model_s: float = Field(0.3, ge=0.05, le=1, description="time that it may last")
+    stuck_pa: float = Field(10e3, ge=3e3, le=30e3, description="change of a set point that must show")
+    stuck_motion_pa: float = Field(2e3, ge=200, le=2.5e3, description="change of a reading that shows it")
+    stuck_s: float = Field(0.5, ge=0.1, le=2, description="time within which it must show")
+    frozen_pa: float = Field(
+        3e3, ge=0, le=20e3, description="expected change during which readings cannot be all equal"
+    )
+    frozen_s: float = Field(0.5, ge=0.1, le=5, description="shortest time of equal readings that vents")
+    spike_pa: float = Field(50e3, ge=5e3, le=100e3, description="unexpected change in one sample that vents")
+    open_circuit_pa: float = Field(
+        -105e3, ge=-150e3, le=-102e3, description="reading below which a wire is open"
+    )
+    short_circuit_pa: float = Field(
+        150e3, gt=0, le=1.5 * HIGHEST_RATING_PA, description="reading above which a wire is shorted"
+    )
+    leak_pa_s: float = Field(2e3, ge=100, le=20e3, description="drift at a constant set point that vents")
+    leak_s: float = Field(1.0, ge=0.2, le=10, description="time over which the drift is measured")
+    supply_margin_pa: float = Field(
+        50e3, ge=0, le=500e3, description="supply above the highest set point, where a device reports it"
+    )
+    supply_s: float = Field(0.1, ge=0.01, le=1, description="time that the supply may be lower")
+
+
+class Limits(Strict):
+    """What a command and a reading may be; defaults for the three-bellow platform."""
+
+    minimum_pa: float = Field(0.0, ge=-101e3, le=0.0, description="lowest set point")
+    maximum_pa: float = Field(90e3, gt=0, lt=HIGHEST_RATING_PA, description="highest set point")
+    rise_pa_s: float = Field(200e3, gt=0, le=2e6, description="fastest rise of a set point")
+    fall_pa_s: float = Field(
+        400e3, gt=0, le=2e6, description="fastest fall of a set point; a vent is not limited"
+    )
+    command_age_s: float = Field(0.1, gt=0, le=0.5, description="age of the last good command that vents")
+    reading_age_s: float = Field(0.05, gt=0, le=0.5, description="age of the last fresh reading that vents")
+    over_pressure_pa: float = Field(
+        100e3, gt=0, le=OVER_PRESSURE * HIGHEST_RATING_PA, description="measured pressure that vents"
+    )
+    over_pressure_s: float = Field(0.02, ge=0, le=0.1, description="time that it may be exceeded")
+    burst_pressure_pa: float = Field(
+        110e3, gt=0, le=BURST * HIGHEST_RATING_PA, description="measured pressure that vents at once"
+    )
+    monitors: Monitors = Field(Monitors(), description="plausibility of valves and sensors")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Limits:
+        if self.over_pressure_pa <= self.maximum_pa:
+            raise ValueError("over_pressure_pa must be above maximum_pa")
+        if self.burst_pressure_pa < self.over_pressure_pa:
+            raise ValueError("burst_pressure_pa must not be below over_pressure_pa")
+        if self.monitors.short_circuit_pa <= self.burst_pressure_pa:
+            raise ValueError("monitors.short_circuit_pa must be above burst_pressure_pa")
+        return self
+
+
+def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits") -> None:
+    """Refuse limits that lead beyond a platform's rating.
+
+    Raises
+    ------
+    ConfigError
+        Naming the limit.
+    """
+    top = rating.maximum_pa
+    rated = f"the platform is rated for {rating.minimum_pa:g} to {top:g} Pa"
+    if limits.maximum_pa >= top:
+        allowed = f"input should be less than {top:g}: {rated}"
+        raise ConfigError(where, f"{key}.maximum_pa", limits.maximum_pa, allowed)
+    for name, value, most in (
+        ("over_pressure_pa", limits.over_pressure_pa, OVER_PRESSURE * top),
+        ("burst_pressure_pa", limits.burst_pressure_pa, BURST * top),
+    ):
+        if value > most:
+            raise ConfigError(where, f"{key}.{name}", value, f"at most {most:g}: {rated}")
+    if limits.minimum_pa < rating.minimum_pa:
+        allowed = f"at least {rating.minimum_pa:g}: {rated}"
+        raise ConfigError(where, f"{key}.minimum_pa", limits.minimum_pa, allowed)

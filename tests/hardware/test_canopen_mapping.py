@@ -1,0 +1,307 @@
+"""Devices by configuration: mappings over EDS files, nodes of several channels, devices without states."""
+
+import numpy as np
+import pytest
+from hardware_bench import Bench, codes, driver, emulator, platform, platform_file, transcript
+
+from soro_core.config import config_folder
+from soro_core.errors import ConfigError, HardwareError
+from soro_core.hardware.canopen import frames
+from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.canopen.device import describe
+
+FOUR = [{"chamber": f"link0/chamber{n}", "node": 1, "channel": n} for n in range(4)]
+FIVE = [*FOUR[::-1], {"chamber": "link1/chamber0", "node": 2, "channel": 3}]
+SCALING = {
+    "kind": "fixed",
+    "setpoint": {"pa_per_count": 20.0, "zero_count": 100},
+    "reading": {"pa_per_count": 25.0, "zero_count": -50},
+}
+QUIET = {"regulator": {"reading_noise_pa": 0.0}}
+
+
+def four(**changes):
+    return platform(**{"valves": FOUR, "canopen": {"mapping": {"device": "cia408_4ch"}}, **changes})
+
+
+def moog(**mapping):
+    return platform(
+        valves=[{"chamber": "link0/chamber0", "node": 5}],
+        canopen={"mapping": {"device": "moog_pq", **mapping}, "full_scale_pa": 100e3},
+        emulation={"pressure_unit": "normalised"},
+    )
+
+
+def analog(**mapping):
+    mapping = {"device": "aventics_aes", "scaling": SCALING, **mapping}
+    return platform(valves=FOUR, canopen={"mapping": mapping})
+
+
+ARMS = {"four channels": four, "two such nodes": lambda: four(valves=FIVE), "p/Q": moog, "analog": analog}
+
+
+@pytest.fixture(params=ARMS.values(), ids=ARMS.keys())
+def arm(request):
+    bench = Bench(request.param())
+    bench.driver.configure()
+    return bench
+
+
+@pytest.fixture
+def quad():
+    bench = Bench(four(emulation=QUIET))
+    bench.driver.configure()
+    return bench
+
+
+def test_pressures_follow_vent_and_close(arm):
+    n = arm.driver.n_chambers
+    wanted = np.linspace(20e3, 60e3, n)
+    result = arm.run(100, *wanted)
+    assert result.faults == ()
+    assert result.fresh.all()
+    np.testing.assert_allclose(result.sent_pa, wanted, atol=10.0)
+    np.testing.assert_allclose(result.pressure_pa, arm.world.pressure_pa, atol=600.0)
+    np.testing.assert_allclose(arm.world.pressure_pa, wanted, atol=600.0)
+    for _ in range(60):
+        arm.driver.vent()
+    assert arm.world.pressure_pa.max() < 5e3
+    assert arm.run(100, *wanted).faults == ()
+    arm.driver.close()
+    assert arm.world.pressure_pa.max() < 2.5e3
+
+
+def test_reset_after_a_reboot(arm):
+    arm.run(100, 50e3)
+    arm.world.nodes[0].reset(arm.world.now_ns)
+    result = arm.run(60, 50e3)
+    assert "rebooted" in {code for code, _ in codes(result)}
+    assert not result.sent_pa.any()
+    arm.driver.configure()
+    assert arm.run(100, 50e3).faults == ()
+    np.testing.assert_allclose(arm.world.pressure_pa, 50e3, atol=600.0)
+
+
+def test_start_up_of_four_channels(quad):
+    assert quad.bus.take_log() == transcript("start_up_4_channels")
+
+
+def test_cycle_of_four_channels(quad):
+    quad.bus.take_log()
+    quad.run(2, 10e3, 20e3, 30e3, 40e3)
+    assert quad.bus.take_log() == transcript("cycle_4_channels")
+
+
+def test_seven_frames_a_cycle_for_twelve_chambers():
+    valves = [
+        {"chamber": f"link{n}/chamber{c}", "node": n + 1, "channel": c} for n in range(3) for c in range(4)
+    ]
+    bench = Bench(four(valves=valves))
+    bench.driver.configure()
+    bench.run(22, 50e3)
+    bench.bus.take_log()
+    bench.run(1, 50e3)
+    assert [line[:5] for line in bench.bus.take_log()] == [
+        *("> 201", "> 202", "> 203", "> 080"),
+        *("< 181", "< 182", "< 183"),
+    ]
+
+
+def test_control_words_go_out_when_they_change_and_with_the_heartbeat(quad):
+    quad.run(1, 20e3)
+    quad.bus.take_log()
+    quad.run(40, 20e3)
+    assert sum(line.startswith("> 301") for line in quad.bus.take_log()) == 8
+
+
+def test_lost_control_word_is_sent_again(quad):
+    send = quad.bus.send
+    lost = []
+
+    def lossy(message, timeout=None):
+        if message.arbitration_id == 0x301 and not lost:
+            lost.append(message)
+        else:
+            send(message)
+
+    quad.bus.send = lossy
+    assert quad.run(100, 30e3).faults == ()
+    assert lost
+    np.testing.assert_allclose(quad.world.pressure_pa, 30e3, atol=600.0)
+
+
+def test_one_channel_in_fault_vents_all_and_is_named(quad):
+    quad.run(100, 50e3)
+    quad.world.nodes[0].valves[2].state = State.FAULT_DISABLED
+    result = quad.run(2, 50e3)
+    assert ("not_active", "link0/chamber2 (node 1 channel 2)") in codes(result)
+    assert not quad.run(1, 50e3).sent_pa.any()
+    quad.driver.configure()
+    assert quad.run(100, 50e3).faults == ()
+
+
+def test_emergency_of_a_node_names_all_its_chambers(quad):
+    quad.run(10, 50e3)
+    quad.world.nodes[0].fault(0x2320, 1, State.FAULT_DISABLED)
+    found = codes(quad.run(2, 50e3))
+    chambers = ", ".join(f"link0/chamber{n}" for n in range(4))
+    assert ("emergency", f"{chambers} (node 1)") in found
+    assert {node.state for node in quad.world.nodes[0].valves} <= {State.FAULT_REACTION, State.FAULT_DISABLED}
+
+
+def test_silent_state_is_a_fault(quad):
+    """Readings come on, status words do not: nobody knows whether the valves still follow."""
+    quad.run(20, 50e3)
+    quad.driver.vent()
+    quad.bus.swallow = {0x281}
+    found = codes(quad.run(80, 50e3))
+    assert ("not_active", "link0/chamber0 (node 1 channel 0)") in found
+
+
+def test_vent_and_go_on_at_once(quad):
+    """A status word of before the vent must not look like a fall out of ACTIVE."""
+    quad.run(20, 50e3)
+    for _ in range(10):
+        quad.driver.vent()
+        assert quad.run(3, 50e3).faults == ()
+
+
+def test_unused_channels_stay_without_pressure():
+    bench = Bench(four(valves=FOUR[1:2]))
+    bench.driver.configure()
+    bench.run(100, 50e3)
+    states = [valve.state for valve in bench.world.nodes[0].valves]
+    assert states == [State.INIT, State.ACTIVE, State.INIT, State.INIT]
+    assert bench.world.nodes[0].dictionary.values[0x6380, 1] == 0
+
+
+def test_an_output_vents_at_its_zero_count():
+    """0 Pa of an analog output need not be 0 counts."""
+    bench = Bench(analog())
+    bench.driver.configure()
+    bench.run(20, 50e3)
+    bench.driver.vent()
+    values = bench.world.nodes[0].dictionary.values
+    assert [values[0x2401 + n, 0] for n in range(4)] == [100] * 4
+    assert [bench.world.nodes[0].valves[n].demand_pa() for n in range(4)] == [0.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("name", "watched"), [("cia408", True), ("cia408_4ch", True), ("moog_pq", True), ("aventics_aes", False)]
+)
+def test_watchdog_is_what_the_eds_has(name, watched):
+    mapping = {"device": name, **({} if watched else {"scaling": SCALING})}
+    assert describe(platform(canopen={"mapping": mapping}).canopen.mapping).has_watchdog is watched
+
+
+def test_fixed_map_is_compared_only():
+    fixed = {"number": 4, "entries": ["control", {"index": 0x6300, "sub": 1, "value": 16384}, "setpoint"]}
+    bench = Bench(moog(rpdos=[{**fixed, "fixed": True}]))
+    bench.driver.configure()
+    accesses = {line.split()[3] for line in bench.bus.take_log() if " 03 16 " in line and line[0] == ">"}
+    assert accesses == {"40"}, "read, not written"
+    assert bench.run(10, 20e3).faults == ()
+    bench = Bench(moog(rpdos=[{**fixed, "fixed": True, "entries": ["control", "setpoint"]}]))
+    with pytest.raises(HardwareError, match="mapping 1603: the device's fixed map has 1603:0 = 0x3"):
+        bench.driver.configure()
+
+
+def test_same_bytes_over_a_pseudo_terminal(tmp_path):
+    changes = {"valves": FOUR, "canopen": {"mapping": {"device": "cia408_4ch"}}}
+    path = platform_file(tmp_path, **changes)
+    bench = Bench(platform(**changes), seed=4)
+    bench.driver.configure()
+    with (
+        emulator(tmp_path, "--lockstep", "--seed", "4", platform=path) as served,
+        driver(platform(**changes), served.device) as regulator,
+    ):
+        for cycle in range(50):
+            ours = bench.exchange(10e3, 20e3, 30e3, 40e3)
+            theirs = regulator.exchange(np.array([10e3, 20e3, 30e3, 40e3]), cycle * 5_000_000)
+            np.testing.assert_array_equal(ours.pressure_pa, theirs.pressure_pa)
+            assert theirs.faults == ()
+
+
+BAD = {
+    "unknown device": ({"device": "festo"}, "no canopen file of that name"),
+    "counts not known": ({"device": "aventics_aes"}, "canopen.mapping.scaling: got 'nothing'"),
+    "objects not known": ({"device": "camozzi_pme"}, "canopen.mapping.eds: got 'nothing'"),
+    "unknown key": ({"rpdo": []}, "canopen.mapping.rpdo: got 'an unknown key'"),
+    "status alone": ({"control": None}, "control and status: both, or none"),
+    "entry": ({"rpdos": [{"number": 1, "entries": ["control", "flow"]}]}, "not flow"),
+    "entry twice": ({"rpdos": [{"number": 1, "entries": ["setpoint", "setpoint"]}]}, "in one PDO, once"),
+    "entry missing": ({"tpdos": [{"number": 1, "entries": ["status"]}]}, "in one PDO, once"),
+    "PDO number": ({"tpdos": [{"number": 5, "entries": ["status"]}]}, "less than or equal to 4"),
+    "set point by event": (
+        {"rpdos": [{"number": 1, "entries": ["control", "setpoint"], "transmission": "event"}]},
+        "set points and readings go with SYNC",
+    ),
+    "constant in a TPDO": (
+        {"tpdos": [{"number": 1, "entries": ["status", "reading", {"index": 0x6041, "value": 1}]}]},
+        "reading and status only",
+    ),
+}
+
+
+@pytest.mark.parametrize(("mapping", "text"), BAD.values(), ids=BAD.keys())
+def test_bad_mapping(mapping, text):
+    with pytest.raises(ConfigError) as caught:
+        platform(canopen={"mapping": mapping})
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+AGAINST_EDS = {
+    "no EDS": ({"eds": "none.eds"}, "eds: got 'none.eds'; allowed: the path of an EDS file, or one of"),
+    "object": ({"setpoint": {"index": 0x6390, "sub": 1}}, "setpoint: got '6390:1'; allowed: an object that"),
+    "read-only": ({"setpoint": {"index": 0x6381, "sub": 1}}, "setpoint: got '6381:1'"),
+    "limit": ({"upper_limit": {"index": 0x63A5, "sub": 1}}, "upper_limit: got '63A5:1'"),
+    "setting": ({"settings": [{"index": 0x6099, "value": 1}]}, "settings: got '6099:0'"),
+    "not mappable": ({"setpoint": {"index": 0x6394, "sub": 1}}, "rpdos[number 1]: got '6394:1'"),
+    "no such PDO": ({"rpdos": [{"number": 3, "entries": ["control", "setpoint"]}]}, "got 'PDO 3'"),
+    "too long": (
+        {"rpdos": [{"number": 1, "entries": ["control", *[{"index": 0x6040, "value": 0}] * 4, "setpoint"]}]},
+        "got '12 bytes'; allowed: at most 8 bytes in a PDO",
+    ),
+}
+
+
+@pytest.mark.parametrize(("mapping", "text"), AGAINST_EDS.values(), ids=AGAINST_EDS.keys())
+def test_mapping_is_checked_against_the_eds(mapping, text):
+    with pytest.raises(ConfigError) as caught:
+        describe(platform(canopen={"mapping": mapping}).canopen.mapping)
+    assert text in str(caught.value)
+
+
+def test_a_file_that_is_no_eds(tmp_path):
+    path = tmp_path / "bad.eds"
+    path.write_text("no sections here\n")
+    with pytest.raises(ConfigError, match="an EDS file"):
+        describe(platform(canopen={"mapping": {"eds": str(path)}}).canopen.mapping)
+
+
+def test_own_eds_by_path(tmp_path):
+    path = tmp_path / "own.eds"
+    path.write_text((config_folder() / "canopen" / "cia408.eds").read_text())
+    bench = Bench(platform(canopen={"mapping": {"eds": str(path)}}))
+    bench.driver.configure()
+    assert bench.run(3, 20e3).faults == ()
+
+
+VALVES = {
+    "channel beyond": ([{**FOUR[0], "channel": 4}], "channel 0 to 3, of as many as the mapping has"),
+    "channel twice": ([FOUR[0], {**FOUR[1], "channel": 0}], "each channel once, not 1.0 twice"),
+}
+
+
+@pytest.mark.parametrize(("valves", "text"), VALVES.values(), ids=VALVES.keys())
+def test_bad_channels(valves, text):
+    with pytest.raises(ConfigError, match=text):
+        four(valves=valves)
+
+
+def test_readings_of_foreign_length_are_counted(quad):
+    quad.run(5, 20e3)
+    quad.bus.inject(frames.Frame(0x181, b"\x00" * 6))
+    assert quad.run(1, 20e3).faults == ()
+    assert quad.driver.statistics.frames_garbled == 1

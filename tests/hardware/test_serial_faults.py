@@ -1,0 +1,82 @@
+"""The vocabulary of faults on serial lines: what is tolerated, what latches, and that the others vent."""
+
+import numpy as np
+import pytest
+from serial_bench import SerialBench, alicat, itv, quiet
+
+from soro_core.hardware.emulation.faults import Injection
+
+MAKE = {
+    "itv": lambda: SerialBench(itv(emulation=quiet())),
+    "alicat": lambda: SerialBench(alicat(emulation=quiet())),
+    "alicat old": lambda: SerialBench(alicat(emulation=quiet(firmware="5v12.0-R22"))),
+}
+FIRST = "link0/chamber0"
+TOLERATED = {
+    "drop": ({"p": 0.01}, "frames_lost"),
+    "corrupt_bits": ({"p": 0.01}, "frames_garbled"),
+    "truncate": ({"p": 0.01}, "frames_lost"),
+    "duplicate": ({"p": 0.01}, "frames_late"),
+    "garbage_line": ({"p": 0.01}, "frames_garbled"),
+    "delay": ({"delay_s": 0.01}, ""),
+}
+LATCHED = {
+    "reboot": {"rebooted"},
+    "brownout": {"device_silent", "rebooted"},
+    "mute": {"device_silent"},
+    "setpoint_ignored": {"rebooted", "setpoint_ignored"},
+}
+
+
+@pytest.fixture(params=MAKE)
+def bench(request):
+    bench = MAKE[request.param]()
+    bench.driver.configure()
+    assert bench.run(120, 20e3, 40e3, 60e3).faults == ()
+    return bench
+
+
+def inject(bench, fault, chamber="", **parameters):
+    bench.devices.faults.add(Injection.model_validate({"fault": fault, "chamber": chamber, **parameters}))
+
+
+@pytest.mark.parametrize("fault", TOLERATED)
+def test_a_disturbed_line_is_counted_and_tolerated(bench, fault):
+    parameters, count = TOLERATED[fault]
+    before = bench.driver.statistics
+    inject(bench, fault, **parameters)
+    for cycle in range(600):
+        result = bench.exchange(20e3, 40e3 + 10e3 * np.sin(cycle / 30), 60e3)
+        assert result.faults == ()
+    statistics = bench.driver.statistics
+    kinds = ("frames_lost", "frames_garbled", "frames_late", "frames_refused")
+    noticed = sum(getattr(statistics, kind) - getattr(before, kind) for kind in kinds)
+    assert noticed > 0 or not count
+    bench.devices.faults.clear()
+    bench.run(60, 20e3, 40e3, 60e3)
+    np.testing.assert_allclose(bench.devices.pressure_pa, [20e3, 40e3, 60e3], atol=200)
+
+
+@pytest.mark.parametrize("fault", LATCHED)
+def test_a_faulty_device_latches_and_the_others_vent(bench, fault):
+    inject(bench, fault, FIRST, duration_s=0.6)
+    seen = set()
+    for cycle in range(160):
+        result = bench.exchange(20e3 + 5e3 * np.sin(cycle / 20), 40e3, 60e3)
+        seen |= {fault.code for fault in result.faults if fault.latched}
+    assert seen & LATCHED[fault]
+    assert seen <= LATCHED[fault] | {"stale_reading"}
+    assert {fault.source.split(" ")[0] for fault in result.faults} == {FIRST}
+    assert bench.devices.pressure_pa[1:].max() < 1.5e3
+    bench.devices.faults.clear()
+    bench.run(20, 20e3, 40e3, 60e3)
+    assert bench.devices.pressure_pa[1:].max() < 1.5e3, "only configure clears it"
+    bench.driver.configure()
+    assert bench.run(120, 20e3, 40e3, 60e3).faults == ()
+
+
+def test_a_dead_line_is_a_silent_device_on_it(bench):
+    inject(bench, "drop", p=1.0)
+    result = bench.run(200, 20e3, 40e3, 60e3)
+    assert {fault.code for fault in result.faults} == {"device_silent"}
+    assert not result.sent_pa.any()

@@ -1,0 +1,110 @@
+"""Faults from a scene and from the topic ~/fault reach the emulated valves, and the arm vents."""
+
+import selectors
+import subprocess
+import threading
+import time
+
+import pytest
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from soro_core.hardware.emulation.control import ControlServer
+from soro_core.hardware.emulation.faults import Faults
+from soro_ros import middleware, qos
+from soro_ros.faults import FaultInterface
+from tests.ros.running import SORO, run, wait_until
+
+
+@pytest.mark.timeout(240)
+def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain, tmp_path):
+    fault = "faults=[{at: 1.0, fault: stuck_open, chamber: link0/chamber1}]"
+    status, output, _ = run(tmp_path, "mode=lockstep", fault)
+    assert status == 1, output
+    said = " ".join(output.split())
+    assert "soro: regulator: vented: over-pressure: link0/chamber1 at 11" in said
+    assert "vented; bag closed" in output
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            "faults=[{fault: burst, chamber: link7/chamber1}]",
+            "faults[0].chamber: got 'link7/chamber1'; allowed",
+        ),
+        ("faults=[{fault: jam}]", "allowed: fault: one of drop, "),
+    ],
+)
+def test_a_wrong_fault_of_a_scene_is_one_line(tmp_path, change, says):
+    command = [*SORO, "run", "track_circle", "--set", change, "--folder", str(tmp_path / "runs")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+class Served:
+    """A control socket with a thread behind it."""
+
+    def __init__(self, path):
+        self.faults = Faults()
+        self.faults.chambers = ("link0/chamber0",)
+        self._selector = selectors.SelectSelector()
+        self._server = ControlServer(path, self.faults, self._selector)
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stopped:
+            for key, _ in self._selector.select(0.02):
+                key.data()
+
+    def close(self):
+        self._stopped = True
+        self._thread.join()
+        self._server.close()
+        self._selector.close()
+
+
+def test_topic_and_service(domain, tmp_path):
+    served = Served(tmp_path / "faults")
+    middleware.init()
+    try:
+        node = Node("twin")
+        interface = FaultInterface(node, tmp_path / "faults")
+        publisher = node.create_publisher(String, "twin/fault", qos.RELIABLE)
+        client = node.create_client(Trigger, "twin/clear_faults")
+        executor = EventsExecutor()
+        executor.add_node(node)
+
+        def until(condition):
+            def spun():
+                executor.spin_once(timeout_sec=0.02)
+                return condition()
+
+            wait_until(spun, 20, "the condition")
+
+        until(lambda: publisher.get_subscription_count() == 1 and client.service_is_ready())
+        publisher.publish(String(data="fault: gremlin"))
+        publisher.publish(String(data="{fault: leak, chamber: link0/chamber0, rate_1_s: 3.0}"))
+        until(lambda: [str(f) for f in served.faults.active] == ["leak of link0/chamber0 (rate_1_s 3)"])
+        future = client.call_async(Trigger.Request())
+        until(future.done)
+        assert future.result().success
+        assert served.faults.active == ()
+        served.close()
+        publisher.publish(String(data="fault: drop"))
+        time.sleep(0.1)
+        executor.spin_once(timeout_sec=0.5)
+        future = client.call_async(Trigger.Request())
+        until(future.done)
+        assert "the emulator" in future.result().message
+        interface.close()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()

@@ -8,17 +8,19 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from soro_core.trade.picture import logarithmic
+
 
 def six_link(
     path: Path, spatial: Sequence[Any], temporal: Sequence[Any], published: Mapping[int, float]
 ) -> None:
     """Error against spatial steps, and against speed."""
-    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    figure = Figure(figsize=(10, 4.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     left.plot(list(published), list(published.values()), "k--x", label="published (mde)")
     for method, style in (("mde", "o-"), ("exact", "s-")):
         points = [p for p in spatial if p.method == method]
-        left.plot([p.spatial for p in points], [p.error for p in points], style, label=f"{method}, 50 Hz")
+        left.plot([p.spatial for p in points], [p.error for p in points], style)
         right.plot([p.factor for p in points], [p.error for p in points], style, label=f"{method}, 50 Hz")
     for integrator in dict.fromkeys(p.integrator for p in temporal):
         points = [p for p in temporal if p.integrator == integrator]
@@ -27,10 +29,8 @@ def six_link(
     left.set_ylabel("mean tip error, % of the length")
     right.set_xlabel("times real time")
     for axes in (left, right):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.grid(True, which="both", alpha=0.3)
-        axes.legend(fontsize=8)
+        logarithmic(axes)
+    figure.legend(loc="outside lower center", fontsize=8, ncols=4)
     figure.savefig(path, dpi=120)
 
 

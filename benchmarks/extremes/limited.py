@@ -13,16 +13,17 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 
-from benchmarks.extremes.cell import Cell, Outcome, Verdict
+from benchmarks.extremes.cell import Cell, Must, Outcome, Verdict
 
-LIMIT_S = 15.0
+# Wall time [s] of a cell that may stop as well, and of one that must finish.
+LIMIT_S, MUST_LIMIT_S = 15.0, 120.0
 
 
-def verdicts(cells: Sequence[Cell], limit_s: float = LIMIT_S) -> Iterator[tuple[Cell, Verdict]]:
-    """Run the cells; one that takes longer than `limit_s` is left open. They come in their order."""
+def verdicts(cells: Sequence[Cell]) -> Iterator[tuple[Cell, Verdict]]:
+    """Run the cells; one that takes longer than its limit is left open. They come in their order."""
     cores = os.cpu_count() or 1
     runners: SimpleQueue[_Runner] = SimpleQueue()
-    every = [_Runner(cells[0], limit_s) for _ in range(cores)]
+    every = [_Runner(cells[0]) for _ in range(cores)]
     for runner in every:
         runners.put(runner)
 
@@ -45,8 +46,8 @@ def verdicts(cells: Sequence[Cell], limit_s: float = LIMIT_S) -> Iterator[tuple[
 class _Runner:
     """A process that runs one cell after the other; replaced where it had to be ended."""
 
-    def __init__(self, first: Cell, limit_s: float) -> None:
-        self._first, self._limit_s = first, limit_s
+    def __init__(self, first: Cell) -> None:
+        self._first = first
         self._process: SpawnProcess | None = None
         self._here: Connection | None = None
 
@@ -59,10 +60,11 @@ class _Runner:
             self._here.send(self._first)  # loads the kernels, which is not the cell's time
             self._here.recv()
         self._here.send(cell)
-        if self._here.poll(self._limit_s):
+        limit_s = MUST_LIMIT_S if cell.must is Must.FINISH else LIMIT_S
+        if self._here.poll(limit_s):
             return self._here.recv()
         self.end()
-        return Verdict(Outcome.OPEN, f"not at its end after {self._limit_s:g} s")
+        return Verdict(Outcome.OPEN, f"not at its end after {limit_s:g} s")
 
     def end(self) -> None:
         process, self._process = self._process, None

@@ -99,7 +99,7 @@ def test_a_loop_depends_on_all_that_the_scene_says_of_it(change):
 def test_results_depend_on_the_sources_of_the_loop():
     package = Path(soro_core.__file__).parent
     found = {path.relative_to(package).as_posix() for path in sources.source_files(package)}
-    parts = {"loop.py", "safety.py", "scene/scene.py", "twin/plant.py", "control/controller.py", "config.py"}
+    parts = {"loop.py", "safety/limiter.py", "scene/scene.py", "twin/plant.py", "control/controller.py"}
     assert parts <= found
     assert not any(name.startswith(("bag/", "hardware/")) for name in found)
 

@@ -89,5 +89,5 @@ def test_what_cannot_be_expanded_is_refused_by_key():
     ],
 )
 def test_what_does_not_go_together_is_refused(keys, message):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ConfigError, match=message):
         Discretisation(**keys)

@@ -6,10 +6,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soro_core.errors import HardwareError
 from soro_core.hardware.port import Array, Fault
 
 if TYPE_CHECKING:
     from soro_core.hardware.platform import PressureRange
+
+
+def setpoints(values: Array, n: int) -> Array:
+    """Set points (n,) [Pa gauge] as floats.
+
+    Raises
+    ------
+    HardwareError
+        If there are not `n` of them.
+    """
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != (n,):
+        raise HardwareError(f"{found.shape} set points for {n} chambers")
+    return found
 
 
 def refused(allowed: PressureRange, names: tuple[str, ...], setpoint_pa: Array) -> list[Fault]:

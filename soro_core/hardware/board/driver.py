@@ -18,7 +18,7 @@ from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.messages import PortFlag, State
 from soro_core.hardware.board.session import Session
 from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Flags, Regulator
-from soro_core.hardware.transport.tcp import ByteLink, TcpLink
+from soro_core.hardware.transport.tcp import ByteLink, link_to
 
 Answer = TypeVar("Answer")
 
@@ -110,9 +110,7 @@ class BoardRegulator(Regulator):
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
         if not self._configured:
             raise HardwareError("exchange before configure")
-        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
-        if setpoint.shape != self._sent_pa.shape:
-            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
         if self._heard_ns < 0:
             self._heard_ns = self._read_ns = now_ns
         self._cycles += 1
@@ -275,8 +273,5 @@ def open_driver(
     HardwareError
         If neither names an address.
     """
-    address = endpoint or platform.device
-    if address is None:
-        raise HardwareError("board: no address: give transport.host in the platform, or an endpoint")
-    link = TcpLink(address, platform.transport.connect_timeout_s, clock)
+    link = link_to(endpoint or platform.device, "board", platform.transport.connect_timeout_s, clock)
     return BoardRegulator(platform, link, clock, lockstep)

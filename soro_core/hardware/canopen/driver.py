@@ -16,6 +16,7 @@ import can
 import numpy as np
 
 from soro_core.errors import HardwareError
+from soro_core.hardware import checks
 from soro_core.hardware.canopen import frames, shutdown, startup
 from soro_core.hardware.canopen.cia408 import Control
 from soro_core.hardware.canopen.config import CanopenPlatform
@@ -72,7 +73,6 @@ class CanopenRegulator(Regulator):
         self._nodes = [NodeMonitor(node, self.device, of_node) for node, of_node in chambers.items()]
         self._setpoints = Setpoints(platform, self._nodes)
         self._dispatch = Dispatch(self._nodes, self.device)
-        self._names = platform.chamber_names
         self._configured = self._closed = False
         self._heartbeat_ns: int | None = None
         self._guard = BusGuard(self._link, clock)
@@ -81,7 +81,7 @@ class CanopenRegulator(Regulator):
 
     @property
     def chamber_names(self) -> tuple[str, ...]:
-        return self._names
+        return self.platform.chamber_names
 
     @property
     def update_hz(self) -> float:
@@ -151,11 +151,9 @@ class CanopenRegulator(Regulator):
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
         if not self._configured:
             raise HardwareError("exchange before configure")
-        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
-        if setpoint.shape != (self.n_chambers,):
-            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
         self.now_ns = now_ns
-        refused = self._setpoints.refuse(setpoint)
+        refused = checks.refused(self.platform.range, self.chamber_names, setpoint)
         self._cycles += 1
         faults = self._cycle(setpoint, refused) if self._guard.usable() else self._silence()
         return Exchange(

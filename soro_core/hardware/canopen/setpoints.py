@@ -1,4 +1,4 @@
-"""From set points to the RPDOs of every node: range, counts, control words, and zeros."""
+"""From set points to the RPDOs of every node: counts, control words, and zeros."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from soro_core.errors import HardwareError
 from soro_core.hardware.canopen.cia408 import Control
 from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.monitor import ChannelMonitor, NodeMonitor
-from soro_core.hardware.port import Array, Fault
+from soro_core.hardware.port import Array
 from soro_core.hardware.transport.frame import Frame
 
 
@@ -20,7 +20,7 @@ class Setpoints:
     Parameters
     ----------
     platform : CanopenPlatform
-        Valves and range.
+        Valves.
     nodes : sequence of NodeMonitor
         Their channels know scaling and state.
 
@@ -33,7 +33,7 @@ class Setpoints:
     """
 
     def __init__(self, platform: CanopenPlatform, nodes: Sequence[NodeMonitor]) -> None:
-        self._range, self._nodes = platform.range, nodes
+        self._nodes = nodes
         self._places = [(valve.node, valve.channel) for valve in platform.valves]
         by_chamber = {channel.chamber: channel for node in nodes for channel in node.channels}
         self.channels = [by_chamber[name] for name in platform.chamber_names]
@@ -44,20 +44,6 @@ class Setpoints:
         """Nothing has been sent yet."""
         self._zero_rounds = 0
         self.sent_pa = np.zeros(len(self.channels))
-
-    def refuse(self, setpoint_pa: Array) -> list[Fault]:
-        """Faults of the set points that are not finite or out of range."""
-        allowed = self._range
-        slack = 1e-6 * (allowed.maximum_pa - allowed.minimum_pa)  # rounding of a limiter's arithmetic
-        good = (setpoint_pa >= allowed.minimum_pa - slack) & (setpoint_pa <= allowed.maximum_pa + slack)
-        return [
-            Fault(
-                "refused_setpoint",
-                self.channels[n].chamber,
-                f"{setpoint_pa[n]} Pa is not within the platform's range",
-            )
-            for n in np.flatnonzero(~good)  # a comparison with NaN is false, so NaN is refused here
-        ]
 
     def frames(self, setpoint_pa: Array, control: Control) -> Callable[[bool], list[Frame]]:
         """RPDOs for set points; the argument says whether unchanged control words are sent again."""

@@ -128,9 +128,7 @@ class SerialRegulator(Regulator):
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
         if not self._configured:
             raise HardwareError("exchange before configure")
-        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
-        if setpoint.shape != (self.n_chambers,):
-            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
         self._cycles += 1
         refused = checks.refused(self.platform.range, self._names, setpoint)
         dt = self._since_last()

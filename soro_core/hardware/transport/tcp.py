@@ -202,6 +202,19 @@ class TcpLink:
         return HardwareError(f"{self.address}: the connection is gone ({why})")
 
 
+def link_to(address: str | None, who: str, connect_timeout_s: float, clock: Callable[[], float]) -> TcpLink:
+    """Link to what a platform or a caller names; `who` is named where neither does.
+
+    Raises
+    ------
+    HardwareError
+        If there is no address.
+    """
+    if address is None:
+        raise HardwareError(f"{who}: no address: give transport.host in the platform, or an endpoint")
+    return TcpLink(address, connect_timeout_s, clock)
+
+
 def _wait(sock: socket.socket, events: int, timeout_s: float) -> bool:
     """Whether something of `events`, or an error, is there within the time."""
     poll = select.poll()

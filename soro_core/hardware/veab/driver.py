@@ -19,7 +19,7 @@ import numpy as np
 from soro_core.errors import HardwareError
 from soro_core.hardware import checks, rest
 from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
-from soro_core.hardware.transport.tcp import ByteLink, TcpLink
+from soro_core.hardware.transport.tcp import ByteLink, link_to
 from soro_core.hardware.veab.config import VeabPlatform
 from soro_core.hardware.veab.keeper import Keeper
 from soro_core.hardware.veab.stream import Stream
@@ -107,9 +107,7 @@ class VeabRegulator(Regulator):
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
         if not self._configured:
             raise HardwareError("exchange before configure")
-        setpoint = np.asarray(setpoint_pa, dtype=np.float64)
-        if setpoint.shape != self._zeros.shape:
-            raise HardwareError(f"{setpoint.shape} set points for {self.n_chambers} chambers")
+        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
         if self._keeper is not None and not self._keeper.is_alive:
             self._latch("device_error", "the thread that keeps the server alive has died")
         if self._stream.holder is not None and not self._stream.holder.is_alive:
@@ -288,8 +286,5 @@ def open_driver(
     HardwareError
         If neither names an address.
     """
-    address = endpoint or platform.device
-    if address is None:
-        raise HardwareError("VEAB server: no address: give transport.host in the platform, or an endpoint")
-    link = TcpLink(address, platform.transport.connect_timeout_s, clock)
+    link = link_to(endpoint or platform.device, "VEAB server", platform.transport.connect_timeout_s, clock)
     return VeabRegulator(platform, link, clock, lockstep)

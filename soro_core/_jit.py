@@ -21,6 +21,7 @@ import numpy as np
 from numba import config as numba_config
 from numba.core import event
 
+from soro_core._linked import linked
 from soro_core.kernel_folder import kernel_folder, locked
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -94,7 +95,7 @@ def kernel(function: Function) -> Function:
 
 def inner(function: Function) -> Function:
     """Compile a function that only other kernels call: without the slow entry from Python."""
-    return cast(Function, numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_FLAGS)(function))
+    return cast(Function, linked(function, **{**_FLAGS, "cache": False}))
 
 
 def entry(function: Function) -> Function:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from benchmarks.extremes.cell import Cell, Outcome, Verdict
+from benchmarks.extremes import crushed
+from benchmarks.extremes.cell import Cell, Must, Outcome, Verdict
 from benchmarks.extremes.cells import cells
 from benchmarks.extremes.limited import LIMIT_S, MUST_LIMIT_S, verdicts
 from benchmarks.extremes.loop_cells import loop_cells
+from benchmarks.extremes.measure import Release
 from benchmarks.options import Options
 from benchmarks.report import table
 
@@ -29,7 +31,13 @@ def run(options: Options) -> str:
     for cell, verdict in verdicts(chosen):
         options.say(f"{len(results) + 1} of {len(chosen)}: {cell}")
         results.append((cell, verdict))
-    return text(results)
+    stopped = [
+        (str(cell), cell.task)
+        for cell, verdict in results
+        if cell.must is Must.FINISH and verdict.outcome is Outcome.STOPPED and isinstance(cell.task, Release)
+    ]
+    truth = f"\n\n### Crushed in truth\n\n{crushed.text(stopped, options)}" if stopped else ""
+    return text(results) + truth
 
 
 def text(results: list[tuple[Cell, Verdict]]) -> str:

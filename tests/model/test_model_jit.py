@@ -104,3 +104,65 @@ def test_compiling_is_told_once_and_finding_in_the_cache_is_not(tmp_path):
     # What a child has compiled, which leaves the word to its parent, is not compiled again.
     (told,) = said(True, tmp_path / "other")
     assert told.startswith(line)
+
+
+PARTS = """
+from soro_core._jit import inner
+
+@inner
+def twice(x):
+    return 2.0 * x
+
+@inner
+def sum_of_twice(x):
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += twice(x[i])
+    return total
+"""
+CALLS = """
+from numba.core import event
+from soro_core._jit import kernel
+from parts import sum_of_twice
+import json, parts, numpy as np
+
+compiled = []
+
+class Seen(event.Listener):
+    def on_start(self, one):
+        compiled.append(one.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, one):
+        pass
+
+event.register("numba:compile", Seen())
+
+@kernel
+def NAME(x):
+    return sum_of_twice(x) + 1.0
+
+value = NAME(np.array([1.0, 2.5]))
+made = [one for f in (parts.sum_of_twice, NAME) for one in f.overloads.values()]
+code = [bool(one.library.get_pointer_to_function(one.fndesc.llvm_func_name)) for one in made]
+print(json.dumps([value, compiled, code]))
+"""
+
+
+def test_what_only_kernels_call_is_linked_and_found_again(tmp_path):
+    """It has no machine code of its own, and a kernel of another process takes it from the cache."""
+    (tmp_path / "parts.py").write_text(PARTS)
+
+    def run(name):
+        script = tmp_path / f"{name}.py"
+        script.write_text(CALLS.replace("NAME", name))
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        environment["PYTHONPATH"] = os.pathsep.join([str(PACKAGE.parent), str(tmp_path)])
+        done = subprocess.run(
+            [sys.executable, script], capture_output=True, text=True, check=True, env=environment
+        )
+        return json.loads(done.stdout)
+
+    assert run("first") == [8.0, ["first", "sum_of_twice", "twice"], [False, True]]
+    # What it calls in turn lies within it.
+    assert run("second") == [8.0, ["second"], [False, True]]
+    assert run("second") == [8.0, [], [True]]

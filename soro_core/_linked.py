@@ -1,0 +1,119 @@
+"""Compiled functions that are only linked into kernels: no machine code, and no optimisation, of their own.
+
+Numba makes machine code of every compiled function, and at every level of calls optimises once more all that
+lies below it. Of a function that only kernels call neither is used: the kernel's own passes optimise what was
+linked into it (docs/adr/0012-linked-functions.md). These are numba's own steps with those two left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from numba import _dynfunc
+from numba.core import caching, codegen, compiler, typed_passes
+from numba.core.compiler_machinery import register_pass
+
+
+class LinkedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # numba is not typed
+    """Code that other libraries take in."""
+
+    def _optimize_final_module(self) -> None:
+        """Leave it to them."""
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def serialize_using_object_code(self) -> tuple[str, bytes]:
+        """Give what a cache keeps: there is no object code."""
+        return self.name, self._final_module.as_bitcode()
+
+    @classmethod
+    def load(cls, maker: Any, kept: tuple[str, bytes]) -> LinkedLibrary:
+        """Return the library that a cache has kept."""
+        name, code = kept
+        library = cls(maker, name)
+        library._final_module = codegen.ll.parse_bitcode(code)
+        library._finalize_final_module()
+        return library
+
+
+def _callable(place: Any, environment: Any, library: LinkedLibrary) -> Any:
+    """Object that stands for the function in numba's tables; it has no code to call."""
+    return _dynfunc.make_function(
+        place.lookup_module(), place.qualname.split(".")[-1], "", 0, environment, (library,)
+    )
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class LinkedLowering(typed_passes.NativeLowering):  # type: ignore[misc]
+    """Lowering into a `LinkedLibrary`."""
+
+    _name = "linked_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        """Lower, and register what a caller links."""
+        state.library = LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        lowered = state["cr"]
+        function = _callable(lowered.fndesc, lowered.env, state.library)
+        state.targetctx.insert_user_function(function, lowered.fndesc, [state.library])
+        state["cr"] = lowered._replace(cfunc=function)
+        return True
+
+
+class LinkedCompiler(compiler.CompilerBase):  # type: ignore[misc]
+    """Numba's compiler with that lowering."""
+
+    def define_pipelines(self) -> list[Any]:
+        """Return its passes."""
+        manager = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        manager.passes = [
+            (LinkedLowering if one is typed_passes.NativeLowering else one, name)
+            for one, name in manager.passes
+        ]
+        manager.finalize()
+        return [manager]
+
+
+class LinkedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    """What the cache keeps of such a function."""
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Undo `CompileResult._reduce`."""
+        kept, place, environment, signature, objectmode, lifted, annotation, reloads, environments = payload
+        for reload in reloads:
+            reload()
+        library = LinkedLibrary.load(target_context.codegen(), kept)
+        return compiler.compile_result(
+            target_context=target_context,
+            typing_context=target_context.typing_context,
+            library=library,
+            environment=environment,
+            entry_point=_callable(place, environment, library),
+            fndesc=place,
+            type_annotation=annotation,
+            signature=signature,
+            objectmode=objectmode,
+            lifted=lifted,
+            reload_init=reloads,
+            referenced_envs=environments,
+        )
+
+
+class LinkedCache(caching.FunctionCache):  # type: ignore[misc]
+    """Cache of such functions."""
+
+    _impl_class = LinkedResults
+
+
+def linked(function: Any, **flags: Any) -> Any:
+    """Compile a function that only other kernels call."""
+    compiled = numba.njit(
+        no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=LinkedCompiler, **flags
+    )(function)
+    if isinstance(compiled, numba.core.dispatcher.Dispatcher):
+        compiled._cache = LinkedCache(function)
+    return compiled

@@ -50,4 +50,5 @@ def text(stopped: Sequence[tuple[str, Release]], options: Options) -> str:
             worst = max(off for _, off in ends)
             rows.append([name, f"{len(times)} of {len(ends)}", shown, f"{worst:.0e}"])
     head = ["release that must finish and stopped", "runs that crush a link", "at, s", "energy off by"]
-    return f"By error control (dopri5, rtol {RTOL:g}) from starts that differ by {START:g}:\n\n{table(head, rows)}"
+    how = f"By error control (dopri5, rtol {RTOL:g}) from starts that differ by {START:g}:"
+    return f"{how}\n\n{table(head, rows)}"

@@ -52,14 +52,18 @@ class Release:
         arm, result, p = self.simulate()
         return judge(arm, result, p, self.settles, self.integrator in DISSIPATIVE)
 
-    def simulate(self) -> tuple[SoftArm, Result, Array]:
-        """Run."""
+    def start(self) -> tuple[SoftArm, Array, Array]:
+        """Arm, coordinates and pressures that it starts with."""
         robot = self.arm.robot()
         arm = SoftArm(robot)
         curvature = 2.0 * math.pi * self.turns / self.arm.length + self.curvature
-        q0 = self.arm.coordinates(robot, curvature, self.elongation)
         p = np.zeros(arm.n_u)
         p[::3] = self.pressure * FULL_SCALE_PA
+        return arm, self.arm.coordinates(robot, curvature, self.elongation), p
+
+    def simulate(self) -> tuple[SoftArm, Result, Array]:
+        """Run."""
+        arm, q0, p = self.start()
         t_end = self.steps * self.dt
         return arm, simulate(arm, q0, t_end=t_end, dt=self.dt, integrator=self.integrator, pressure=p), p
 

@@ -10,6 +10,9 @@ from typer.testing import CliRunner
 
 from benchmarks import peer, report, rod
 from benchmarks.__main__ import SECTIONS, app
+from benchmarks.extremes import crushed
+from benchmarks.extremes.arms import DENSITY, Arm
+from benchmarks.extremes.measure import Release
 from benchmarks.release import LADDER, LIMIT, Reference, first_good, ours
 from benchmarks.timing import Clock, per_call
 from soro_core import SoftArm
@@ -98,3 +101,15 @@ def test_the_peer_computes_the_same_accelerations():
     arm = SoftArm(rod.robot(1, rod.ANY), nodes=peer.DEFAULT_GAUSS_POINTS)
     theirs = peer.accelerations(peer.compiled(peer.make(1, rod.ANY)), q, qd)
     assert distance(theirs, accelerations(arm, q, qd)) < 1e-5
+
+
+def test_error_control_tells_whether_a_link_is_crushed():
+    """Let go from four times its length a link swings beyond nothing; a slightly bent one does not."""
+    dt = 2e-4
+    at, off = crushed.run(Release(Arm(1), elongation=3.0, dt=dt, steps=50), seed=1)
+    # Uniform strain: a third of the mass swings on EA / L, and nothing is left at 1 + 3 cos(w t) = 0.
+    arm = Arm(1)
+    rate = math.sqrt(3.0 * arm.youngs_modulus / DENSITY) / arm.length
+    assert at == pytest.approx(math.acos(-1.0 / 3.0) / rate, abs=1.1 * dt)
+    assert off < 1e-4
+    assert crushed.run(Release(Arm(1), turns=0.05, steps=50), seed=1)[0] is None

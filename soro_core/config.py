@@ -76,14 +76,19 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 
 def read_mapping(text: str, where: str) -> dict[str, Any]:
     """Read YAML text that must be a mapping without repeated keys; `where` is named in the error."""
-    try:
-        data = yaml.load(text, Loader=_StrictLoader)
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # Others than YAMLError: a date that does not exist, a list as a key, a thousand brackets.
-        raise ConfigError(where, "", " ".join(str(error).split()), "valid YAML") from None
+    data = read_value(text, where)
     if not isinstance(data, dict):
         raise ConfigError(where, "", data, "a mapping of keys to values")
     return data
+
+
+def read_value(text: str, where: str) -> Any:
+    """Read YAML text, of whatever it is, with numbers as in YAML 1.2; `where` is named in the error."""
+    try:
+        return yaml.load(text, Loader=_StrictLoader)
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        # Others than YAMLError: a date that does not exist, a list as a key, a thousand brackets.
+        raise ConfigError(where, "", " ".join(str(error).split()), "valid YAML") from None
 
 
 def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:

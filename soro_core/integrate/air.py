@@ -18,7 +18,8 @@ from soro_core.model import SoftArm
 from soro_core.model.chambers import add_gradient, volumes
 from soro_core.model.linear import assign, clear
 from soro_core.model.tables import AIR, Tables
-from soro_core.pneumatics.chamber import Gas, chamber_pressures, masses_at
+from soro_core.pneumatics.chamber import Gas, chamber_pressures, make_gas, masses_at
+from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -119,6 +120,17 @@ def with_air(t: Tables, n_u: int) -> Tables:
     )
 
 
+def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
+    """Air in the chambers of an arm behind valves, none without.
+
+    Raises
+    ------
+    ModelError
+        If a chamber has no volume.
+    """
+    return NO_AIR if valves is None else make_gas(valves, chamber_volumes(arm))
+
+
 def chamber_volumes(arm: SoftArm) -> Array:
     """Volume of each chamber at q = 0 [m^3], (n_u,): that of the file, else effective area times length.
 
@@ -138,15 +150,20 @@ def chamber_volumes(arm: SoftArm) -> Array:
     return volume
 
 
-def initial_air(air: Gas, displaced: Array, pressure: Array) -> Array:
-    """Masses and volumes (2 n_u,) of chambers at gauge pressures [Pa], beyond their volumes at q = 0.
+def initial_air(air: Air, arm: SoftArm, q: Array, pressure: Array | None) -> Array:
+    """Masses and volumes (2 n_u,) of chambers at q and gauge pressures [Pa], by default 0; (0,) without air.
 
     Raises
     ------
     ModelError
-        If a pressure is a vacuum or less, or a volume 0 or less.
+        If a pressure is a vacuum or less, or a volume 0 or less, or pressures are given without air.
     """
-    volume = air.volume + displaced
+    if not isinstance(air, Gas):
+        if pressure is not None:
+            raise ModelError("pressure0 without valves: allowed is none, the pressures are given")
+        return np.empty(0)
+    pressure = np.zeros(arm.n_u) if pressure is None else pressure
+    volume = air.volume + arm.displaced_volume(q)
     if not (volume > 0.0).all():
         raise ModelError(
             f"a chamber is closed to nothing at q0: volumes {volume} m^3, allowed are more than 0"

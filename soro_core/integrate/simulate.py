@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError, short
-from soro_core.integrate.air import NO_AIR, air_pressures, chamber_volumes, initial_air
+from soro_core.integrate.air import air_behind, air_pressures, initial_air
 from soro_core.integrate.state import Status
-from soro_core.integrate.stepper import describe, run_of, stepping
+from soro_core.integrate.stepper import describe, internal_states, run_of, stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
-from soro_core.pneumatics.chamber import Gas, ValveModel, make_gas
+from soro_core.pneumatics.chamber import Gas
+from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -103,10 +104,10 @@ def simulate(
     """
     require(arm, SoftArm, "arm", "a SoftArm")
     require(valves, ValveModel | None, "valves", "a ValveModel")
-    air = NO_AIR if valves is None else make_gas(valves, chamber_volumes(arm))
+    air = air_behind(arm, valves)
     run = run_of(integrator, rtol, air)
     name = arm.robot.name
-    n_z = arm.n_internal + (0 if valves is None else 2 * arm.n_u)
+    n_z = internal_states(arm, air)
     times = _times(t_end, dt, MOST_NUMBERS // (1 + 2 * arm.n_q + n_z + 3 * arm.n_u))
     q = np.empty((len(times), arm.n_q))
     v = np.empty_like(q)
@@ -117,12 +118,8 @@ def simulate(
     w = finite(flat_wrench(arm.robot, wrench), "wrench")
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
     table = _pressure_table(pressure, times, arm.n_u, name)
-    if isinstance(air, Gas):
-        z[0, arm.n_internal :] = initial_air(
-            air, arm.displaced_volume(q[0]), _initial(pressure0, arm.n_u, "pressure0", name)
-        )
-    elif pressure0 is not None:
-        raise ModelError("pressure0 without valves: allowed is none, the pressures are given")
+    start = None if pressure0 is None else _initial(pressure0, arm.n_u, "pressure0", name)
+    z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
     last, code = run(stepping(arm, air), times, table, w, q, v, z)
     end = last + 1
     status = describe(code, f" at t = {times[last]:.6g} s")

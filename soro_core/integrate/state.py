@@ -13,7 +13,10 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class State:
-    """Coordinates q, velocities qd (n_q,), and internal states (n_internal,) of creep and hysteresis."""
+    """Coordinates q, velocities qd (n_q,), and internal states (n_internal,) of creep and hysteresis.
+
+    Behind valves, mass [kg] and volume [m^3] of the air in each chamber follow, (2 n_u,).
+    """
 
     q: Array
     qd: Array

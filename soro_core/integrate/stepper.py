@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core._box import Box
 from soro_core.errors import ModelError, short
-from soro_core.integrate.air import NO_AIR, Air, with_air
+from soro_core.integrate.air import NO_AIR, Air, air_behind, air_pressures, initial_air, with_air
 from soro_core.integrate.dopri5 import DOPRI5
 from soro_core.integrate.explicit import MAX_STEPS, explicit_run
 from soro_core.integrate.implicit import implicit_run
@@ -27,9 +27,10 @@ from soro_core.integrate.tr_bdf2 import TR_BDF2
 from soro_core.integrate.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
-from soro_core.model.checks import flat_wrench, number, require, shaped
+from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from soro_core.pneumatics.chamber import Gas
+from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
 Run: TypeAlias = Callable[..., tuple[int, int]]
@@ -124,30 +125,63 @@ def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: boo
     return run
 
 
+def internal_states(arm: SoftArm, air: Air = NO_AIR) -> int:
+    """Count the states of creep and hysteresis, and with air mass and volume of each chamber."""
+    return arm.n_internal + (2 * arm.n_u if isinstance(air, Gas) else 0)
+
+
 def stepping(arm: SoftArm, air: Air = NO_AIR) -> Box:
     """Numbers and workspace for `run_of`; one thread at a time."""
     tables = with_air(arm.tables, arm.n_u) if isinstance(air, Gas) else arm.tables
-    return make_stepping(tables, arm.n_q, len(tables.internal_kind), arm.n_u)
+    return make_stepping(tables, arm.n_q, internal_states(arm, air), arm.n_u)
 
 
 class Stepper:
     """One integrator on one arm; use `make_stepper`."""
 
-    def __init__(self, name: str, arm: SoftArm, guarded: bool = True) -> None:
+    def __init__(
+        self, name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None
+    ) -> None:
         require(arm, SoftArm, "arm", "a SoftArm")
+        require(valves, ValveModel | None, "valves", "a ValveModel")
         self.name = name
         self.arm = arm
-        self._run = run_of(name, guarded=guarded)
-        self._box = stepping(arm)
+        self._air = air_behind(arm, valves)
+        self._run = run_of(name, air=self._air, guarded=guarded)
+        self._box = stepping(arm, self._air)
+        self._n_internal = internal_states(arm, self._air)
 
-    def initial_state(self, q: ArrayLike | None = None, qd: ArrayLike | None = None) -> State:
-        """Return a state with relaxed internal states; default straight and at rest."""
-        n = self.arm.n_q
+    def initial_state(
+        self, q: ArrayLike | None = None, qd: ArrayLike | None = None, pressure0: ArrayLike | None = None
+    ) -> State:
+        """Return a state with relaxed internal states; default straight and at rest.
+
+        With valves, `pressure0` (n_u,) are the gauge pressures in the chambers [Pa], by default 0.
+        """
+        n, name = self.arm.n_q, self.arm.robot.name
+        start = np.zeros(n) if q is None else shaped(q, (n,), "q", name)
+        given = None
+        if pressure0 is not None:
+            given = finite(shaped(pressure0, (self.arm.n_u,), "pressure0", name), "pressure0")
+        air = initial_air(self._air, self.arm, start, given)
         return State(
-            np.zeros(n) if q is None else shaped(q, (n,), "q", self.arm.robot.name),
-            np.zeros(n) if qd is None else shaped(qd, (n,), "qd", self.arm.robot.name),
-            np.zeros(self.arm.n_internal),
+            start,
+            np.zeros(n) if qd is None else shaped(qd, (n,), "qd", name),
+            np.concatenate((np.zeros(self.arm.n_internal), air)),
         )
+
+    def pressures(self, state: State) -> Array:
+        """Gauge pressures [Pa] (n_u,) of the chambers, with valves a part of the state.
+
+        Raises
+        ------
+        ModelError
+            If there are no valves: the pressures are those given.
+        """
+        if not isinstance(self._air, Gas):
+            raise ModelError("pressures of a state without valves: allowed is with, else they are given")
+        pressures: Array = air_pressures(self._air, state.internal[None, self.arm.n_internal :])[0]
+        return pressures
 
     def step(
         self, state: State, pressures: ArrayLike, dt: float, wrench: ArrayLike | None = None
@@ -158,7 +192,7 @@ class Stepper:
         ----------
         state : State
         pressures : (n_u,)
-            Gauge pressures [Pa].
+            Gauge pressures [Pa], with valves their set points.
         dt : float
             [s], above 0.
         wrench : (6,) or (n_wrenches, 6), optional
@@ -181,10 +215,10 @@ class Stepper:
         p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
         w = flat_wrench(arm.robot, wrench)
         # A run of one step: rows are before and after.
-        q, v, z = np.empty((2, arm.n_q)), np.empty((2, arm.n_q)), np.empty((2, arm.n_internal))
+        q, v, z = np.empty((2, arm.n_q)), np.empty((2, arm.n_q)), np.empty((2, self._n_internal))
         q[0] = shaped(state.q, (arm.n_q,), "q", arm.robot.name)
         v[0] = shaped(state.qd, (arm.n_q,), "qd", arm.robot.name)
-        z[0] = shaped(state.internal, (arm.n_internal,), "internal", arm.robot.name)
+        z[0] = shaped(state.internal, (self._n_internal,), "internal", arm.robot.name)
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
         _, code = self._run(self._box, np.array([0.0, number(dt)]), table, w, q, v, z)
@@ -193,12 +227,12 @@ class Stepper:
         return State(q[1], v[1], z[1]), OK
 
 
-def make_stepper(name: str, arm: SoftArm, guarded: bool = True) -> Stepper:
-    """Return the stepper of that name; `guarded` as in `run_of`.
+def make_stepper(name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None) -> Stepper:
+    """Return the stepper of that name; `guarded` as in `run_of`, `valves` as in `simulate`.
 
     Raises
     ------
     ModelError
-        If there is none.
+        If there is none, it takes no valves, or with valves a chamber has no volume.
     """
-    return Stepper(name, arm, guarded)
+    return Stepper(name, arm, guarded, valves)

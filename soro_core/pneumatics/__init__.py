@@ -9,7 +9,6 @@ from soro_core._lazy import lazy
 if TYPE_CHECKING:
     from soro_core.pneumatics.chamber import (
         Gas,
-        ValveModel,
         chamber_pressures,
         inflows,
         make_gas,
@@ -21,8 +20,10 @@ if TYPE_CHECKING:
         initial_state,
         reading,
         step,
+        targets,
         vent_time,
     )
+    from soro_core.pneumatics.valve_model import ValveModel
 
 __all__ = [
     "Gas",
@@ -36,6 +37,7 @@ __all__ = [
     "masses_at",
     "reading",
     "step",
+    "targets",
     "vent_time",
 ]
 
@@ -45,7 +47,7 @@ __getattr__ = lazy(
         "Gas": "soro_core.pneumatics.chamber",
         "RegulatorModel": "soro_core.pneumatics.regulator",
         "RegulatorState": "soro_core.pneumatics.regulator",
-        "ValveModel": "soro_core.pneumatics.chamber",
+        "ValveModel": "soro_core.pneumatics.valve_model",
         "chamber_pressures": "soro_core.pneumatics.chamber",
         "inflows": "soro_core.pneumatics.chamber",
         "initial_state": "soro_core.pneumatics.regulator",
@@ -53,6 +55,7 @@ __getattr__ = lazy(
         "masses_at": "soro_core.pneumatics.chamber",
         "reading": "soro_core.pneumatics.regulator",
         "step": "soro_core.pneumatics.regulator",
+        "targets": "soro_core.pneumatics.regulator",
         "vent_time": "soro_core.pneumatics.regulator",
     },
 )

@@ -69,17 +69,36 @@ def step(model: RegulatorModel, state: RegulatorState, setpoint_pa: Array, dt: f
     dt : float
         Time step [s], >= 0.
     """
-    pressure, target = state.pressure_pa, state.target_pa
+    after, spans = targets(model, state, setpoint_pa, dt)
+    pressure = state.pressure_pa
+    for span, target in spans:
+        pressure = _follow(model, pressure, target, span)
+    return RegulatorState(pressure_pa=pressure, target_pa=after.target_pa, pending=after.pending)
+
+
+def targets(
+    model: RegulatorModel, state: RegulatorState, setpoint_pa: Array, dt: float
+) -> tuple[RegulatorState, list[tuple[float, Array]]]:
+    """What the regulators aim at over `dt`: the set points after dead time, resolution, play and range.
+
+    Returns
+    -------
+    state : RegulatorState
+        At the end, with the pressures as they were.
+    spans : list of (float, ndarray (n,))
+        Times [s], 0 or more, that add up to `dt`, each with the target [Pa gauge] held over it.
+    """
+    target = state.target_pa
     events = [*state.pending, (model.delay_s, np.asarray(setpoint_pa, dtype=np.float64))]
-    now, later = 0.0, []
+    now, later, spans = 0.0, [], []
     for due, setpoint in events:
         if due > dt:
             later.append((due - dt, setpoint))
             continue
-        pressure = _follow(model, pressure, target, max(due - now, 0.0))
+        spans.append((max(due - now, 0.0), target))
         target, now = _play(model, target, setpoint), max(due, now)
-    pressure = _follow(model, pressure, target, dt - now)
-    return RegulatorState(pressure_pa=pressure, target_pa=target, pending=tuple(later))
+    spans.append((dt - now, target))
+    return RegulatorState(pressure_pa=state.pressure_pa, target_pa=target, pending=tuple(later)), spans
 
 
 def reading(model: RegulatorModel, state: RegulatorState, rng: np.random.Generator) -> Array:

@@ -21,6 +21,8 @@ Integrator: TypeAlias = Literal[
     "trapezoidal", "rk4", "midpoint_linear", "midpoint", "tr_bdf2", "tr_bdf2_linear", "dopri5"
 ]
 """Names of `soro_core.integrate.STEPPERS`, for whom their import is too much."""
+EXPLICIT: tuple[Integrator, ...] = ("rk4", "dopri5")
+"""Those that take no air behind valves."""
 
 
 class Discretisation(Strict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot
+from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene.scene import Scene
 
 
@@ -27,6 +28,18 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
     twin = scene.twin_node()
     _check("model", scene.discretisation, robot, 1, where)
     _check("twin.refine" if twin.refine > 1 else "model", twin.model, robot, twin.refine, where)
+    if twin.air == "states":
+        _check_air(twin.integrator, robot, where)
+
+
+def _check_air(integrator: str, robot: Robot, where: str) -> None:
+    if integrator in EXPLICIT:
+        allowed = f"an implicit integrator of the twin, not {integrator}; or lag"
+        raise ConfigError(where, "twin.air", "states", allowed)
+    chambers = [chamber for link in robot.links for chamber in link.chambers]
+    for name, chamber in zip(robot.chamber_names, chambers, strict=True):
+        if chamber.volume_m3 is None and chamber.alpha_eps == 0.0:
+            raise ConfigError(where, "twin.air", "states", f"lag, or a volume_m3 of {name} in the robot file")
 
 
 def _check(key: str, model: Discretisation, robot: Robot, refine: int, where: str) -> None:

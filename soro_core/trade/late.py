@@ -13,6 +13,7 @@ from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
 from soro_core.robot import Discretisation, shape_integrals, strain_rows
+from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene import Scene
 from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
@@ -52,13 +53,16 @@ def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopEr
     """Run the loop with `model` in estimator and controller, on a twin that runs the reference.
 
     The twin has what the scene says of payload, stiffness, sensors and regulators; its arm is discretised as
-    the reference and steps with the reference's stepper, at no more than 1 ms.
+    the reference and steps with the reference's stepper, at no more than 1 ms; with air as states, which no
+    explicit stepper takes, with the trapezoidal one.
     """
-    plant = scene.twin_node().model_copy(
+    twin = scene.twin_node()
+    explicit = truth.integrator in EXPLICIT
+    plant = twin.model_copy(
         update={
             "model": truth.model,
             "refine": 1,
-            "integrator": truth.integrator,
+            "integrator": "trapezoidal" if twin.air == "states" and explicit else truth.integrator,
             "step_s": max(truth.dt_s, _PLANT_DT_S),
         }
     )

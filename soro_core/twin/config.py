@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from soro_core.config import Strict
-from soro_core.pneumatics import RegulatorModel
+from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.robot import Discretisation
 from soro_core.robot.discretisation import Integrator
 from soro_core.safety import Limits
@@ -74,4 +74,18 @@ class TwinConfig(Strict):
         SensorConfig(enabled=False, rate_hz=200.0, delay_s=0.0), description="IMU at sensors/imu0"
     )
     regulator: RegulatorModel = Field(RegulatorModel(), description="regulators, for pressures: regulators")
+    air: Literal["lag", "states"] = Field(
+        "lag",
+        description="behind the twin's own regulators: pressures that follow with a lag, or (states) valves, "
+        "and mass and volume of the air in each chamber, in place of lag and rate limit",
+    )
+    valve: ValveModel = Field(ValveModel(), description="valves, for air: states")
     limits: Limits = Field(Limits(), description="limits of the commands, for pressures: regulators")
+
+    @model_validator(mode="after")
+    def _used(self) -> TwinConfig:
+        if self.air == "states" and self.pressures != "regulators":
+            raise ValueError(f"air: lag beside pressures: {self.pressures}, whose air is elsewhere")
+        if self.air == "lag" and self.valve != ValveModel():
+            raise ValueError("no valve beside air: lag, only beside air: states")
+        return self

@@ -38,7 +38,10 @@ class Plant:
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
         self.arm = discretised(true_robot(robot, config), config.model)
-        self._stepper = make_stepper(config.integrator, self.arm)
+        self.has_air = config.air == "states"
+        """Whether pressures are set points of valves, and the air behind them is a part of the state."""
+        valves = config.valve if self.has_air else None
+        self._stepper = make_stepper(config.integrator, self.arm, valves=valves)
         self._step_s = config.step_s
 
     def rest(self, pressure_pa: Array) -> State:
@@ -50,10 +53,17 @@ class Plant:
             If none is found from the straight arm.
         """
         q = equilibrium(self.arm, pressure_pa)
-        return State(q, np.zeros(self.arm.n_q), np.zeros(self.arm.n_internal))
+        return self._stepper.initial_state(q, pressure0=pressure_pa if self.has_air else None)
+
+    def pressures(self, state: State) -> Array:
+        """Gauge pressures (n_u,) [Pa] of the air in the chambers, where it is a part of the state."""
+        return self._stepper.pressures(state)
 
     def advance(self, state: State, start_pa: Array, end_pa: Array, dt: float) -> tuple[State, Status]:
-        """Advance by `dt` while the pressures (n_u,) [Pa] go in a straight line from start to end."""
+        """Advance by `dt` while the pressures (n_u,) [Pa] go in a straight line from start to end.
+
+        With air as a part of the state these are the set points of its valves.
+        """
         steps = max(1, math.ceil(dt / self._step_s - 1e-9))
         status = OK
         for k in range(steps):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core import pneumatics
+from soro_core.errors import ModelError
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot
@@ -17,6 +18,9 @@ from soro_core.twin.plant import Plant
 from soro_core.twin.sensors import Motion, SensorClock, SensorState, measure_imu, measure_pose, sample
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Parts of a tick below this are what rounding leaves of a dead time of whole ticks [s].
+SHORTEST_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -124,11 +128,21 @@ class Twin:
 
     def step_setpoints(self, state: TwinState, setpoint_pa: Array) -> TwinState:
         """Advance one tick with the twin's own regulators following set points (n_u,) [Pa gauge]."""
+        if self.plant.has_air:
+            return self._breathe(state, setpoint_pa)
         air = pneumatics.step(self.config.regulator, state.air, setpoint_pa, self.dt)
         return self._step(state, air)
 
     def step_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
-        """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere."""
+        """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere.
+
+        Raises
+        ------
+        ModelError
+            If the air in the chambers is a part of the state (`air: states`).
+        """
+        if self.plant.has_air:
+            raise ModelError("pressures from elsewhere with air: states: allowed are set points, or air: lag")
         pressure = np.asarray(pressure_pa, dtype=np.float64)
         return self._step(state, pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure))
 
@@ -136,10 +150,22 @@ class Twin:
         arm, status = self.plant.advance(state.arm, state.air.pressure_pa, air.pressure_pa, self.dt)
         return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
 
+    def _breathe(self, state: TwinState, setpoint_pa: Array) -> TwinState:
+        """Advance arm and air together; the valves move to what their regulators aim at."""
+        air, spans = pneumatics.targets(self.config.regulator, state.air, setpoint_pa, self.dt)
+        arm, status = state.arm, OK
+        for span, target in spans:
+            if status.ok and span > SHORTEST_S:
+                arm, status = self.plant.advance(arm, target, target, span)
+        air = replace(air, pressure_pa=self.plant.pressures(arm))
+        return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
+
     def _motion(self, state: TwinState, s: float) -> Motion:
         """Pose, twist and acceleration of the cross-section at `s`."""
         arm, q, qd = self.plant.arm, state.arm.q, state.arm.qd
-        qdd = arm.forward_dynamics(q, qd, state.air.pressure_pa, internal=state.arm.internal)
+        # Behind the states of creep and hysteresis there may be those of the air.
+        internal = state.arm.internal[: arm.n_internal]
+        qdd = arm.forward_dynamics(q, qd, state.air.pressure_pa, internal=internal)
         jacobian = arm.jacobian(q, s)
         # d/dt (J qd) = J qdd + Jdot qd, the second by a central difference along qd.
         h = 1e-6

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from soro_core.config import find_config
+from soro_core.config import find_config, read_value
 from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError, SoroError
 from soro_core.hardware import load_platform
@@ -148,7 +148,7 @@ def _changes(given: list[str]) -> dict[str, Any]:
         key, equals, value = item.partition("=")
         if not key or not equals:
             raise ConfigError("--set", "", item, "KEY=VALUE, for example controller.adapt=false")
-        changes[key] = yaml.safe_load(value) if value else ""
+        changes[key] = read_value(value, f"--set {key}") if value else ""
     return changes
 
 

@@ -86,7 +86,7 @@ class TwinNode(SoroNode[TwinConfig]):
         """Do once, unseen, what every tick does."""
         twin = Twin(self._robot, self._config)
         state, _ = twin.observe(twin.initial())
-        twin.step_pressures(state, state.air.pressure_pa)
+        twin.step_setpoints(state, state.air.pressure_pa)
 
     def start(self) -> None:
         if not self._config.paused:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.pneumatics import RegulatorModel, initial_state, reading, step, vent_time
+from soro_core.pneumatics import RegulatorModel, initial_state, reading, step, targets, vent_time
 
 IDEAL = RegulatorModel(
     delay_s=0.0, hysteresis_pa=0.0, command_resolution_pa=0.0, reading_resolution_pa=0.0, reading_noise_pa=0.0
@@ -87,6 +87,25 @@ def test_the_result_does_not_depend_on_the_step(splits, delay, rate, width, setp
         fine = after(model, setpoint, 0.04, splits, fine)
     assert fine.pressure_pa[0] == pytest.approx(coarse.pressure_pa[0], rel=1e-9, abs=1e-6)
     assert 0.0 <= fine.pressure_pa[0] <= 90e3
+
+
+@settings(max_examples=50, derandomize=True, deadline=None)
+@given(st.floats(0, 0.03), st.lists(st.floats(-10e3, 120e3), min_size=1, max_size=6))
+def test_the_targets_of_a_tick_fill_it_and_come_after_the_dead_time(delay, setpoints):
+    """What a valve in place of the lag moves to: each set point for its tick, later by the dead time."""
+    model, dt = IDEAL.model_copy(update={"delay_s": delay}), 0.005
+    state, held = initial_state(model, 1), []
+    for setpoint in setpoints:
+        state, spans = targets(model, state, np.array([setpoint]), dt)
+        assert sum(span for span, _ in spans) == pytest.approx(dt)
+        assert min(span for span, _ in spans) >= 0.0
+        held += [(span, target[0]) for span, target in spans]
+    ends = np.cumsum([span for span, _ in held])
+    for k, setpoint in enumerate(setpoints):
+        middle = (k + 0.5) * dt + delay
+        if middle < ends[-1] - 1e-9:
+            at = int(np.searchsorted(ends, middle))
+            assert held[at][1] == min(max(setpoint, 0.0), 90e3)
 
 
 def test_vent_time_bounds_the_vent():

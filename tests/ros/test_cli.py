@@ -1,9 +1,12 @@
 """The command line: wrong use and wrong files are one line that names file and key, and exit status 2."""
 
+import re
 import subprocess
 
 import pytest
 
+from soro_core.errors import ConfigError
+from soro_ros.commands.run import run
 from tests.ros.running import SORO
 
 GOOD = "robot: tue_three_bellow\nrate_hz: 200\n"
@@ -109,3 +112,15 @@ def test_wrong_use_names_what_is_wrong(tmp_path, arguments, says):
     assert status == 2, err
     assert says in err
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("twin.air=1e-3", "twin.air: got 0.001; allowed: input should be"),  # a number, as in a file
+        ("rate_hz=[", "--set rate_hz: got 'while parsing a flow node"),
+    ],
+)
+def test_changes_are_read_as_files_are(change, says):
+    with pytest.raises(ConfigError, match=re.escape(says)):
+        run("track_circle", [change])

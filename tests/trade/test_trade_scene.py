@@ -153,3 +153,12 @@ def test_a_controller_that_cannot_take_a_model_says_why(scene, monkeypatch):
     assert "gains.k_p" in refused.trouble
     varying = late.closed_loop(short, Discretisation(basis="legendre", order=1), truth)
     assert (varying.tracking_mm is None) == bool(varying.trouble)
+
+
+def test_a_reference_of_explicit_steps_drives_a_twin_with_air_too(scene, monkeypatch):
+    monkeypatch.setattr(late, "LOOP_LAST_S", 0.1)
+    twin = {"pose": {"rate_hz": 50}, "air": "states"}
+    short = scene(rate_hz=50, controller={"reference": {"start_s": 0.1}}, twin=twin)
+    error = late.closed_loop(short, Discretisation(), Candidate(Discretisation(), "rk4", 0.01))
+    assert error.trouble == ""
+    assert 0.0 < error.tracking_mm < 30.0

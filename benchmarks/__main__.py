@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.status import Status
 
 from benchmarks import (
+    air_fit,
     can_rates,
     extremes,
     faults,
@@ -38,6 +39,7 @@ SECTIONS = {
     "sixlink": sixlink,
     "trade": trade,
     "extremes": extremes,
+    "air_fit": air_fit,
     "can_rates": can_rates,
     "faults": faults,
 }

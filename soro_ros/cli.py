@@ -15,7 +15,7 @@ def _application() -> typer.Typer:
     """Import every command, which takes a good part of a second."""
     import typer
 
-    from soro_ros.commands import bag
+    from soro_ros.commands import bag, fit
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
@@ -35,6 +35,7 @@ def _application() -> typer.Typer:
     app.command()(doctor)
     app.command()(trade)
     app.command()(board)
+    app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     return app
 

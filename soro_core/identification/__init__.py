@@ -1,22 +1,32 @@
-"""Fitting the parameters of a robot to recorded runs, and judging a robot against them."""
+"""Fitting the parameters of a robot and its valves to recorded runs, and judging models against them."""
 
 from soro_core.identification.fit import Fit, Parameter, fit
 from soro_core.identification.frame import CurvatureErrors, Frame, curvature_errors, fit_frame
 from soro_core.identification.records import ForcedRun, ReleaseRun, read_forced, read_release
 from soro_core.identification.runs import forced_curvature, release_bend
+from soro_core.identification.steps import PressureRecord, Step, StepLimits, find_steps, read_pressures
+from soro_core.identification.valves import FlowModel, fit_flow, fit_regulator
 
 __all__ = [
     "CurvatureErrors",
     "Fit",
+    "FlowModel",
     "ForcedRun",
     "Frame",
     "Parameter",
+    "PressureRecord",
     "ReleaseRun",
+    "Step",
+    "StepLimits",
     "curvature_errors",
+    "find_steps",
     "fit",
+    "fit_flow",
     "fit_frame",
+    "fit_regulator",
     "forced_curvature",
     "read_forced",
+    "read_pressures",
     "read_release",
     "release_bend",
 ]

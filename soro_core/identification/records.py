@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -70,7 +71,7 @@ def read_forced(path: str | Path) -> ForcedRun:
     ConfigError
         If the file is missing, lacks a column, holds a value that is not finite, or time does not rise.
     """
-    columns = _read(path, ("t", "p1", "kx", "ky"))
+    columns = read_columns(path, ("t", "p1", "kx", "ky"))
     pressures = [columns[name] for name in columns if name[:1] == "p" and name[1:].isdigit()]
     return ForcedRun(
         columns["t"], np.column_stack(pressures), np.column_stack([columns["kx"], columns["ky"]])
@@ -79,16 +80,36 @@ def read_forced(path: str | Path) -> ForcedRun:
 
 def read_release(path: str | Path) -> ReleaseRun:
     """Read a release with the columns t [s] and bend_deg [degrees]; errors as `read_forced`."""
-    columns = _read(path, ("t", "bend_deg"))
+    columns = read_columns(path, ("t", "bend_deg"))
     return ReleaseRun(columns["t"] - columns["t"][0], np.radians(columns["bend_deg"]))
 
 
-def _read(path: str | Path, required: tuple[str, ...]) -> dict[str, Array]:
+def read_columns(
+    path: str | Path, required: tuple[str, ...], also: Callable[[str], bool] | None = None, gaps: str = ""
+) -> dict[str, Array]:
+    """Columns of a CSV file of numbers under one line of names.
+
+    Parameters
+    ----------
+    path : path
+    required : tuple of str
+        Columns that must be there; the first is the time, which must rise.
+    also : callable, optional
+        Which other columns are wanted, by name; by default all.
+    gaps : str
+        What the names of columns begin with whose values may be missing: empty or nan.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, lacks a column, holds a value that is not finite, or time does not rise.
+    """
     where = str(path)
     try:
         with open(path, encoding="utf-8") as file:
             names = [name.strip() for name in file.readline().split(",")]
-            table = np.loadtxt(file, delimiter=",", ndmin=2)
+            places = [i for i, name in enumerate(names) if name in required or also is None or also(name)]
+            table = np.loadtxt(file, delimiter=",", ndmin=2, usecols=places, converters=_number)
     except FileNotFoundError:
         raise ConfigError(
             where, "", "no such file", f"a CSV file with the columns {', '.join(required)}"
@@ -98,15 +119,18 @@ def _read(path: str | Path, required: tuple[str, ...]) -> dict[str, Array]:
     for name in required:
         if name not in names:
             raise ConfigError(where, name, f"columns {', '.join(names)}", "this column is required")
-    if table.shape[0] < 2 or table.shape[1] != len(names):
-        raise ConfigError(
-            where, "", f"a table of shape {table.shape}", f"two or more rows of {len(names)} numbers"
-        )
-    columns = {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
+    if table.shape[0] < 2:
+        raise ConfigError(where, "", f"{table.shape[0]} rows", "two or more rows of numbers")
+    columns = {names[place]: np.ascontiguousarray(table[:, i]) for i, place in enumerate(places)}
     for name, column in columns.items():
-        if not np.isfinite(column).all():
-            row = int(np.flatnonzero(~np.isfinite(column))[0])
+        bad = np.isinf(column) if gaps and name.startswith(gaps) else ~np.isfinite(column)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
             raise ConfigError(where, name, f"{column[row]} in data row {row + 1}", "finite numbers")
-    if not (np.diff(columns["t"]) > 0).all():
-        raise ConfigError(where, "t", "times that do not rise", "strictly rising times [s]")
+    if not (np.diff(columns[required[0]]) > 0).all():
+        raise ConfigError(where, required[0], "times that do not rise", "strictly rising times [s]")
     return columns
+
+
+def _number(text: str) -> float:
+    return float(text) if text.strip() else np.nan

@@ -18,12 +18,18 @@ from soro_core.config import Strict
 
 Array: TypeAlias = NDArray[np.float64]
 
+# In place of a time constant of 0 [s]: nothing is left of a gap after any time that a float can tell.
+SHORTEST_S = 1e-200
+
 
 class RegulatorModel(Strict):
     """Parameters of one kind of regulator; the same for every chamber that it feeds."""
 
     delay_s: float = Field(0.005, ge=0, le=1, description="dead time from set point to first effect")
     tau_s: float = Field(0.052, ge=0, le=10, description="time constant of the first-order lag; 0 for none")
+    vent_tau_s: float = Field(
+        0.0, ge=0, le=10, description="time constant while the pressure falls; 0 for tau_s"
+    )
     gain: float = Field(1.0, gt=0, le=2, description="pressure reached over set point")
     rate_limit_pa_s: float = Field(0.0, ge=0, description="largest rate of pressure; 0 for no limit")
     hysteresis_pa: float = Field(
@@ -42,6 +48,11 @@ class RegulatorModel(Strict):
         if not self.minimum_pa < self.maximum_pa:
             raise ValueError("minimum_pa must be below maximum_pa")
         return self
+
+    @property
+    def falling_tau_s(self) -> float:
+        """Time constant while the pressure falls [s]: an exhaust is driven by less than a supply."""
+        return self.vent_tau_s or self.tau_s
 
 
 @dataclass(frozen=True)
@@ -116,12 +127,14 @@ def vent_time(model: RegulatorModel, from_pa: float, to_pa: float) -> float:
         return 0.0
     fall = model.delay_s
     if model.rate_limit_pa_s > 0:
-        corner = model.rate_limit_pa_s * model.tau_s + target
+        corner = model.rate_limit_pa_s * model.falling_tau_s + target
         if from_pa > corner:
             end = max(corner, to_pa)
             fall += (from_pa - end) / model.rate_limit_pa_s
             from_pa = end
-    return fall + (model.tau_s * math.log((from_pa - target) / (to_pa - target)) if from_pa > to_pa else 0.0)
+    if from_pa > to_pa:
+        fall += model.falling_tau_s * math.log((from_pa - target) / (to_pa - target))
+    return fall
 
 
 def _play(model: RegulatorModel, target: Array, setpoint: Array) -> Array:
@@ -137,16 +150,17 @@ def _follow(model: RegulatorModel, pressure: Array, target: Array, dt: float) ->
     if dt <= 0.0:
         return pressure
     gap = target - pressure
+    # The gap never changes its sign, so that one time constant holds for each chamber.
+    tau = np.where(gap < 0.0, model.falling_tau_s, model.tau_s)
     if model.rate_limit_pa_s > 0:
         # While the lag asks for more than the limit the gap closes linearly, then exponentially.
-        corner = model.rate_limit_pa_s * model.tau_s
+        corner = model.rate_limit_pa_s * tau
         linear = np.clip((np.abs(gap) - corner) / model.rate_limit_pa_s, 0.0, dt)
         gap = gap - np.sign(gap) * model.rate_limit_pa_s * linear
         remaining = dt - linear
     else:
         remaining = np.full_like(gap, dt)
-    left = np.exp(-remaining / model.tau_s) if model.tau_s > 0 else np.where(remaining > 0, 0.0, 1.0)
-    return target - gap * left
+    return target - gap * np.exp(-remaining / np.maximum(tau, SHORTEST_S))
 
 
 def _quantise(value: Array, resolution: float) -> Array:

@@ -158,7 +158,7 @@ def _deviation(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> 
 def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
     """A reading that runs away at a constant set point: in three windows in a row, as no single step does."""
     since = np.where((now.setpoint_pa != s.setpoint_pa) | now.first, now.now_ns, s.still_ns)
-    settled_s = max(SETTLED_S, response.delay_s + SETTLED_LAGS * response.tau_s)
+    settled_s = max(SETTLED_S, response.delay_s + SETTLED_LAGS * max(response.tau_s, response.vent_tau_s))
     settled = now.fresh & (now.now_ns - since >= settled_s * 1e9)
     if not settled.any() and s.drift_ns.max(initial=NEVER) == NEVER:
         return {"still_ns": since}, None  # as always under closed-loop control

@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.pneumatics import RegulatorModel, initial_state, reading, step, targets, vent_time
+from soro_core.pneumatics import (
+    RegulatorModel,
+    RegulatorState,
+    initial_state,
+    reading,
+    step,
+    targets,
+    vent_time,
+)
 
 IDEAL = RegulatorModel(
     delay_s=0.0, hysteresis_pa=0.0, command_resolution_pa=0.0, reading_resolution_pa=0.0, reading_noise_pa=0.0
@@ -114,3 +122,16 @@ def test_vent_time_bounds_the_vent():
     took = vent_time(model, 90e3, 5e3)
     assert step(model, state, np.zeros(1), took).pressure_pa[0] == pytest.approx(5e3, rel=1e-6)
     assert vent_time(model, 90e3, 100.0) == math.inf
+
+
+def test_a_fall_may_be_slower_than_a_rise() -> None:
+    model = IDEAL.model_copy(update={"tau_s": 0.1, "vent_tau_s": 0.4})
+    up, down = np.array([0.0]), np.array([50e3])
+    rising = step(model, RegulatorState(up, up), down, 0.1).pressure_pa
+    falling = step(model, RegulatorState(down, down), up, 0.1).pressure_pa
+    assert rising == pytest.approx(50e3 * -math.expm1(-1.0))
+    assert falling == pytest.approx(50e3 * math.exp(-0.25))
+    both = RegulatorState(np.array([0.0, 50e3]), np.array([0.0, 50e3]))
+    mixed = step(model, both, np.array([50e3, 0.0]), 0.1).pressure_pa
+    assert mixed == pytest.approx([rising[0], falling[0]])
+    assert vent_time(model, 50e3, 5e3) == pytest.approx(0.4 * math.log(10.0))

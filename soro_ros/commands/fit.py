@@ -1,0 +1,74 @@
+"""`soro fit`: parameters of models from recordings of your own hardware."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Keep `pressures` a command of its own, however many there are."""
+
+
+@app.command()
+def pressures(
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            help="CSV files with the columns t [s] and, for each line NAME, its set point pd_NAME and "
+            "measured pressure pm_NAME [Pa gauge].",
+            show_default=False,
+        ),
+    ],
+    volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
+    supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
+    smallest_kpa: Annotated[float, typer.Option(min=0.1, help="Smallest step that is used.")] = 10.0,
+    picture: Annotated[Path | None, typer.Option(help="Picture of the steps and models (PNG).")] = None,
+) -> None:
+    """Fit the models of regulators and valves to the step responses in RECORDS; see docs/air.md.
+
+    Prints what was found and left out, how well each model does, on runs that it has not seen too, and
+    parameters to paste into a platform.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from soro_core.errors import ConfigError
+    from soro_core.identification import air
+    from soro_core.identification.steps import FoundSteps, StepLimits, find_steps, read_pressures
+
+    console = Console(stderr=True)
+    limits = StepLimits(change_pa=1e3 * smallest_kpa)
+    found = FoundSteps((), Counter(), 0, 0, 0)
+    for path in records:
+        found += find_steps(read_pressures(path), limits)
+    print(found)
+    if not found.steps:
+        raise ConfigError(
+            ", ".join(map(str, records)),
+            "",
+            "no step to fit",
+            f"steps that hold {limits.hold_s:g} s and more",
+        )
+    fits = []
+    for kind in air.kinds(1e-6 * volume_ml, 1e3 * supply_kpa):
+        with console.status(f"{kind.name}, {'each line' if kind.each_line else 'all lines'}"):
+            fits.append(air.fit_air(found.steps, kind))
+    table = Table(*air.HEADER)
+    for row in air.rows(fits):
+        table.add_row(*row)
+    Console().print(table)
+    for fitted in fits[1:]:
+        print(f"# {fitted.kind.name}, parameters for {'each line' if fitted.kind.each_line else 'all lines'}")
+        print(air.yaml_text(fitted))
+    if picture is not None:
+        from soro_core.identification.air_picture import draw
+
+        draw(picture, found.steps, [fits[0], *fits[-2:]])
+        console.print(f"written: {picture}")

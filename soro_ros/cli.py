@@ -1,14 +1,27 @@
-"""The command `soro`."""
+"""The command `soro`.
+
+While a program imports, the exception of a Ctrl-C is a traceback, or nothing at all: one that meets a
+callback of the import system is printed and forgotten, and the program runs on. So this file imports as
+little as it can before its own handler stands, and that stays until a command begins.
+"""
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
-from typing import TYPE_CHECKING, NoReturn
 
-from soro_ros.signals import quick_end
-
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from types import FrameType
+    from typing import NoReturn
+
     import typer
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    os.write(2, b"\nsoro: interrupted before anything was started\n")
+    os._exit(128 + number)
 
 
 def _application() -> typer.Typer:
@@ -42,11 +55,15 @@ def _application() -> typer.Typer:
 
 def main() -> NoReturn:
     """Entry point: exit status 0 on success, 2 on wrong use or configuration, 1 on any other failure."""
-    with quick_end("soro"):
-        from soro_core.errors import ConfigError, SoroError
+    previous = signal.signal(signal.SIGINT, _leave)
+    from soro_core.errors import ConfigError, SoroError
 
-        app = _application()
+    def begin() -> None:
+        signal.signal(signal.SIGINT, previous)
+
     try:
+        app = _application()
+        app.callback()(begin)
         app()
     except ConfigError as error:
         print(f"soro: {error}", file=sys.stderr)
@@ -54,6 +71,8 @@ def main() -> NoReturn:
     except SoroError as error:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(1)
+    finally:
+        begin()
     sys.exit(0)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 from collections.abc import Iterator
 from types import FrameType
@@ -47,18 +46,3 @@ def raised(seen: list[int]) -> Iterator[None]:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-
-
-@contextlib.contextmanager
-def quick_end(name: str) -> Iterator[None]:
-    """End at once on Ctrl-C, as is right while a process only imports: an exception there is a traceback."""
-
-    def leave(number: int, frame: FrameType | None) -> None:
-        os.write(2, f"\n{name}: interrupted before anything was started\n".encode())
-        os._exit(128 + number)
-
-    previous = signal.signal(signal.SIGINT, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)

@@ -52,6 +52,17 @@ class EmulationBase(Strict):
     step_s: float = Field(0.0025, ge=0.0005, le=0.05, description="step of the air in real time")
 
 
+class Freshness(Strict):
+    """When a chamber's reading is no longer one."""
+
+    stale_cycles: int = Field(3, ge=1, le=100, description="missed readings in a row that make a fault")
+    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
+
+    def is_stale(self, missed: int, age_ns: int) -> bool:
+        """Whether so many missed readings, or such an age, are too much."""
+        return missed >= self.stale_cycles or age_ns >= self.stale_s * 1e9
+
+
 class PlatformBase(Strict):
     """What a driver must know about the hardware of one arm, whatever the family."""
 

@@ -47,6 +47,7 @@ FAULT_CODES = {
     "emergency": "the device sent an emergency message",
     "rebooted": "the device started anew and lost its configuration",
     "heartbeat_lost": "the device has not been heard for the consumer heartbeat time",
+    "guard_lost": "the device has not answered node guarding for its life time",
     "left_operational": "the device left the communication state in which it exchanges values",
     "not_active": "the device does not follow the set point of the bus",
     "stale_reading": "no pressure has come for several cycles",

@@ -1,149 +1,133 @@
 """The process that vents when a driver dies whose devices would keep their pressure.
 
-It owns nothing while the driver lives: it waits on a pipe. The driver writes into it what is to be done (one
-line of JSON, the newest counts) and, when it ends in order, the word ``end``. If the pipe closes without that
-word, the driver is dead, whatever killed it; the process then opens the ports itself, sends every device its
-set point 0, and looks for the confirmation. It is a script of the standard library alone, so that it starts
-quickly and nothing that breaks the driver breaks it.
+While the driver lives it only waits, and has the driver's own ports and connections as second descriptors: so
+a lock stays held, a server that ends with its client does not end, and nothing has to be opened in need. When
+the driver goes without the word ``end``, whatever killed it, this process sends what it was told to, again
+and again until the devices confirm it. It is a script of the standard library alone: it starts quickly, and
+what breaks the driver does not break it.
 
 It cannot help when the whole machine stops or the cable is out: the arm needs a normally open dump valve.
+
+Standard input is a Unix socket. A message there is ``end`` or a plan, which takes the place of the one
+before: a JSON list with one entry a line, with the descriptors in the same order. An entry has
+
+- ``name``: the line, for texts;
+- ``begin``: bytes (as Latin-1) that end what the driver has begun, or nothing;
+- ``steps``: what to ``send`` (the same) and the answer that confirms it: a regular expression for a ``line``
+  of text, or so many consecutive ``doubles`` between ``low`` and ``high``;
+- ``timeout_s``: for one answer; ``least_s``: time before which no answer counts; ``longest_s``: for all.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import re
 import select
 import signal
 import socket
+import struct
 import sys
 import termios
 import threading
 import time
 from typing import Any
 
-OPEN_LIMIT_S = 2.0
-ROUNDS = 20
+_MESSAGE, _LINES = 1 << 20, 64
 _SETTLE_S = 0.02
-_LONGEST_LINE = 4096
 
-Plan = list[dict[str, Any]]
-
-
-def await_end(descriptor: int) -> Plan | None:
-    """Wait for the driver's end; the plan to carry out, or None after an orderly one."""
-    plan: Plan | None = None
-    rest = b""
-    while chunk := os.read(descriptor, 65536):
-        *lines, rest = (rest + chunk).split(b"\n")
-        for line in lines:
-            if line == b"end":
-                return None
-            plan = json.loads(line)
-    return plan
+Entry = dict[str, Any]
+Held = list[tuple[Entry, int]]
 
 
-def carry_out(plan: Plan) -> bool:
-    """Vent everything of a plan, all lines at once; whether all devices have confirmed."""
+def await_end(control: socket.socket) -> Held | None:
+    """Wait for the driver's end; the plan to carry out with its descriptors, None after an orderly end."""
+    held: Held = []
+    control.send(b"ready")
+    while True:
+        try:
+            message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE, _LINES)
+        except OSError:
+            return held
+        if not message:
+            return held
+        for _, descriptor in held:
+            os.close(descriptor)
+        if message == b"end":
+            return None
+        held = list(zip(json.loads(message), descriptors, strict=True))
+
+
+def carry_out(held: Held) -> bool:
+    """Vent every line, all at once; whether all devices have confirmed."""
     done: list[bool] = []
-    threads = [threading.Thread(target=lambda e=entry: done.append(_vent_line(e))) for entry in plan]
+    threads = [threading.Thread(target=lambda of=line: done.append(_vent_line(*of))) for line in held]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    return len(done) == len(plan) and all(done)
+    return len(done) == len(held) and all(done)
 
 
-def _vent_line(entry: dict[str, Any]) -> bool:
-    descriptor = _open(entry["address"], int(entry.get("baud", 9600)))
-    if descriptor is None:
-        _say(f"{entry['address']}: cannot open it to vent")
-        return False
+def _vent_line(entry: Entry, descriptor: int) -> bool:
+    """Send what is not confirmed yet, again and again."""
+    started_s, left = time.monotonic(), list(entry["steps"])
     try:
-        # Ends a line that the driver has begun, and lets an answer to it pass by.
-        os.write(descriptor, entry.get("begin", "\r\n").encode("latin-1"))
-        _read(descriptor, _SETTLE_S, None)
-        left = list(entry["steps"])
-        for _ in range(ROUNDS):
-            left = [step for step in left if not _send(descriptor, step, float(entry["timeout_s"]))]
-            if not left:
-                return True
+        os.set_blocking(descriptor, False)
+        if entry["begin"]:
+            with contextlib.suppress(termios.error):  # what the driver left unsent is not to be sent now
+                termios.tcflush(descriptor, termios.TCIOFLUSH)
+            os.write(descriptor, entry["begin"].encode("latin-1"))
+            time.sleep(_SETTLE_S)  # an answer to it is not one to what follows
+        while left and (passed_s := time.monotonic() - started_s) < entry["longest_s"]:
+            found = [_ask(descriptor, step, entry["timeout_s"]) for step in left]
+            if passed_s >= entry["least_s"]:
+                left = [step for step, is_confirmed in zip(left, found, strict=True) if not is_confirmed]
     except OSError as error:
-        _say(f"{entry['address']}: {error}")
+        _say(f"{entry['name']}: {error}")
         return False
-    else:
-        _say(f"{entry['address']}: not confirmed: {', '.join(repr(step['send']) for step in left)}")
-        return False
-    finally:
-        os.close(descriptor)
+    if left:
+        _say(f"{entry['name']}: not confirmed: {', '.join(repr(step['send']) for step in left)}")
+    return not left
 
 
-def _send(descriptor: int, step: dict[str, str], timeout_s: float) -> bool:
-    """Send one command; whether the answer is the one that confirms it."""
+def _ask(descriptor: int, step: dict[str, Any], timeout_s: float) -> bool:
+    """Send once; whether the answer is the one that confirms it."""
+    _heard(descriptor)
     with contextlib.suppress(BlockingIOError):
-        while os.read(descriptor, 65536):
-            pass
-    os.write(descriptor, step["send"].encode("latin-1"))
-    return "expect" not in step or _read(descriptor, timeout_s, re.compile(step["expect"]))
-
-
-def _read(descriptor: int, timeout_s: float, expected: re.Pattern[str] | None) -> bool:
-    """Read for a while, until a line matches."""
-    rest = b""
-    end_s = time.monotonic() + timeout_s
+        os.write(descriptor, step["send"].encode("latin-1"))
+    heard, end_s = b"", time.monotonic() + timeout_s
     while (left_s := end_s - time.monotonic()) > 0 and select.select([descriptor], [], [], left_s)[0]:
-        with contextlib.suppress(BlockingIOError):
-            chunk = os.read(descriptor, 65536)
-            if not chunk:
-                raise OSError("end of file")
-            *lines, rest = re.split(rb"[\r\n]+", (rest + chunk)[-_LONGEST_LINE:])
-            texts = [line.decode("latin-1").strip() for line in lines]
-            if expected is not None and any(expected.fullmatch(text) for text in texts):
-                return True
+        heard += _heard(descriptor)
+        if _confirms(step, heard):
+            return True
     return False
 
 
-def _open(address: str, baud: int) -> int | None:
-    """Open a serial port or a TCP connection (host:port); again and again while the driver's lock goes."""
-    end_s = time.monotonic() + OPEN_LIMIT_S
-    while True:
-        with contextlib.suppress(OSError, termios.error):
-            return _open_tcp(address) if _is_tcp(address) else _open_serial(address, baud)
-        if time.monotonic() > end_s:
-            return None
-        time.sleep(0.005)
+def _heard(descriptor: int) -> bytes:
+    """Everything that has come."""
+    heard = b""
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            chunk = os.read(descriptor, 65536)
+            if not chunk:
+                raise OSError("closed by the other side")
+            heard += chunk
+    return heard
 
 
-def _is_tcp(address: str) -> bool:
-    return not address.startswith("/") and ":" in address
-
-
-def _open_tcp(address: str) -> int:
-    host, _, port = address.rpartition(":")
-    with socket.create_connection((host, int(port)), timeout=OPEN_LIMIT_S) as connection:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setblocking(False)
-        return os.dup(connection.fileno())
-
-
-def _open_serial(path: str, baud: int) -> int:
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # held by the driver while it lives
-        attributes = termios.tcgetattr(descriptor)
-        speed = getattr(termios, f"B{baud}")
-        control = attributes[6]
-        control[termios.VMIN], control[termios.VTIME] = 1, 0
-        raw = termios.CS8 | termios.CREAD | termios.CLOCAL
-        termios.tcsetattr(descriptor, termios.TCSANOW, [0, 0, raw, 0, speed, speed, control])
-        termios.tcflush(descriptor, termios.TCIOFLUSH)  # what the driver left unsent is not to be sent now
-    except (OSError, termios.error):
-        os.close(descriptor)
-        raise
-    return descriptor
+def _confirms(step: dict[str, Any], heard: bytes) -> bool:
+    if "line" in step:
+        lines = re.split(r"[\r\n]+", heard.decode("latin-1"))[:-1]
+        return any(re.fullmatch(step["line"], line.strip()) for line in lines)
+    # The driver may have read a part of a message, so the numbers may begin at any byte.
+    count = step["doubles"]
+    starts = range(max(len(heard) - 8 * count + 1, 0))
+    return any(
+        all(step["low"] < value < step["high"] for value in struct.unpack_from(f"<{count}d", heard, start))
+        for start in starts
+    )
 
 
 def _say(text: str) -> None:
@@ -157,12 +141,11 @@ def main() -> int:
     # Ends with the driver only: a Ctrl-C is for both, and the driver shuts down in order.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    os.write(sys.stdout.fileno(), b"ready\n")
-    plan = await_end(sys.stdin.fileno())
-    if plan is None:
+    held = await_end(socket.socket(fileno=sys.stdin.fileno()))
+    if not held:
         return 0
     started_s = time.monotonic()
-    is_vented = carry_out(plan)
+    is_vented = carry_out(held)
     took_ms = 1e3 * (time.monotonic() - started_s)
     outcome = "vented" if is_vented else "NOT ALL VENTED: open the dump valve"
     _say(f"the driver died; {outcome} ({took_ms:.0f} ms)")

@@ -4,18 +4,34 @@ from __future__ import annotations
 
 import contextlib
 import json
-import select
+import socket
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.port import Fault
 
 SCRIPT = Path(__file__).with_name("supervisor.py")
 START_LIMIT_S = 10.0
 _END_LIMIT_S = 2.0
+
+LOST = Fault("supervisor_lost", "supervisor", "the process that vents in need has ended", latched=True)
+
+
+@dataclass(frozen=True)
+class VentPlan:
+    """What empties the arm on one line, and what shows that it has; see `soro_core.hardware.supervisor`."""
+
+    name: str
+    steps: tuple[dict[str, Any], ...]
+    timeout_s: float
+    longest_s: float
+    least_s: float = 0.0
+    begin: str = ""
 
 
 class Supervisor:
@@ -28,17 +44,23 @@ class Supervisor:
     """
 
     def __init__(self) -> None:
+        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._control.settimeout(START_LIMIT_S)
+        self._is_ready = False
         try:
             # Isolated, and in a session of its own: what is sent to the driver's group is not for it.
-            self._process = subprocess.Popen(
+            self._process: subprocess.Popen[bytes] = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(SCRIPT)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
+                stdin=theirs.fileno(),
+                stdout=subprocess.DEVNULL,
                 start_new_session=True,
                 cwd="/",
             )
         except OSError as error:
+            self._control.close()
             raise HardwareError(f"supervisor: cannot start ({error})") from None
+        finally:
+            theirs.close()
 
     @property
     def is_alive(self) -> bool:
@@ -50,42 +72,56 @@ class Supervisor:
         """Its process id."""
         return self._process.pid
 
-    def arm(self, plan: Sequence[dict[str, Any]]) -> None:
-        """Tell it what to do, and see that it listens.
+    def wait_until_ready(self) -> None:
+        """See that it listens.
 
         Raises
         ------
         HardwareError
             If it does not.
         """
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps(list(plan)).encode() + b"\n")
-            self._process.stdin.flush()
-        except OSError as error:
-            raise HardwareError(f"supervisor: it has gone ({error})") from None
-        self._await_ready()
-
-    def dismiss(self) -> None:
-        """End it without a vent; never raises."""
-        process = self._process
-        for pipe, last_word in ((process.stdin, b"end\n"), (process.stdout, b"")):
-            with contextlib.suppress(OSError):
-                if pipe is not None and not pipe.closed:
-                    if last_word:
-                        pipe.write(last_word)
-                    pipe.close()
-        try:
-            process.wait(_END_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-    def _await_ready(self) -> None:
-        stdout = self._process.stdout
-        if stdout is None or stdout.closed:
+        if self._is_ready:
             return
-        is_ready = bool(select.select([stdout], [], [], START_LIMIT_S)[0]) and bool(stdout.readline())
-        stdout.close()
-        if not is_ready:
+        try:
+            self._is_ready = bool(self._control.recv(16))
+        except OSError:  # a time-out is one
+            self._is_ready = False
+        if not self._is_ready:
             raise HardwareError(f"supervisor: not ready within {START_LIMIT_S:g} s")
+
+    def hold(self, plan: Sequence[VentPlan], descriptors: Sequence[int]) -> None:
+        """Share the descriptor of each line and say what to do there; in place of all before.
+
+        When it has gone, `is_alive` says so, not this.
+        """
+        self.wait_until_ready()
+        self._say(json.dumps([asdict(line) for line in plan]).encode(), descriptors)
+
+    def let_go(self) -> None:
+        """Have it close what it holds."""
+        self._say(b"[]")
+
+    def dismiss(self, vented: bool = True) -> None:
+        """End it: at once, or, where the arm is not known to be empty, by itself after it has tried."""
+        if vented:
+            self._say(b"end")
+        self._control.close()
+        try:
+            self._process.wait(_END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            if vented:
+                self._process.kill()
+                self._process.wait()
+
+    def _say(self, message: bytes, descriptors: Sequence[int] = ()) -> None:
+        with contextlib.suppress(OSError):
+            socket.send_fds(self._control, [message], descriptors)
+
+
+def running(supervisor: Supervisor | None) -> Supervisor:
+    """Return a supervisor that is alive: the given one, or a new one in its place."""
+    if supervisor is not None and supervisor.is_alive:
+        return supervisor
+    if supervisor is not None:
+        supervisor.dismiss()
+    return Supervisor()

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -244,6 +244,55 @@ def driver(platform: Platform, endpoint: object, lockstep: bool = True) -> Itera
         yield regulator
     finally:
         regulator.close()
+
+
+# Sets 20, 40 and 60 kPa for ever.
+_DRIVER = """
+import sys, time
+import numpy as np
+from soro_core.hardware import load_platform, open_regulator
+regulator = open_regulator(load_platform(sys.argv[1]), sys.argv[2])
+regulator.configure()
+print("running", flush=True)
+while True:
+    regulator.exchange(np.array([20e3, 40e3, 60e3]), time.monotonic_ns())
+    time.sleep(0.005)
+"""
+
+
+@contextlib.contextmanager
+def driver_process(platform_path: str, endpoint: object) -> Iterator[subprocess.Popen[bytes]]:
+    """A driver of three chambers in a process of its own, killed at the end (SIGKILL)."""
+    host = subprocess.Popen(
+        [sys.executable, "-c", _DRIVER, platform_path, str(endpoint)], stdout=subprocess.PIPE
+    )
+    try:
+        assert host.stdout is not None
+        assert host.stdout.readline() == b"running\n"
+        yield host
+    finally:
+        host.kill()
+        host.wait(10)
+        host.stdout.close()
+
+
+def cycles_in_real_time(regulator: Regulator, seconds: float, target: Any) -> list[Exchange]:
+    """Exchange at 200 Hz; the results."""
+    results, end = [], time.monotonic() + seconds
+    while (now := time.monotonic()) < end:
+        results.append(regulator.exchange(target, time.monotonic_ns()))
+        time.sleep(max(0.0, now + 0.005 - time.monotonic()))
+    return results
+
+
+def wait_for(condition: Callable[[], Any], limit_s: float = 10.0) -> Any:
+    """Poll until a condition holds; its value."""
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        if value := condition():
+            return value
+        time.sleep(0.005)
+    raise AssertionError("the condition was not met in time")
 
 
 class Tap:

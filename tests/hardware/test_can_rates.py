@@ -59,6 +59,7 @@ def driven(described):
 
 LAYOUTS = {
     "12 nodes of one valve": (SINGLES, {}, 250.0, 428.3),
+    "12 guarded nodes": (SINGLES, {"mapping": {"guarding": True}}, 250.0, 428.3),
     "3 nodes of four valves": (QUADS, {"mapping": {"device": "cia408_4ch"}}, 500.0, 1156.1),
 }
 

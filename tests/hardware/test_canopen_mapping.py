@@ -237,8 +237,19 @@ BAD = {
         "set points and readings go with SYNC",
     ),
     "constant in a TPDO": (
-        {"tpdos": [{"number": 1, "entries": ["status", "reading", {"index": 0x6041, "value": 1}]}]},
-        "reading and status only",
+        {
+            "supply": None,
+            "tpdos": [{"number": 1, "entries": ["status", "reading", {"index": 0x6041, "value": 1}]}],
+        },
+        "tpdos: objects without a value",
+    ),
+    "object without a value in an RPDO": (
+        {"rpdos": [{"number": 1, "entries": ["control", "setpoint", {"index": 0x6042}]}]},
+        "rpdos: objects with a value",
+    ),
+    "supply in no PDO": (
+        {"tpdos": [{"number": 1, "entries": ["status", "reading"]}]},
+        "each of reading.0, status.0, supply.0 in one PDO",
     ),
 }
 
@@ -256,6 +267,7 @@ AGAINST_EDS = {
     "object": ({"setpoint": {"index": 0x6390, "sub": 1}}, "setpoint: got '6390:1'; allowed: an object that"),
     "read-only": ({"setpoint": {"index": 0x6381, "sub": 1}}, "setpoint: got '6381:1'"),
     "limit": ({"upper_limit": {"index": 0x63A5, "sub": 1}}, "upper_limit: got '63A5:1'"),
+    "supply": ({"supply": {"index": 0x2101, "pa_per_count": 100.0}}, "supply: got '2101:0'"),
     "setting": ({"settings": [{"index": 0x6099, "value": 1}]}, "settings: got '6099:0'"),
     "not mappable": ({"setpoint": {"index": 0x6394, "sub": 1}}, "rpdos[number 1]: got '6394:1'"),
     "no such PDO": ({"rpdos": [{"number": 3, "entries": ["control", "setpoint"]}]}, "got 'PDO 3'"),

@@ -4,13 +4,22 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
-from hardware_bench import PERIOD_NS, Bench, driver, emulator, platform, platform_file
+from hardware_bench import (
+    PERIOD_NS,
+    Bench,
+    cycles_in_real_time,
+    driver,
+    driver_process,
+    emulator,
+    platform,
+    platform_file,
+    wait_for,
+)
 from typer.testing import CliRunner
 
 from soro_core.errors import HardwareError
@@ -69,16 +78,6 @@ def test_lockstep_agrees_with_the_emulation_in_this_process(tmp_path):
             np.testing.assert_array_equal(ours.pressure_pa, theirs.pressure_pa)
 
 
-def cycles_in_real_time(regulator, seconds, target=TARGET):
-    """Exchange at 200 Hz; the results."""
-    results = []
-    start = time.monotonic()
-    while (now := time.monotonic()) < start + seconds:
-        results.append(regulator.exchange(target, time.monotonic_ns()))
-        time.sleep(max(0.0, now + 0.005 - time.monotonic()))
-    return results
-
-
 # On a busy machine a process may be off its core for longer than the watchdogs of the shipped platform allow.
 PATIENT = {"heartbeat_consumer_s": 1.0, "rpdo_deadline_s": 1.0, "stale_cycles": 100}
 
@@ -88,7 +87,7 @@ def test_real_time(tmp_path):
         emulator(tmp_path) as served,
         driver(platform(canopen=PATIENT, cycle_budget_s=0.1), served.device, lockstep=False) as regulator,
     ):
-        results = cycles_in_real_time(regulator, 1.0)
+        results = cycles_in_real_time(regulator, 1.0, TARGET)
         assert all(result.faults == () for result in results)
         np.testing.assert_allclose(results[-1].pressure_pa, TARGET, atol=1000.0)
         link = PlantLinkClient(served.plant)
@@ -100,45 +99,13 @@ def test_real_time(tmp_path):
         assert regulator.statistics.frames_lost == 0
 
 
-DRIVER = """
-import sys, time
-import numpy as np
-from soro_core.hardware import load_platform, open_regulator
-regulator = open_regulator(load_platform(sys.argv[1]), sys.argv[2])
-regulator.configure()
-while True:
-    regulator.exchange(np.array([20e3, 40e3, 60e3]), time.monotonic_ns())
-    print("cycle", flush=True)
-    time.sleep(0.005)
-"""
-
-
-def wait_for(condition, limit_s=10.0):
-    """Poll until a condition holds; its value."""
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        if value := condition():
-            return value
-        time.sleep(0.005)
-    raise AssertionError("the condition was not met in time")
-
-
 def test_valves_vent_when_the_driver_is_killed(tmp_path):
     """SIGKILL: nobody sends anything any more. The devices notice; a new driver takes them over."""
     path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 0.2, "rpdo_deadline_s": 0.2})
     with emulator(tmp_path, platform=path) as served:
-        host = subprocess.Popen(
-            [sys.executable, "-c", DRIVER, path, str(served.device)], stdout=subprocess.PIPE
-        )
-        try:
-            for _ in range(20):
-                assert host.stdout.readline() == b"cycle\n"
+        with driver_process(path, served.device):
             link = PlantLinkClient(served.plant)
             wait_for(lambda: link.receive(5.0).pressures[2] > 50e3)
-        finally:
-            host.send_signal(signal.SIGKILL)
-            host.wait(10)
-            host.stdout.close()
         pressurised = link.latest()
         # World time, not wall time: a busy machine may stop the emulator, not its clock's meaning.
         frames = [pressurised]
@@ -148,7 +115,7 @@ def test_valves_vent_when_the_driver_is_killed(tmp_path):
         assert took_s < 0.2 + 0.01 + 0.052 * np.log(60e3 / 5e3) + 0.05
         link.close()
         with driver(platform(canopen=PATIENT), served.device, lockstep=False) as regulator:
-            assert all(result.faults == () for result in cycles_in_real_time(regulator, 0.2))
+            assert all(result.faults == () for result in cycles_in_real_time(regulator, 0.2, TARGET))
 
 
 def test_driver_raises_at_once_when_the_emulator_is_killed_and_recovers(tmp_path):

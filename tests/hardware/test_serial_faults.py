@@ -80,3 +80,41 @@ def test_a_dead_line_is_a_silent_device_on_it(bench):
     result = bench.run(200, 20e3, 40e3, 60e3)
     assert {fault.code for fault in result.faults} == {"device_silent"}
     assert not result.sent_pa.any()
+
+
+# -- start-up under load ---------------------------------------------------------------------------
+
+
+def disturbed(bench, number, late):
+    """Let an answer of the devices get lost, or come with the next one on its line; how many there were."""
+    count = 0
+    for line in bench.devices.lines:
+
+        def to_host(message, held=[]):  # noqa: B006 - one for each line
+            nonlocal count
+            count += 1
+            if count - 1 == number:
+                held[:] = [message] if late else []
+                return b""
+            message = b"".join(held) + message
+            held.clear()
+            return message
+
+        line.to_host = to_host
+    return lambda: count
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["lost", "late"])
+@pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
+def test_an_answer_that_is_lost_or_late_does_not_end_the_start_up(make, late):
+    """As of a device, or an emulator's process, that was held up for longer than an answer may take."""
+    number = 0
+    while True:
+        bench = SerialBench(make(2))
+        count = disturbed(bench, number, late)
+        bench.driver.configure()
+        assert bench.run(20, 0.0).faults == ()
+        number += 1
+        if number >= count():
+            break
+    assert number >= 8

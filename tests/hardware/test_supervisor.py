@@ -1,46 +1,35 @@
 """The process that vents when a driver without device watchdogs dies: real kills, real pseudo-terminals."""
 
-import json
+import contextlib
 import os
 import signal
 import socket
+import struct
 import subprocess
-import sys
-import threading
 import time
 import tty
+from functools import partial
+from pathlib import Path
 
 import pytest
-from hardware_bench import emulator
+from hardware_bench import driver_process, emulator, wait_for
 from serial_bench import alicat, itv, platform_file
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import open_regulator, supervisor
+from soro_core.hardware import load_platform, open_regulator, supervisor
+from soro_core.hardware.doctor import examine
+from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.plant_link import PlantLinkClient
-from soro_core.hardware.supervisor_client import SCRIPT, Supervisor
+from soro_core.hardware.serial_line.port import SerialPort
+from soro_core.hardware.supervisor_client import Supervisor, VentPlan
 
-DRIVER = """
-import sys, time
-import numpy as np
-from soro_core.hardware import load_platform, open_regulator
-regulator = open_regulator(load_platform(sys.argv[1]), sys.argv[2])
-regulator.configure()
-print("supervisor", regulator._supervisor.pid, flush=True)
-while True:
-    regulator.exchange(np.array([20e3, 40e3, 60e3]), time.monotonic_ns())
-    print("cycle", flush=True)
-    time.sleep(0.005)
-"""
-
-
-def wait_for(condition, limit_s=10.0):
-    """Poll until a condition holds; its value."""
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        if value := condition():
-            return value
-        time.sleep(0.005)
-    raise AssertionError("the condition was not met in time")
+SHIPPED = {
+    "canopen_408": "canopen_socketcan",
+    "itv_rs232": "itv_serial",
+    "alicat": "alicat_serial",
+    "veab_tcp": "veab_tcp",
+    "soro_board": "soro_board",
+}
 
 
 def is_running(pid):
@@ -55,28 +44,18 @@ def is_running(pid):
 def test_valves_vent_when_the_driver_is_killed(tmp_path, make):
     path = platform_file(tmp_path, make())
     with emulator(tmp_path, platform=path) as served:
-        host = subprocess.Popen(
-            [sys.executable, "-c", DRIVER, path, str(served.device)], stdout=subprocess.PIPE, text=True
-        )
-        try:
-            word, pid = host.stdout.readline().split()
-            assert word == "supervisor"
+        with driver_process(path, served.device) as host:
+            (pid,) = map(int, Path(f"/proc/{host.pid}/task/{host.pid}/children").read_text().split())
+            assert "supervisor.py" in Path(f"/proc/{pid}/cmdline").read_text()
             link = PlantLinkClient(served.plant)
-            reader = threading.Thread(target=host.stdout.read)
-            reader.start()
             wait_for(lambda: link.receive(5.0).pressures[2] > 55e3)
-        finally:
-            host.send_signal(signal.SIGKILL)
-            host.wait(10)
-            reader.join()
-            host.stdout.close()
         frames = [link.latest()]
         # In time of the devices: a busy machine may stop the emulator.
         wait_for(lambda: frames.append(link.receive(5.0)) or frames[-1].pressures.max() < 5e3)
         pressures = [frame.pressures[2] for frame in frames]
         assert max(pressures) > 50e3
         link.close()
-        wait_for(lambda: not is_running(int(pid)))  # and leaves the ports to the next driver
+        wait_for(lambda: not is_running(pid))  # and leaves the ports to the next driver
         regulator = open_regulator(make(), str(served.device))
         regulator.configure()
         assert regulator.exchange([0.0, 0.0, 0.0], time.monotonic_ns()).faults == ()
@@ -125,103 +104,146 @@ def line():
     line.close()
 
 
-def start(plan):
-    process = subprocess.Popen(
-        [sys.executable, "-I", "-S", str(SCRIPT)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    )
-    assert process.stdout.readline() == b"ready\n"
-    process.stdin.write(json.dumps(plan).encode() + b"\n")
-    process.stdin.flush()
+def held(plan, descriptor, monkeypatch):
+    """A supervisor with a plan for a descriptor, whose messages can be read from its process's `stderr`."""
+    popen = partial(subprocess.Popen, stderr=subprocess.PIPE)
+    monkeypatch.setattr("soro_core.hardware.supervisor_client.subprocess.Popen", popen)
+    process = Supervisor()
+    process.hold([plan], [descriptor])
     return process
 
 
-def test_repeats_until_it_is_confirmed(line):
-    plan = [
-        {
-            "address": line.path,
-            "baud": 9600,
-            "timeout_s": 0.02,
-            "steps": [{"send": "SET 0\r\n", "expect": "0+"}],
-        }
-    ]
-    process = start(plan)
-    process.stdin.close()
+def end_of(process):
+    """Exit status and messages of a supervisor whose driver has gone."""
+    status = process._process.wait(10)
+    with process._process.stderr as messages:
+        return status, messages.read().decode()
+
+
+def heard_by(line, text, times):
+    """Read a line until something has come so many times."""
     heard = b""
-    while heard.count(b"SET 0\r\n") < 3:
+    while heard.count(text) < times:
         heard += os.read(line.master, 4096)
-        if heard.count(b"SET 0\r\n") == 1:
-            os.write(line.master, b"512\r\nUNKNOWN COMMAND\r\n")  # not the answer
+    return heard
+
+
+def plan_of(timeout_s=0.02, **step):
+    return VentPlan("/dev/test", ({"line": "0+", **step},), timeout_s, 20 * timeout_s, begin="\r\n")
+
+
+def test_repeats_until_it_is_confirmed(line, monkeypatch):
+    process = held(plan_of(send="SET 0\r\n", timeout_s=0.5), line.slave, monkeypatch)
+    process._control.close()
+    heard = heard_by(line, b"SET 0\r\n", 1)
+    os.write(line.master, b"512\r\nUNKNOWN COMMAND\r\n0")  # not the answer, or not all of it
+    heard += heard_by(line, b"SET 0\r\n", 1)
     os.write(line.master, b"0\r\n")
-    assert process.wait(5) == 0
-    text = process.stderr.read().decode()
-    process.stdout.close()
-    process.stderr.close()
+    status, text = end_of(process)
+    assert status == 0
     assert heard.startswith(b"\r\n")  # ends what the driver may have begun
     assert "the driver died; vented" in text
 
 
-def test_says_what_it_could_not_vent(line):
-    plan = [
-        {"address": line.path, "baud": 9600, "timeout_s": 0.001, "steps": [{"send": "AS0\r", "expect": "A"}]}
-    ]
-    process = start(plan)
-    process.stdin.close()
-    assert process.wait(10) == 1
-    text = process.stderr.read().decode()
-    process.stdout.close()
-    process.stderr.close()
-    assert f"{line.path}: not confirmed: 'AS0\\r'" in text
+def test_says_what_it_could_not_vent(line, monkeypatch):
+    process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
+    process._control.close()
+    status, text = end_of(process)
+    assert status == 1
+    assert "/dev/test: not confirmed: 'AS0\\r'" in text
     assert "NOT ALL VENTED: open the dump valve" in text
 
 
-def test_waits_for_the_drivers_lock(line):
-    """The lock of a killed process goes with it; until then the supervisor tries again."""
-    from soro_core.hardware.serial_line.port import SerialPort
+def test_a_port_that_has_gone_is_named(line, monkeypatch):
+    process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
+    os.close(line.master)
+    process._control.close()
+    status, text = end_of(process)
+    line.master = os.open("/dev/null", os.O_RDONLY)
+    assert status == 1
+    assert "/dev/test: " in text
 
+
+def test_keeps_the_drivers_lock_until_it_has_vented(line, monkeypatch):
+    """Nobody else speaks to the valves in between; the driver itself may close and open its ports again."""
     port = SerialPort(line.path, 9600)
-    plan = [{"address": line.path, "timeout_s": 0.05, "steps": [{"send": "SET 0\r\n"}]}]
-    process = start(plan)
-    process.stdin.close()
-    time.sleep(0.05)
-    assert process.poll() is None
+    process = held(plan_of(send="SET 0\r\n", timeout_s=5.0), port.fileno(), monkeypatch)
+    port.close()
+    port = SerialPort(line.path, 9600)
+    process.hold([plan_of(send="SET 0\r\n", timeout_s=5.0)], [port.fileno()])
+    process._control.close()
+    os.close(port.fileno())  # as by a kill: without a word to the lock
+    heard_by(line, b"SET 0\r\n", 1)
     with pytest.raises(HardwareError, match="cannot open"):
         SerialPort(line.path, 9600)
-    port.close()
-    assert process.wait(5) == 0
-    process.stdout.close()
-    process.stderr.close()
+    os.write(line.master, b"0\r\n")
+    assert end_of(process)[0] == 0
+    SerialPort(line.path, 9600).close()
 
 
-def test_speaks_tcp_too():
-    server = socket.create_server(("127.0.0.1", 0))
-    address = f"127.0.0.1:{server.getsockname()[1]}"
-    half = "\x00\x00\x00\x00\x00\x00\xe0\x3f"
-    done = []
-    thread = threading.Thread(
-        target=lambda: done.append(
-            supervisor.carry_out(
-                [{"address": address, "begin": "", "timeout_s": 0.1, "steps": [{"send": half}]}]
-            )
-        )
-    )
-    thread.start()
-    connection, _ = server.accept()
-    assert connection.recv(64) == half.encode("latin-1")
-    thread.join()
-    assert done == [True]
-    connection.close()
-    server.close()
+def test_lets_go_and_has_nothing_to_do(line, monkeypatch):
+    process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
+    process.let_go()
+    process._control.close()
+    assert end_of(process) == (0, "")
+
+
+@pytest.mark.parametrize("lost", range(8))
+def test_readings_of_numbers_count_wherever_they_begin(lost):
+    """A VEAB server's stream has no frames, and the driver may have read a part of a message."""
+    step = {"doubles": 3, "low": 4.75, "high": 5.25}
+    empty, full = struct.pack("<3d", 5.0, 5.05, 4.95), struct.pack("<3d", 8.0, 8.0, 8.0)
+    assert supervisor._confirms(step, full[lost:] + empty)
+    assert not supervisor._confirms(step, full[lost:] + empty[:-1])
+    assert not supervisor._confirms(step, full[lost:] + full)
+
+
+def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
+    """Readings on their way may be older than the set points."""
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    step = {"send": "\x00\xe0\x3f", "doubles": 1, "low": 4.75, "high": 5.25}
+    process = held(VentPlan("server", (step,), 0.01, 10.0, least_s=0.1), ours.fileno(), monkeypatch)
+    ours.close()
+    process._control.close()
+    sent = []
+    with theirs, contextlib.suppress(ConnectionResetError, BrokenPipeError):
+        while chunk := theirs.recv(3):
+            sent.append(chunk)
+            theirs.send(struct.pack("<d", 5.0))
+    assert end_of(process)[0] == 0
+    assert len(sent) > 5, "confirmed at once, and sent on"
+    assert set(sent) == {b"\x00\xe0\x3f"}
 
 
 def test_client_survives_a_dead_process():
     process = Supervisor()
+    process.wait_until_ready()
     os.kill(process.pid, signal.SIGKILL)
     process._process.wait(5)
     assert not process.is_alive
-    with pytest.raises(HardwareError, match="supervisor"):
-        process.arm([])
+    process.hold([], [])
+    process.let_go()
     process.dismiss()
     process.dismiss()
+
+
+def test_client_names_a_process_that_never_was_ready():
+    process = Supervisor()
+    os.kill(process.pid, signal.SIGKILL)
+    process._process.wait(5)
+    with contextlib.suppress(OSError):
+        process._control.recv(16)  # it may have been quicker
+    with pytest.raises(HardwareError, match="supervisor: not ready"):
+        process.hold([], [])
+    process.dismiss()
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_doctor_asks_for_a_dump_valve_where_the_supervisor_is_the_last_line(family):
+    platform = load_platform(SHIPPED[family])
+    found = examine(platform, "127.0.0.1:1", run_s=0.0)
+    finding = next(finding for finding in found if finding.name == "device watchdog")
+    needs = family in ("itv_rs232", "alicat", "veab_tcp")
+    assert finding.level == ("warn" if needs else "ok")
+    assert ("a normally open dump valve is needed" in finding.do) is needs

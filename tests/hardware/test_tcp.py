@@ -1,14 +1,12 @@
 """TCP: the link alone, and both families over real sockets against `soro emulate`."""
 
 import socket
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
 from board_bench import BOARD, VEAB, BoardBench, VeabBench, board_platform, file_of, veab_platform
-from hardware_bench import PERIOD_NS, driver, emulator, merged
+from hardware_bench import PERIOD_NS, cycles_in_real_time, driver, driver_process, emulator, merged, wait_for
 
 from soro_core.errors import HardwareError
 from soro_core.hardware import load_platform, open_regulator
@@ -163,15 +161,6 @@ def test_lockstep_over_tcp_agrees_with_the_emulation_in_this_process(tmp_path, f
         link.close()
 
 
-def cycles_in_real_time(regulator, seconds, target=TARGET):
-    """Exchange at 200 Hz; the results."""
-    results, end = [], time.monotonic() + seconds
-    while (now := time.monotonic()) < end:
-        results.append(regulator.exchange(target, time.monotonic_ns()))
-        time.sleep(max(0.0, now + 0.005 - time.monotonic()))
-    return results
-
-
 @pytest.mark.parametrize("family", FAMILIES)
 def test_real_time(tmp_path, family):
     path = file_of(tmp_path, FAMILIES[family][0], **PATIENT[family])
@@ -179,7 +168,7 @@ def test_real_time(tmp_path, family):
         emulator(tmp_path, platform=path) as served,
         driver(load_platform(path), served.device, lockstep=False) as regulator,
     ):
-        results = cycles_in_real_time(regulator, 0.4)
+        results = cycles_in_real_time(regulator, 0.4, TARGET)
         assert all(result.faults == () for result in results)
         np.testing.assert_allclose(results[-1].pressure_pa, TARGET, atol=1000.0)
         plant = PlantLinkClient(served.plant)
@@ -217,7 +206,9 @@ def test_the_keeper_vents_and_keeps_the_server_alive_while_nobody_exchanges(tmp_
         driver(load_platform(path), served.device, lockstep=False) as regulator,
     ):
         time.sleep(0.7)
-        assert cycles_in_real_time(regulator, 0.3)[-1].faults == (), "0 Pa was held: nothing to trip for"
+        assert cycles_in_real_time(regulator, 0.3, TARGET)[-1].faults == (), (
+            "0 Pa was held: nothing to trip for"
+        )
         time.sleep(0.9)
         plant = PlantLinkClient(served.plant)
         assert np.abs(plant.receive(5.0).pressures).max() < 5e3
@@ -225,7 +216,7 @@ def test_the_keeper_vents_and_keeps_the_server_alive_while_nobody_exchanges(tmp_
         result = regulator.exchange(TARGET, time.monotonic_ns())
         assert [fault.code for fault in result.faults if fault.latched] == ["watchdog_vented"]
         regulator.configure()
-        assert cycles_in_real_time(regulator, 0.1)[-1].faults == ()
+        assert cycles_in_real_time(regulator, 0.1, TARGET)[-1].faults == ()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
@@ -241,19 +232,6 @@ def test_a_dead_keeper_is_noticed_in_the_next_cycle(tmp_path):
         assert [fault.code for fault in result.faults if fault.latched] == ["device_error"]
 
 
-HOST = """
-import sys, time
-import numpy as np
-from soro_core.hardware import load_platform, open_regulator
-regulator = open_regulator(load_platform(sys.argv[1]), sys.argv[2])
-regulator.configure()
-while True:
-    regulator.exchange(np.array([20e3, 40e3, 60e3]), time.monotonic_ns())
-    print("cycle", flush=True)
-    time.sleep(0.005)
-"""
-
-
 CASES = {
     "soro_board": ("soro_board", {}, True),
     "veab_tcp": ("veab_tcp", {}, True),
@@ -267,18 +245,9 @@ def test_host_killed(tmp_path, family, change, vents):
     base, make, _ = FAMILIES[family]
     path = file_of(tmp_path, base, **merged(PATIENT[family], change))
     with emulator(tmp_path, platform=path) as served:
-        host = subprocess.Popen(
-            [sys.executable, "-c", HOST, path, str(served.device)], stdout=subprocess.PIPE
-        )
         plant = PlantLinkClient(served.plant)
-        try:
-            plant.receive(5.0)
-            while plant.latest().pressures[2] < 55e3:
-                assert host.stdout.readline() == b"cycle\n"
-        finally:
-            host.kill()
-            host.wait(10)
-            host.stdout.close()
+        with driver_process(path, served.device):
+            wait_for(lambda: plant.receive(5.0).pressures[2] > 55e3)
         killed_ns = plant.latest().time_ns
         # Detected within 0.3 s and fallen from 60 to 5 kPa in 0.13 s; time of the valves, not of the machine.
         while (frame := plant.receive(5.0)).time_ns < killed_ns + 430_000_000:
@@ -293,16 +262,18 @@ def test_supervisor_of_the_published_server(tmp_path):
     path = file_of(tmp_path, VEAB, **PATIENT["veab_tcp"])
     with emulator(tmp_path, platform=path) as served:
         with driver(load_platform(path), served.device, lockstep=False) as regulator:
-            holder = regulator._stream.holder
-            assert cycles_in_real_time(regulator, 0.1)[-1].faults == ()
-            assert holder.is_alive
-        assert holder._process.wait(10) == 0
+            supervisor = regulator._stream.supervisor
+            assert cycles_in_real_time(regulator, 0.1, TARGET)[-1].faults == ()
+            assert supervisor.is_alive
+        assert supervisor._process.wait(10) == 0
         served.process.kill()
     with (
         emulator(tmp_path, platform=path) as served,
         driver(load_platform(path), served.device, lockstep=False) as regulator,
     ):
-        regulator._stream.holder._process.kill()
-        regulator._stream.holder._process.wait(10)
+        regulator._stream.supervisor._process.kill()
+        regulator._stream.supervisor._process.wait(10)
         result = regulator.exchange(TARGET, time.monotonic_ns())
         assert [fault.code for fault in result.faults if fault.latched] == ["supervisor_lost"]
+        regulator.configure()  # a reset starts another one
+        assert regulator._stream.supervisor.is_alive

@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from soro_core.config import Strict
 from soro_core.hardware.board.chips import CODES, FULL_SCALES_V, RATES_SPS
 from soro_core.hardware.board.scaling import Scale
-from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
 from soro_core.hardware.transport.tcp import TcpTransport
 
 # No configuration can make the board wait longer for its host, as for a command in `soro_core.safety`.
@@ -71,15 +71,13 @@ class BoardOptions(Strict):
         return value
 
 
-class HostOptions(Strict):
+class HostOptions(Freshness):
     """Times of the driver."""
 
     heartbeat_consumer_s: float = Field(
         0.1, ge=0.01, le=5, description="silence after which the board is lost"
     )
     start_timeout_s: float = Field(2.0, gt=0, le=30, description="longest wait for an answer at start-up")
-    stale_cycles: int = Field(3, ge=1, le=100, description="missed readings in a row that make a fault")
-    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
 
 
 class BoardPlatform(PlatformBase):

@@ -199,7 +199,7 @@ class BoardRegulator(Regulator):
         self._missed = 0 if fresh.all() else self._missed + 1
         if fresh.all():
             self._read_ns = now_ns
-        elif self._missed >= times.stale_cycles or now_ns - self._read_ns >= times.stale_s * 1e9:
+        elif times.is_stale(self._missed, now_ns - self._read_ns):
             names = ", ".join(name for name, good in zip(self._names, fresh, strict=True) if not good)
             faults.append(Fault("stale_reading", names, f"no pressure for {self._missed} cycles"))
         return faults

@@ -12,11 +12,10 @@ from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.emulated_i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 from soro_core.hardware.board.ports import Ports
 from soro_core.hardware.emulation.air import Air
-from soro_core.hardware.emulation.devices import EmulatedDevices, Line
-from soro_core.hardware.port import Array
+from soro_core.hardware.emulation.ports import ServedPorts
 
 
-class EmulatedBoard(EmulatedDevices):
+class EmulatedBoard(ServedPorts):
     """Board, chips and air of a platform.
 
     In lockstep every SET, once it is answered, advances everything by one cycle period.
@@ -31,14 +30,10 @@ class EmulatedBoard(EmulatedDevices):
         Seed of the sensor noise.
     """
 
-    transport = "tcp"
-
     def __init__(self, platform: BoardPlatform, lockstep: bool, seed: int = 0) -> None:
         self.platform, self._lockstep = platform, lockstep
-        self.line = BoardLine(self)
-        super().__init__((self.line,), platform.emulation.step_s)
+        super().__init__([valve.port for valve in platform.valves], platform.emulation.step_s)
         self._period_ns = round(1e9 / platform.cycle_hz)
-        self._valves = [valve.port for valve in platform.valves]
         self._full_scale_v = platform.board.dac_full_scale_v
         self.dacs = [EmulatedMcp4725() for _ in platform.ports]
         self.adcs = [EmulatedAds1015(self._sensor(n)) for n in range(len(platform.ports))]
@@ -53,22 +48,11 @@ class EmulatedBoard(EmulatedDevices):
 
     def connect_faults(self, chambers: tuple[str, ...], seed: int) -> None:
         super().connect_faults(chambers, seed)
-        self.faults.supported |= {"reboot", "brownout", "mute"}
-        ports = dict(zip(chambers, self._valves, strict=True))
+        self.faults.supported |= {"reboot", "brownout"}
+        ports = dict(zip(chambers, self._ports, strict=True))
         self.faults.on_start["reboot"] = lambda fault: self.power_cycle()
         self.faults.on_start["brownout"] = lambda fault: self.power(ports[fault.chamber], False)
         self.faults.on_end["brownout"] = lambda fault: self.power(ports[fault.chamber], True)
-        self.faults.on_start["mute"] = lambda fault: self.line.mute(True)
-        self.faults.on_end["mute"] = lambda fault: self.line.mute(False)
-
-    def air_chambers(self, chambers: tuple[str, ...]) -> tuple[str, ...]:
-        named = dict(zip(self._valves, chambers, strict=True))
-        return tuple(named.get(port, "") for port in range(len(self.air.pressure_pa)))
-
-    @property
-    def pressure_pa(self) -> Array:
-        """True pressures [Pa gauge] of the chambers; ports without one are left out."""
-        return self.air.pressure_pa[self._valves]
 
     def power_cycle(self) -> None:
         """Take the power of the whole board away and give it back: the host's connection ends."""
@@ -113,6 +97,10 @@ class EmulatedBoard(EmulatedDevices):
         if self._lockstep and self.board.set_points != before:
             self.tick(self.now_ns + self._period_ns)
 
+    def connected(self, has_host: bool) -> None:
+        if not has_host:
+            self.board.host_gone(self.now_ns)
+
     def _boot(self) -> Board:
         self._boots += 1
         ports = Ports(self.platform, self.buses.__getitem__, self._settle)
@@ -135,29 +123,6 @@ class EmulatedBoard(EmulatedDevices):
     def _sensor(self, port: int) -> Callable[[], float]:
         scale, divider = self.platform.scale_of(port), self.platform.board.adc_divider
         return lambda: scale.sensor_volts(self.air.reading_pa(port)) / divider
-
-
-class BoardLine(Line):
-    """The connection of the emulated board's host."""
-
-    def __init__(self, devices: EmulatedBoard) -> None:
-        super().__init__()
-        self._devices, self._mute = devices, False
-
-    def mute(self, on: bool) -> None:
-        """Keep everything from the host."""
-        self._mute = on
-
-    def put(self, chunk: bytes) -> None:
-        if not self._mute:
-            super().put(chunk)
-
-    def take(self, chunk: bytes) -> None:
-        self._devices.take(chunk)
-
-    def connected(self, has_host: bool) -> None:
-        if not has_host:
-            self._devices.board.host_gone(self._devices.now_ns)
 
 
 def emulate(platform: BoardPlatform, lockstep: bool, seed: int) -> EmulatedBoard:

@@ -18,7 +18,7 @@ def cycle_bits(platform: CanopenPlatform) -> int:
     12 nodes with PDOs of 4 bytes take 2335 bits, 3 nodes with PDOs of 8 bytes 865.
     """
     device = describe(platform.canopen.mapping)
-    nodes = len({valve.node for valve in platform.valves})
+    nodes = len(platform.nodes)
     return nodes * _cyclic_bits(device) + frame_bits(frames.SYNC)
 
 
@@ -38,7 +38,7 @@ def _bits(pdo: Pdo) -> int:
 def serial_rate_hz(platform: CanopenPlatform, serial_baud: int) -> float:
     """Rate that an slcan adapter's serial line allows, ten bits a character: answers come after SYNC."""
     device = describe(platform.canopen.mapping)
-    nodes = len({valve.node for valve in platform.valves})
+    nodes = len(platform.nodes)
     sent = nodes * sum(_characters(pdo) for pdo in device.rpdos if pdo.cyclic) + len(encode(frames.SYNC))
     received = nodes * sum(_characters(pdo) for pdo in device.tpdos if pdo.cyclic)
     return serial_baud / (10 * (sent + received))

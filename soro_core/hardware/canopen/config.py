@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from soro_core.config import Strict
 from soro_core.hardware.canopen.mapping import DeviceMapping, default_mapping
-from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
 from soro_core.hardware.transport.config import Transport
 
 
@@ -19,13 +18,13 @@ class CanopenValve(ValveBase):
     channel: int = Field(0, ge=0, le=15, description="regulator of a node that has several")
 
 
-class CanopenOptions(Strict):
+class CanopenOptions(Freshness):
     """Times and identities of CANopen; the defaults suit control rates of 50 Hz and more."""
 
     master_node: int = Field(
         127, ge=1, le=127, description="node id under which the driver sends its heartbeat"
     )
-    heartbeat_s: float = Field(0.025, ge=0.005, le=1, description="heartbeat period, both ways")
+    heartbeat_s: float = Field(0.025, ge=0.005, le=1, description="heartbeat period, both ways; guard time")
     heartbeat_consumer_s: float = Field(
         0.1, ge=0.01, le=5, description="silence after which the other side is lost"
     )
@@ -37,10 +36,14 @@ class CanopenOptions(Strict):
         0.5, gt=0, le=5, description="time from first set point to state ACTIVE"
     )
     status_s: float = Field(
-        0.1, ge=0.01, le=1, description="period of status words that a device sends by event"
+        0.1, ge=0.01, le=1, description="period of what a device sends by event: status words, supply"
     )
-    stale_cycles: int = Field(3, ge=1, le=100, description="missed readings in a row that make a fault")
-    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
+
+    @property
+    def life_time_factor(self) -> int:
+        """Guard times without a question or an answer after which a guarded node or its host is lost."""
+        return min(round(self.heartbeat_consumer_s / self.heartbeat_s), 255)
+
     mapping: DeviceMapping = Field(
         default_factory=default_mapping, description="objects and PDOs of the devices"
     )
@@ -70,6 +73,9 @@ class CanopenEmulation(EmulationBase):
     full_scale_pa: float = Field(
         100e3, gt=0, le=2e6, description="pressure at 16384 counts, for normalised [Pa]"
     )
+    supply_pa: float = Field(
+        150e3, ge=0, le=5e6, description="supply pressure that they report, at least 60 kPa above the range"
+    )
 
 
 class CanopenPlatform(PlatformBase):
@@ -85,6 +91,14 @@ class CanopenPlatform(PlatformBase):
     def device(self) -> str | None:
         return self.transport.address
 
+    @property
+    def nodes(self) -> dict[int, dict[int, str]]:
+        """For each node the chambers of its channels."""
+        nodes: dict[int, dict[int, str]] = {}
+        for valve in self.valves:
+            nodes.setdefault(valve.node, {})[valve.channel] = valve.chamber
+        return nodes
+
     @model_validator(mode="after")
     def _consistent(self) -> CanopenPlatform:
         nodes = [valve.node for valve in self.valves]
@@ -96,6 +110,8 @@ class CanopenPlatform(PlatformBase):
             raise ValueError(f"valves: each {twice} twice")
         if max(valve.channel for valve in self.valves) >= channels:
             raise ValueError(f"valves: channel 0 to {channels - 1}, of as many as the mapping has")
+        if self.canopen.mapping.guarding and self.transport.kind == "socketcand":
+            raise ValueError("canopen.mapping.guarding: not over socketcand, which has no remote frames")
         times, period = self.canopen, 1.0 / self.cycle_hz
         if times.master_node in nodes:
             raise ValueError(f"canopen.master_node: a node id that no valve has, not {times.master_node}")

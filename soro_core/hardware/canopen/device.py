@@ -9,6 +9,8 @@ from soro_core.errors import ConfigError
 from soro_core.hardware.canopen.cia408 import (
     CONSUMER_HEARTBEAT,
     CYCLE_PERIOD,
+    GUARD_TIME,
+    LIFE_TIME_FACTOR,
     PRODUCER_HEARTBEAT,
     RPDO_COMMUNICATION,
     RPDO_MAPPING,
@@ -40,7 +42,7 @@ class Object:
 
 @dataclass(frozen=True)
 class Slot:
-    """One place of a PDO: ``setpoint``, ``control``, ``reading``, ``status`` or ``constant``."""
+    """One place of a PDO and its `kind`, as `mapping.slot` names it."""
 
     kind: str
     channel: int
@@ -63,6 +65,11 @@ class Pdo:
     def cyclic(self) -> bool:
         """Whether it carries set points or readings; control and status words alone need no cycle."""
         return any(s.kind in ("setpoint", "reading") for s in self.slots)
+
+    @property
+    def on_change(self) -> bool:
+        """Whether it goes out as soon as a value changes, if by event; others only from time to time."""
+        return any(s.kind == "status" for s in self.slots)
 
     @property
     def communication(self) -> int:
@@ -94,14 +101,19 @@ class Device:
         return self.mapping.control is not None
 
     @property
+    def is_guarded(self) -> bool:
+        """Whether host and device watch each other by node guarding, so not by heartbeats."""
+        return self.mapping.guarding
+
+    @property
     def has_producer(self) -> bool:
         """Whether it sends heartbeats."""
-        return (PRODUCER_HEARTBEAT, 0) in self.entries
+        return (PRODUCER_HEARTBEAT, 0) in self.entries and not self.is_guarded
 
     @property
     def has_consumer(self) -> bool:
         """Whether it watches the host's heartbeat."""
-        return (CONSUMER_HEARTBEAT, 1) in self.entries
+        return (CONSUMER_HEARTBEAT, 1) in self.entries and not self.is_guarded
 
     @property
     def has_cycle_period(self) -> bool:
@@ -115,10 +127,14 @@ class Device:
     @property
     def has_watchdog(self) -> bool:
         """Whether it vents by itself when the host falls silent."""
-        return self.has_consumer or any(self.has_deadline(pdo) for pdo in self.rpdos if pdo.cyclic)
+        return (
+            self.has_consumer
+            or self.is_guarded
+            or any(self.has_deadline(pdo) for pdo in self.rpdos if pdo.cyclic)
+        )
 
     def find(self, kind: str, channel: int) -> Object | None:
-        """Object of one channel (setpoint, reading, control, status, one of the limits); None without it."""
+        """Object of one channel (setpoint, reading, control, status, ...), or supply; None without it."""
         address = self.mapping.address(kind, channel)
         return None if address is None else self.object(address)
 
@@ -158,6 +174,10 @@ def describe(mapping: DeviceMapping) -> Device:
             address = mapping.address(kind, channel)
             if address is not None:
                 _check(mapping, entries, kind, address, writable)
+    for index in (GUARD_TIME, LIFE_TIME_FACTOR) if mapping.guarding else ():
+        _check(mapping, entries, "guarding", ObjectAddress(index=index), writable=True)
+    if mapping.supply is not None:
+        _check(mapping, entries, "supply", mapping.supply, writable=False)
     for setting in mapping.settings:
         for channel in range(mapping.channels):
             _check(mapping, entries, "settings", mapping.of_channel(setting, channel), writable=True)
@@ -185,7 +205,7 @@ def _pdo(mapping: DeviceMapping, entries: dict[Key, Entry], given: PdoMapping, r
     objects, slots = [], []
     for item in given.entries:
         kind, channel = slot(item)
-        address = item if isinstance(item, Setting) else mapping.address(kind, channel)
+        address = item if isinstance(item, ObjectAddress) else mapping.address(kind, channel)
         assert address is not None, "a mapping has an address for each of its entries"
         entry = _check(mapping, entries, key, address, writable=receive)
         if not entry.mappable:

@@ -26,6 +26,6 @@ class Dispatch:
             node, pdo = answer
             node.on_tpdo(pdo, frame.data, now_ns, in_cycle)
         elif found := self._heartbeats.get(frame.can_id):
-            found.on_heartbeat(frame.data, now_ns)
+            found.on_state(frame.data, now_ns)
         elif found := self._emergencies.get(frame.can_id):
             found.on_emergency(frame.data)

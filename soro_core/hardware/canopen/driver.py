@@ -23,6 +23,7 @@ from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.device import describe
 from soro_core.hardware.canopen.dispatch import Dispatch
 from soro_core.hardware.canopen.frames import NmtCommand, NmtState
+from soro_core.hardware.canopen.guarding import Guarding
 from soro_core.hardware.canopen.monitor import NodeMonitor
 from soro_core.hardware.canopen.probe import probe
 from soro_core.hardware.canopen.sdo_client import SdoClient
@@ -67,15 +68,14 @@ class CanopenRegulator(Regulator):
         self._link = CanLink(open_bus)
         self.device = describe(platform.canopen.mapping)
         self.device_watchdog = self.device.has_watchdog
-        chambers: dict[int, dict[int, str]] = {}
-        for valve in platform.valves:
-            chambers.setdefault(valve.node, {})[valve.channel] = valve.chamber
-        self._nodes = [NodeMonitor(node, self.device, of_node) for node, of_node in chambers.items()]
+        self._nodes = [NodeMonitor(node, self.device, of_node) for node, of_node in platform.nodes.items()]
         self._setpoints = Setpoints(platform, self._nodes)
         self._dispatch = Dispatch(self._nodes, self.device)
         self._configured = self._closed = False
         self._heartbeat_ns: int | None = None
         self._guard = BusGuard(self._link, clock)
+        self._own_heartbeat = frames.heartbeat(platform.canopen.master_node, NmtState.OPERATIONAL)
+        self._guarding = Guarding(self._nodes, platform.canopen.heartbeat_s)
         self._cycles = self._lost = 0
         self.now_ns = 0
 
@@ -124,8 +124,7 @@ class CanopenRegulator(Regulator):
         for node in self._nodes:
             node.restart()
         clients = [self.client(node) for node in self._nodes]
-        times = self.platform.canopen
-        link = self._link
+        times, link = self.platform.canopen, self._link
         # A node that runs on from a former session stops exchanging values, and vents.
         link.send([frames.nmt(NmtCommand.PRE_OPERATIONAL, node.node) for node in self._nodes])
         for client in clients:
@@ -161,6 +160,7 @@ class CanopenRegulator(Regulator):
             pressure_pa=np.array([channel.pressure_pa for channel in self._setpoints.channels]),
             fresh=np.array([channel.fresh for channel in self._setpoints.channels]),
             faults=(*refused, *faults),
+            supply_pa=None if self.device.mapping.supply is None else self._setpoints.supply_pa(),
         )
 
     def vent(self) -> None:
@@ -172,7 +172,7 @@ class CanopenRegulator(Regulator):
             with contextlib.suppress(HardwareError):
                 self._drain()
             with contextlib.suppress(HardwareError):
-                self._link.send([self.own_heartbeat(), *self._setpoints.zeros(repeat=True), frames.SYNC])
+                self._link.send([*self.signs_of_life(), *self._setpoints.zeros(repeat=True), frames.SYNC])
 
     def close(self) -> None:
         if self._closed:
@@ -211,9 +211,9 @@ class CanopenRegulator(Regulator):
             retries=times.sdo_retries,
         )
 
-    def own_heartbeat(self) -> Frame:
-        """Heartbeat of the host."""
-        return frames.heartbeat(self.platform.canopen.master_node, NmtState.OPERATIONAL)
+    def signs_of_life(self) -> list[Frame]:
+        """Heartbeat of the host, and its questions to the nodes that are guarded."""
+        return [self._own_heartbeat, *self._guarding.all()]
 
     def send(self, messages: list[Frame]) -> None:
         """Send frames."""
@@ -222,8 +222,7 @@ class CanopenRegulator(Regulator):
     def wait(self, until_s: float) -> None:
         """Take frames until a time of the clock."""
         while (left := until_s - self.clock()) > 0:
-            frame = self._link.receive(left)
-            if frame is not None:
+            if (frame := self._link.receive(left)) is not None:
                 self._on_frame(frame, in_cycle=False)
 
     # -- a cycle -----------------------------------------------------------------------------------
@@ -262,17 +261,17 @@ class CanopenRegulator(Regulator):
 
     def _transact(self, rpdos: Callable[[bool], list[Frame]]) -> None:
         """RPDOs and SYNC out, TPDOs in; with the heartbeat everything goes out, changed or not."""
-        link = self._link
         for node in self._nodes:
             node.begin_cycle(self.now_ns)
         period_ns = round(self.platform.canopen.heartbeat_s * 1e9)
         due = self._heartbeat_ns is None or self.now_ns - self._heartbeat_ns >= period_ns
         if due:
             self._heartbeat_ns = self.now_ns
-        link.send([*([self.own_heartbeat()] if due else ()), *rpdos(due), frames.SYNC])
+        signs = [*([self._own_heartbeat] if due else ()), *self._guarding.due(self.now_ns)]
+        self._link.send([*signs, *rpdos(due), frames.SYNC])
         start = self.clock()
         while waiting := [node for node in self._nodes if node.awaited and not node.gone]:
-            frame = link.receive(max(start + self._budget_s(waiting) - self.clock(), 0.0))
+            frame = self._link.receive(max(start + self._budget_s(waiting) - self.clock(), 0.0))
             if frame is None:
                 return
             self._on_frame(frame, in_cycle=True)

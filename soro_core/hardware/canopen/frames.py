@@ -113,6 +113,16 @@ def heartbeat(node: int, state: NmtState) -> Frame:
     return Frame(HEARTBEAT_BASE + node, bytes((state,)))
 
 
+def guard(node: int) -> Frame:
+    """Question for a node's state (node guarding)."""
+    return Frame(HEARTBEAT_BASE + node, remote=True, length=1)
+
+
+def guarded(node: int, state: NmtState, toggle: int) -> Frame:
+    """The node's answer; bit 7 is its toggle, 0 or 1."""
+    return Frame(HEARTBEAT_BASE + node, bytes((toggle << 7 | state,)))
+
+
 def emergency(node: int, code: int, register: int, manufacturer: bytes = bytes(5)) -> Frame:
     """Emergency message."""
     return Frame(EMCY_BASE + node, struct.pack("<HB5s", code, register, manufacturer))

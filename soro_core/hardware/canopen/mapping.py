@@ -18,7 +18,7 @@ from soro_core.errors import ConfigError
 DEFAULT_DEVICE = "cia408"
 PDO_NUMBERS = 4  # those with predefined identifiers
 
-_ENTRY = re.compile(r"(setpoint|control|reading|status)(?:\.(\d+))?")
+_ENTRY = re.compile(r"(setpoint|control|reading|status)(?:\.(\d+))?|(supply)")
 
 
 class ObjectAddress(Strict):
@@ -34,20 +34,22 @@ class Setting(ObjectAddress):
     value: int
 
 
-Entry: TypeAlias = str | Setting
+Entry: TypeAlias = str | Setting | ObjectAddress
 
 
 class PdoMapping(Strict):
     """One PDO, in the order of its entries.
 
     An entry is ``setpoint``, ``control`` (RPDO), ``reading`` or ``status`` (TPDO), with ``.1`` and so on for
-    further channels, or in an RPDO an object with a constant value.
+    further channels; ``supply`` (TPDO), of the whole node; or an object: in an RPDO with a constant value, in
+    a TPDO passed over.
     """
 
     number: int = Field(ge=1, le=PDO_NUMBERS, description="which of the predefined PDOs")
     entries: Annotated[tuple[Entry, ...], Field(strict=False, min_length=1, max_length=8)]
     transmission: Literal["sync", "event"] = Field(
-        "sync", description="with every SYNC, or by the device when a value changes"
+        "sync",
+        description="with every SYNC, or by the device: state words when one changes, all from time to time",
     )
     fixed: bool = Field(False, description="the device's map cannot be written: it is compared only")
 
@@ -55,7 +57,8 @@ class PdoMapping(Strict):
     def _known(self) -> PdoMapping:
         for entry in self.entries:
             if isinstance(entry, str) and not _ENTRY.fullmatch(entry):
-                raise ValueError(f"entries: setpoint, control, reading or status, or setpoint.1, not {entry}")
+                known = "setpoint, control, reading, status or supply, or setpoint.1"
+                raise ValueError(f"entries: {known}, not {entry}")
         return self
 
 
@@ -64,6 +67,10 @@ class Linear(Strict):
 
     pa_per_count: float = Field(gt=0, le=1e5)
     zero_count: int = Field(0, ge=-(2**31), lt=2**31, description="count at 0 Pa gauge")
+
+
+class SupplyObject(ObjectAddress, Linear):
+    """Pressure [Pa gauge] that a node gets from its supply."""
 
 
 class DeviceScaling(Strict):
@@ -89,6 +96,9 @@ class DeviceMapping(Strict):
     device: str = Field(description="name of the shipped mapping that this one is based on")
     eds: str = Field(description="EDS file: a path, or the name of one in config/canopen")
     profile: int | None = Field(None, ge=0, le=0xFFFF, description="low word of object 1000; none for any")
+    guarding: bool = Field(
+        False, description="node guarding (100C, 100D) in place of heartbeats, for devices without them"
+    )
     channels: int = Field(1, ge=1, le=16, description="regulators in one node")
     channel_offset: int = Field(
         0x800, ge=1, le=0x1000, description="from an object of one channel to that of the next"
@@ -102,6 +112,9 @@ class DeviceMapping(Strict):
     hold_setpoint: ObjectAddress | None = Field(None, description="set point in state HOLD; 0 is written")
     upper_limit: ObjectAddress | None = Field(None, description="the platform's range is written there")
     lower_limit: ObjectAddress | None = None
+    supply: SupplyObject | None = Field(
+        None, description="supply pressure; the devices of a node have one supply"
+    )
     settings: Annotated[tuple[Setting, ...], Field(strict=False)] = Field(
         (), description="written at start-up to every channel where the device has another value"
     )
@@ -122,24 +135,25 @@ class DeviceMapping(Strict):
             raise ValueError("control and status: both, or none of them")
         for pdos, kinds in (
             (self.rpdos, {"setpoint": self.setpoint, "control": self.control}),
-            (self.tpdos, {"reading": self.reading, "status": self.status}),
+            (self.tpdos, {"reading": self.reading, "status": self.status, "supply": self.supply}),
         ):
             numbers = [pdo.number for pdo in pdos]
             if len(set(numbers)) < len(numbers):
                 raise ValueError("rpdos, tpdos: each number once")
             found = [slot(entry) for pdo in pdos for entry in pdo.entries]
-            given = sorted((kind, channel) for kind, channel in found if kind != "constant")
+            given = sorted((kind, channel) for kind, channel in found if kind not in ("constant", "other"))
             wanted = sorted(
                 (kind, channel)
                 for kind, address in kinds.items()
                 if address is not None
-                for channel in range(self.channels)
+                for channel in range(1 if kind == "supply" else self.channels)
             )
             if given != wanted:
                 names = ", ".join(f"{kind}.{channel}" for kind, channel in wanted)
                 raise ValueError(f"rpdos, tpdos: each of {names} in one PDO, once")
-        if any(slot(entry)[0] == "constant" for pdo in self.tpdos for entry in pdo.entries):
-            raise ValueError("tpdos: reading and status only")
+        for key, pdos, wrong in (("rpdos", self.rpdos, "other"), ("tpdos", self.tpdos, "constant")):
+            if any(slot(entry)[0] == wrong for pdo in pdos for entry in pdo.entries):
+                raise ValueError(f"{key}: objects {'with' if key == 'rpdos' else 'without'} a value")
         for pdo in (*self.rpdos, *self.tpdos):
             if pdo.transmission == "event" and {"setpoint", "reading"} & {slot(e)[0] for e in pdo.entries}:
                 raise ValueError("rpdos, tpdos: set points and readings go with SYNC")
@@ -172,9 +186,12 @@ class DeviceMapping(Strict):
 
 
 def slot(entry: Entry) -> tuple[str, int]:
-    """Kind and channel of a PDO's entry; ``constant`` for a fixed value."""
-    match = None if isinstance(entry, Setting) else _ENTRY.fullmatch(entry)
-    return ("constant", 0) if match is None else (match[1], int(match[2] or 0))
+    """Kind and channel of a PDO's entry; ``constant`` for a fixed value, ``other`` for one passed over."""
+    if isinstance(entry, ObjectAddress):
+        return ("constant" if isinstance(entry, Setting) else "other"), 0
+    match = _ENTRY.fullmatch(entry)
+    assert match is not None, "checked with the mapping"
+    return match[1] or match[3], int(match[2] or 0)
 
 
 def shipped_mapping(name: str) -> dict[str, Any]:

@@ -9,13 +9,14 @@ from soro_core.hardware.canopen import frames
 from soro_core.hardware.canopen.cia408 import Control, State, state_of
 from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.device import Device, Pdo
-from soro_core.hardware.canopen.frames import NmtState
+from soro_core.hardware.canopen.frames import EmcyCode, NmtState
 from soro_core.hardware.canopen.pdo import signed
 from soro_core.hardware.canopen.startup import Scaling
 from soro_core.hardware.port import Fault
 from soro_core.hardware.transport.frame import Frame
 
-_GONE = frozenset({"rebooted", "left_operational", "heartbeat_lost"})
+_SUPPLY_PERIODS = 5
+_GONE = frozenset({"rebooted", "left_operational", "heartbeat_lost", "guard_lost"})
 
 
 @dataclass
@@ -36,12 +37,14 @@ class ChannelMonitor:
     read_ns: int | None = None
     status_ns: int | None = None
     requested_ns: int | None = None
+    after: str = ""  # what the node has said of itself, for texts
     latched: dict[str, Fault] = field(default_factory=dict)
 
     def restart(self) -> None:
         """Forget everything but the last pressure, before the node is configured."""
         self.scaling, self.status, self.fresh, self.missed, self.active = None, None, False, 0, False
         self.read_ns = self.status_ns = self.requested_ns = None
+        self.after = ""
         self.latched.clear()
 
     def stand_down(self) -> None:
@@ -58,8 +61,7 @@ class ChannelMonitor:
         faults = list(self.latched.values())
         if not self.fresh:
             self.missed += 1
-            age_ns = now_ns - (self.read_ns or now_ns)
-            if self.missed >= times.stale_cycles or age_ns >= times.stale_s * 1e9:
+            if times.is_stale(self.missed, now_ns - (self.read_ns or now_ns)):
                 faults.append(Fault("stale_reading", self.source, f"no pressure for {self.missed} cycles"))
         return faults
 
@@ -86,7 +88,7 @@ class ChannelMonitor:
             self._latch("not_active", f"stays in {state.value[0]}")
 
     def _latch(self, code: str, message: str) -> None:
-        self.latched.setdefault(code, Fault(code, self.source, message, latched=True))
+        self.latched.setdefault(code, Fault(code, self.source, message + self.after, latched=True))
 
 
 class NodeMonitor:
@@ -124,7 +126,11 @@ class NodeMonitor:
         self.awaited: set[int] = set()  # cyclic TPDOs that have not come in this cycle
         self.missed = self.late = self.garbled = self.emergencies = 0
         self.heard_ns: int | None = None
+        self._answer: int | None = None  # last state and toggle
+        self.supply_pa = math.nan
+        self._supply_ns: int | None = None
         self._latched: dict[str, Fault] = {}
+        self._supply = device.mapping.supply
         self._cyclic = frozenset(pdo.number for pdo in device.tpdos if pdo.cyclic)
         self._sent: dict[int, bytes] = {}
 
@@ -141,6 +147,8 @@ class NodeMonitor:
     def restart(self) -> None:
         """Forget everything but counts and the last pressures, before the node is configured."""
         self.configured, self._running, self.missed, self.heard_ns = False, False, 0, None
+        self.supply_pa, self._supply_ns = math.nan, None
+        self._answer = None
         self._latched.clear()
         self._sent.clear()
         for channel in self.channels:
@@ -154,7 +162,7 @@ class NodeMonitor:
         """Start a cycle; the time limits begin with the first one."""
         self.awaited = set(self._cyclic)
         if not self._running:
-            self._running, self.heard_ns = True, now_ns
+            self._running, self.heard_ns, self._supply_ns = True, now_ns, now_ns
         for channel in self.channels:
             channel.fresh = False
             if channel.read_ns is None:
@@ -185,6 +193,12 @@ class NodeMonitor:
             self.garbled += 1
             return
         for s, mapped, raw in zip(pdo.slots, pdo.layout.objects, pdo.layout.unpack(data), strict=True):
+            if s.kind == "supply" and self._supply is not None:
+                value = signed(raw, mapped.bits) if s.is_signed else raw
+                self.supply_pa = (value - self._supply.zero_count) * self._supply.pa_per_count
+                self._supply_ns = now_ns
+            if s.kind not in ("status", "reading"):
+                continue
             channel = self._by_channel.get(s.channel)
             if channel is None or channel.scaling is None:
                 continue
@@ -199,27 +213,35 @@ class NodeMonitor:
         elif self.missed and pdo.cyclic:
             self.late += 1
 
-    def on_heartbeat(self, data: bytes, now_ns: int) -> None:
-        """Take the node's heartbeat or boot-up."""
-        if len(data) != 1:
+    def on_state(self, data: bytes, now_ns: int) -> None:
+        """Take the node's boot-up, heartbeat, or answer to guarding."""
+        if len(data) != 1 or (data[0] == self._answer and self.device.is_guarded):  # the toggle must change
             self.garbled += 1
             return
-        self.heard_ns = now_ns
+        self.heard_ns, state = now_ns, data[0] & 0x7F
+        self._answer = data[0] if data[0] != NmtState.BOOT_UP else None
         if not self.configured:
             return
         if data[0] == NmtState.BOOT_UP:
             self._latch("rebooted", "booted again and lost its configuration")
-        elif data[0] & 0x7F != NmtState.OPERATIONAL:
-            self._latch("left_operational", f"communication state 0x{data[0]:02X}")
+        elif state != NmtState.OPERATIONAL:
+            self._latch("left_operational", f"communication state 0x{state:02X}{self.channels[0].after}")
 
     def on_emergency(self, data: bytes) -> None:
-        """Take the node's emergency; code 0 says that an error is over and changes nothing here."""
+        """Take the node's emergency.
+
+        Code 0 says that an error is over, 8140 that a controller is back on the bus: no fault by itself, and
+        no end of one. What was missed meanwhile is one, and only the start-up ends that.
+        """
         parsed = frames.parse_emergency(data)
         if parsed is None:
             self.garbled += 1
         elif parsed.code != 0:
             self.emergencies += 1
-            if self.configured:
+            if parsed.code == EmcyCode.BUS_OFF_RECOVERED:
+                for channel in self.channels:
+                    channel.after = " after its controller was off the bus"
+            elif self.configured:
                 self._latch("emergency", f"emergency {frames.emergency_text(parsed.code)}")
 
     def end_cycle(self, now_ns: int, asked_active: bool, platform: CanopenPlatform) -> list[Fault]:
@@ -228,11 +250,22 @@ class NodeMonitor:
         silent = self.heard_ns is not None and now_ns - self.heard_ns > round(limit_s * 1e9)
         if silent and self.device.has_producer:
             self._latch("heartbeat_lost", f"not heard for {limit_s * 1e3:.0f} ms")
+        elif silent and self.device.is_guarded:
+            self._latch("guard_lost", f"no answer to node guarding for {limit_s * 1e3:.0f} ms")
         self.missed = self.missed + 1 if self.awaited else 0
-        faults = list(self._latched.values())
+        faults = [*self._latched.values(), *self._stale_supply(now_ns, platform.canopen.status_s)]
         for channel in self.channels:
             faults += channel.end_cycle(now_ns, asked_active, platform)
         return faults
+
+    def _stale_supply(self, now_ns: int, period_s: float) -> list[Fault]:
+        """A supply pressure that comes no more would make its monitor blind."""
+        if self._supply is None or self._supply_ns is None:
+            return []
+        age_s = (now_ns - self._supply_ns) * 1e-9
+        if age_s < _SUPPLY_PERIODS * period_s:
+            return []
+        return [Fault("stale_reading", self.source, f"no supply pressure for {age_s * 1e3:.0f} ms")]
 
     def _zero_count(self) -> int:
         scaling = self.channels[0].scaling

@@ -97,7 +97,7 @@ def check_serial(device: str, platform: CanopenPlatform) -> Iterator[Finding]:
 def check_queue(length: int, platform: CanopenPlatform, device: Device) -> Finding:
     """Transmit queue of a kernel interface against the frames that a cycle sends at once."""
     assert isinstance(platform.transport, SocketcanTransport)
-    burst = len({valve.node for valve in platform.valves}) * len(device.rpdos) + 2  # heartbeat and SYNC
+    burst = len(platform.nodes) * len(device.rpdos) + 2  # heartbeat and SYNC
     found = f"{length} frames, a cycle sends {burst} at once"
     if length < burst:
         advice = f"`sudo ip link set {platform.transport.channel} txqueuelen {max(2 * burst, 64)}`"
@@ -108,11 +108,12 @@ def check_queue(length: int, platform: CanopenPlatform, device: Device) -> Findi
 def check_watchdogs(device: Device) -> Finding:
     """Which watchdogs the device description has."""
     deadline = any(device.has_deadline(pdo) for pdo in device.rpdos if pdo.cyclic)
-    have = [
-        name
-        for name, there in (("heartbeat consumer", device.has_consumer), ("set point deadline", deadline))
-        if there
-    ]
+    known = {
+        "heartbeat consumer": device.has_consumer,
+        "node guarding": device.is_guarded,
+        "set point deadline": deadline,
+    }
+    have = [name for name, there in known.items() if there]
     if not have:
         advice = "give the maker's EDS as canopen.mapping.eds if the device has one"
         return Finding("watchdogs of the device", "warn", "none in the EDS", advice)

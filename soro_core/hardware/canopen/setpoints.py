@@ -69,6 +69,11 @@ class Setpoints:
             channel.stand_down()
         return rpdos
 
+    def supply_pa(self) -> Array:
+        """Supply pressure [Pa gauge] of each channel's node, NaN before the first report."""
+        supply_pa = {node.node: node.supply_pa for node in self._nodes}
+        return np.array([supply_pa[node] for node, _ in self._places])
+
     def _rpdos(
         self, control: Callable[[ChannelMonitor], Control], counts: Sequence[int], repeat: bool
     ) -> list[Frame]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import CONSUMER_HEARTBEAT, Control
+from soro_core.hardware.canopen.cia408 import CONSUMER_HEARTBEAT, LIFE_TIME_FACTOR, Control
 from soro_core.hardware.canopen.frames import NmtCommand
 from soro_core.hardware.canopen.sdo_client import SdoError
 from soro_core.hardware.port import Array
@@ -57,8 +57,10 @@ def bring_down(driver: CanopenRegulator) -> None:
     clients = driver.clients()
     driver.send([frames.nmt(NmtCommand.PRE_OPERATIONAL, node) for node, _ in clients])
     for node, client in clients:
-        driver.send([driver.own_heartbeat()])
-        if driver.device.has_consumer:
-            with contextlib.suppress(SdoError):
+        driver.send(driver.signs_of_life())
+        with contextlib.suppress(SdoError):
+            if driver.device.has_consumer:
                 client.write(CONSUMER_HEARTBEAT, 1, 0, 4)
+            if driver.device.is_guarded:
+                client.write(LIFE_TIME_FACTOR, 0, 0, 1)
         driver.send([frames.nmt(NmtCommand.STOP, node)])

@@ -16,7 +16,7 @@ from soro_core.hardware.canopen.mapping import PDO_NUMBERS, FixedScaling, Linear
 from soro_core.hardware.canopen.sdo_client import SdoAbortError, SdoClient
 
 _EVERY_SYNC, _BY_DEVICE = 1, 255
-_INHIBIT = 20  # 2 ms in units of 0.1 ms: a status that flickers must not fill the bus
+_INHIBIT_MS = 2  # a status that flickers must not fill the bus
 _BOOT_POLL_S = 0.1
 
 
@@ -146,6 +146,12 @@ def _set_watchdogs(sdo: SdoClient, platform: CanopenPlatform, device: Device) ->
     if device.has_consumer:
         consumer = times.master_node << 16 | round(times.heartbeat_consumer_s * 1e3)
         sdo.write_checked(cia408.CONSUMER_HEARTBEAT, 1, consumer, 4)
+    if device.is_guarded:
+        sdo.step = "node guarding"
+        if (cia408.PRODUCER_HEARTBEAT, 0) in device.entries:  # never both at once (CiA 301)
+            sdo.write_checked(cia408.PRODUCER_HEARTBEAT, 0, 0, 2)
+        sdo.write_checked(cia408.GUARD_TIME, 0, round(times.heartbeat_s * 1e3), 2)
+        sdo.write_checked(cia408.LIFE_TIME_FACTOR, 0, times.life_time_factor, 1)
     sdo.step = "set point deadline"
     for pdo in device.rpdos:
         if pdo.cyclic and device.has_deadline(pdo):
@@ -231,7 +237,8 @@ def _map(sdo: SdoClient, pdo: Pdo, node: int, event_ms: int) -> None:
         sdo.write_checked(mapping, 0, count, 1)
     sdo.write_checked(communication, 2, _BY_DEVICE if pdo.event else _EVERY_SYNC, 1)
     if pdo.event:
-        sdo.write_checked(communication, 3, _INHIBIT, 2)
+        inhibit_ms = _INHIBIT_MS if pdo.on_change else event_ms
+        sdo.write_checked(communication, 3, 10 * inhibit_ms, 2)  # in units of 0.1 ms
         sdo.write_checked(communication, 5, event_ms, 2)
     sdo.write(communication, 1, cob_id, 4)
     found = sdo.read(communication, 1)

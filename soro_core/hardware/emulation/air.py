@@ -69,6 +69,10 @@ class Air:
             self._reading, self._reading_ns = sampled, self._now_ns
         return self._reading[valve]
 
+    def supply_pa(self, valve: int, supply_pa: float) -> float:
+        """What a valve has left of a supply [Pa gauge]."""
+        return min(supply_pa, self.faults.of(valve).get("supply_drop", supply_pa))
+
     def _demand(self, valve: int, demand_pa: float | None) -> float | None:
         """What a valve really follows: one that ignores its set points keeps the last, and still lets go."""
         if demand_pa is None:

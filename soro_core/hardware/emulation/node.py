@@ -9,6 +9,8 @@ from soro_core.hardware.canopen.cia408 import (
     CONSUMER_HEARTBEAT,
     ERROR_BEHAVIOUR,
     ERROR_REGISTER,
+    GUARD_TIME,
+    LIFE_TIME_FACTOR,
     PRODUCER_HEARTBEAT,
     State,
 )
@@ -38,6 +40,10 @@ class EmulatedNode:
         Behaviour of the device.
     send : callable
         Takes the frames that the node sends.
+    boot_delay_ns : int
+        Time from power-on to boot-up.
+    supply_pa : float
+        What the supply has [Pa gauge].
     """
 
     def __init__(
@@ -47,11 +53,15 @@ class EmulatedNode:
         emulation: CanopenEmulation,
         send: Callable[[Frame], None],
         boot_delay_ns: int,
+        supply_pa: float,
     ) -> None:
         self.node = node
         self.dictionary = ObjectDictionary(dict(read_eds(device.mapping.eds_path, node)))
         channels = range(device.mapping.channels)
         self.valves = [EmulatedValve(self.dictionary, device, channel, emulation) for channel in channels]
+        if (supply := device.mapping.supply) is not None:
+            self._supply, self._supply_pa = supply, supply_pa
+            self.dictionary.on_read[supply.index, supply.sub] = self._supply_counts
         self.state = NmtState.BOOT_UP
         self._send = send
         self._pdos = Pdos(self.dictionary, send)
@@ -60,7 +70,10 @@ class EmulatedNode:
         self._consumer_ns: int | None = (
             None  # time of the last heartbeat of the master; None before the first
         )
-        self.dictionary.on_write[CONSUMER_HEARTBEAT, 1] = self._restart_consumer
+        self._guarded_ns: int | None = None  # time of the last question of the master
+        self._toggle = 0
+        for key in ((CONSUMER_HEARTBEAT, 1), (GUARD_TIME, 0), (LIFE_TIME_FACTOR, 0)):
+            self.dictionary.on_write[key] = self._restart_watch
 
     @property
     def valve(self) -> EmulatedValve:
@@ -69,7 +82,10 @@ class EmulatedNode:
 
     def receive(self, frame: Frame, now_ns: int) -> None:
         """Take a frame from the bus."""
-        if frame.extended or frame.remote or self.state is NmtState.BOOT_UP:
+        if frame.extended or self.state is NmtState.BOOT_UP:
+            return
+        if frame.remote:
+            self._on_remote(frame.can_id, now_ns)
             return
         for valve in self.valves:
             valve.now_ns = now_ns
@@ -109,9 +125,11 @@ class EmulatedNode:
             # On the grid of the period, not of the polls; from now where the grid is left behind.
             self._heartbeat_sent_ns = max(self._heartbeat_sent_ns + period_ns, now_ns - period_ns)
             self._send(frames.heartbeat(self.node, self.state))
-        _, limit_ns = self._consumed()
-        if self._consumer_ns is not None and now_ns - self._consumer_ns >= limit_ns > 0:
-            self._consumer_ns = None
+        consumed, guarded = self._consumed()[1], self._life_ns()
+        silent = self._consumer_ns is not None and now_ns - self._consumer_ns >= consumed > 0
+        forgotten = self._guarded_ns is not None and now_ns - self._guarded_ns >= guarded > 0
+        if silent or forgotten:
+            self._consumer_ns = self._guarded_ns = None
             self.fault(EmcyCode.HEARTBEAT_LOST, _GENERIC | _COMMUNICATION, State.FAULT_DISABLED)
             self._communication_error()
         if self.state is NmtState.OPERATIONAL and self._pdos.poll(now_ns):
@@ -122,6 +140,17 @@ class EmulatedNode:
         reacting = [valve.fault(end) for valve in self.valves]
         if any(reacting):
             self._emergency(code, register)
+
+    def off_bus(self, now_ns: int) -> None:
+        """React to a controller that has taken itself off the bus, which nobody can be told of."""
+        for valve in self.valves:
+            valve.now_ns = now_ns
+            valve.fault(State.FAULT_DISABLED)
+        self._communication_error()
+
+    def back_on_bus(self) -> None:
+        """Report that the controller has come back; the reaction stays."""
+        self._emergency(EmcyCode.BUS_OFF_RECOVERED, _GENERIC | _COMMUNICATION)
 
     def reset(self, now_ns: int, communication_only: bool = False) -> None:
         """Start anew, as by power or by command: values not stored are lost, the valves vent."""
@@ -134,7 +163,8 @@ class EmulatedNode:
         )
         self.dictionary.reset(communication_only)
         self._pdos.reset()
-        self._consumer_ns = None
+        self._consumer_ns = self._guarded_ns = None
+        self._toggle = 0
         if self._boot_ns <= now_ns:
             self._boot_up(now_ns)
 
@@ -176,8 +206,24 @@ class EmulatedNode:
         value = self.dictionary.values.get((CONSUMER_HEARTBEAT, 1), 0)
         return value >> 16 & 0x7F, (value & 0xFFFF) * MS
 
-    def _restart_consumer(self, _: int) -> None:
-        self._consumer_ns = None
+    def _supply_counts(self) -> int:
+        left_pa = min(valve.supply_pa(self._supply_pa) for valve in self.valves)
+        return round(left_pa / self._supply.pa_per_count) + self._supply.zero_count
+
+    def _restart_watch(self, _: int) -> None:
+        self._consumer_ns = self._guarded_ns = None
+
+    def _on_remote(self, can_id: int, now_ns: int) -> None:
+        """Answer a question for the state, unless heartbeats are sent in place of it."""
+        values = self.dictionary.values
+        is_asked = can_id == frames.HEARTBEAT_BASE + self.node and (GUARD_TIME, 0) in values
+        if is_asked and not values.get((PRODUCER_HEARTBEAT, 0), 0):
+            self._send(frames.guarded(self.node, self.state, self._toggle))
+            self._toggle, self._guarded_ns = 1 - self._toggle, now_ns
+
+    def _life_ns(self) -> int:
+        values = self.dictionary.values
+        return values.get((GUARD_TIME, 0), 0) * values.get((LIFE_TIME_FACTOR, 0), 0) * MS
 
     def _emergency(self, code: int, register: int) -> None:
         self.dictionary.values[ERROR_REGISTER, 0] = register

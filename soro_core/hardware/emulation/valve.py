@@ -72,6 +72,10 @@ class EmulatedValve:
         """Put the air behind the registers."""
         self._air = (air, number)
 
+    def supply_pa(self, supply_pa: float) -> float:
+        """What it has left of a supply [Pa gauge]."""
+        return supply_pa if self._air is None else self._air[0].supply_pa(self._air[1], supply_pa)
+
     def advance(self, now_ns: int) -> None:
         """Let the pressure follow up to a time."""
         self.now_ns = now_ns

@@ -14,6 +14,7 @@ from soro_core.hardware.emulation.adapter import Adapter
 from soro_core.hardware.emulation.air import Air
 from soro_core.hardware.emulation.can_faults import OF_NODES, ON_ADAPTER_LINE, ON_FRAMES, NodeFaults
 from soro_core.hardware.emulation.devices import EmulatedDevices
+from soro_core.hardware.emulation.error_counters import ErrorCounters
 from soro_core.hardware.emulation.faults import Injection
 from soro_core.hardware.emulation.hub import Hub, Port
 from soro_core.hardware.emulation.line_faults import LineFaults
@@ -22,6 +23,8 @@ from soro_core.hardware.emulation.slcan_server import SlcanServer
 from soro_core.hardware.emulation.socketcand_server import SocketcandServer
 from soro_core.hardware.transport.frame import Frame
 
+# A healthy supply has more than the highest set point and what the supply's monitor wants beside it.
+_SUPPLY_MARGIN_PA = 60e3
 _ADAPTERS: dict[str, type[Adapter]] = {"slcan": SlcanServer, "socketcand": SocketcandServer}
 
 
@@ -56,8 +59,7 @@ class World(EmulatedDevices):
         delay_ns = 0 if lockstep else round(emulation.boot_delay_s * 1e9)
         self._device = describe(platform.canopen.mapping)
         self._node_faults: list[NodeFaults] = []
-        ids = dict.fromkeys(valve.node for valve in platform.valves)
-        by_id = {node: self._attach(node, platform, delay_ns) for node in ids}
+        by_id = {node: self._attach(node, platform, delay_ns) for node in platform.nodes}
         self.nodes = list(by_id.values())
         valves = [by_id[valve.node].valves[valve.channel] for valve in platform.valves]
         self.air = Air(emulation.regulator, [v.demand_pa for v in valves], np.random.default_rng(seed))
@@ -122,7 +124,7 @@ class World(EmulatedDevices):
 
     def _attach(self, node: int, platform: CanopenPlatform, boot_delay_ns: int) -> EmulatedNode:
         port: Port
-        chambers = tuple(valve.chamber for valve in platform.valves if valve.node == node)
+        chambers = tuple(platform.nodes[node].values())
         faults = NodeFaults(lambda: self.faults, chambers, lambda: self.now_ns)
 
         def send(frame: Frame) -> None:
@@ -133,10 +135,22 @@ class World(EmulatedDevices):
             if (passed := faults.incoming(frame)) is not None:
                 emulated.receive(passed, now_ns)
 
-        emulated = EmulatedNode(node, self._device, platform.emulation, send, boot_delay_ns)
+        supply_pa = max(platform.emulation.supply_pa, platform.range.maximum_pa + _SUPPLY_MARGIN_PA)
+        emulated = EmulatedNode(node, self._device, platform.emulation, send, boot_delay_ns, supply_pa)
         faults.attach(emulated)
         self._node_faults.append(faults)
         port = self.hub.attach(receive)
+        was_off = False
+
+        def report(errors: ErrorCounters, _: str) -> None:
+            nonlocal was_off
+            if errors.is_off and not was_off:
+                emulated.off_bus(self.now_ns)
+            elif was_off and not errors.is_off:
+                emulated.back_on_bus()
+            was_off = errors.is_off
+
+        port.report = report
         return emulated
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from soro_core.hardware.port import Fault
 from soro_core.hardware.serial_line import alicat_codec as codec
-from soro_core.hardware.serial_line.alicat_codec import Layout, Version
-from soro_core.hardware.serial_line.channel import Channel, Outcome, Request, shown
+from soro_core.hardware.serial_line.alicat_codec import DataFrame, Layout, Version
+from soro_core.hardware.serial_line.channel import Channel, Outcome, Request
 from soro_core.hardware.serial_line.config import AlicatPlatform, AlicatValve
-from soro_core.hardware.serial_line.session import Session
+from soro_core.hardware.serial_line.session import TRIES, Session
 
 _IDLE_BYTES = 3.5  # idle line before a device acts on what it has heard
 # A set point and a reading: with `S` in one answer, with `LS` in two.
@@ -96,33 +96,28 @@ class AlicatChannel(Channel):
         """
         unit = self.unit.encode()
         self.version = self._read_version(session, unit)
-        try:
-            self._layout = layout = codec.parse_layout(session.ask_table(unit + b"??D*\r"), self.unit)
-        except ValueError as error:
-            raise session.error("columns", str(error)) from None
+        layout = session.ask_table(
+            unit + b"??D*\r", "columns", lambda rows: codec.parse_layout(rows, self.unit)
+        )
+        self._layout = layout
         self.resolution_pa = layout.resolution_pa
         self.low = -int(-self._range.minimum_pa / self.resolution_pa)
         self.high = int(self._range.maximum_pa / self.resolution_pa)
         if self.version >= codec.SETPOINT_SOURCE:
-            source = session.ask(unit + b"LSS\r", "set point source")
-            if source.split() != [unit, b"S"]:
-                text = f"answers {shown(source)}: its set point must come from the serial line (S)"
+            source = session.ask(unit + b"LSS\r", "set point source", self._source_of)
+            if source != "S":
+                text = f"answers '{self.unit} {source}': its set point must come from the serial line (S)"
                 raise session.error("set point source", text)
-        line = session.ask(unit + b"\r", "poll")
-        frame = codec.parse_frame(line, self.unit, layout)
-        if frame is not None and "HLD" in frame.flags:
-            session.ask(unit + b"C\r", "cancel hold")
-        session.ask(self._set_command(0), "set point 0")
-        line = session.ask(unit + b"\r", "poll")
-        frame = codec.parse_frame(line, self.unit, layout)
-        if frame is None:
-            raise session.error("poll", f"answers {shown(line)}")
-        if frame.setpoint_counts != 0:
-            text = (
-                f"keeps {frame.setpoint_counts * self.resolution_pa:.0f} Pa; is its source the serial line?"
-            )
-            raise session.error("set point 0", text)
-        self.restart(session.now_ns())
+        if "HLD" in self._poll(session, layout).flags:
+            session.ask(unit + b"C\r", "cancel hold", _any)
+        for _ in range(TRIES):
+            session.ask(self._set_command(0), "set point 0", _any)
+            counts = self._poll(session, layout).setpoint_counts
+            if counts == 0:
+                self.restart(session.now_ns())
+                return
+        text = f"keeps {counts * self.resolution_pa:.0f} Pa; is its source the serial line?"
+        raise session.error("set point 0", text)
 
     def vent_steps(self) -> list[dict[str, str]]:
         """Set point 0; its confirmation shows 0 as set point."""
@@ -131,7 +126,7 @@ class AlicatChannel(Channel):
             expect = rf"{self.unit} +\S+ +{zero} +\S+ +\S+"
         else:
             expect = rf"{self.unit}" + r" +\S+" * (self._known_layout().setpoint - 1) + rf" +{zero}( .*)?"
-        return [{"send": self._set_command(0).decode(), "expect": expect}]
+        return [{"send": self._set_command(0).decode(), "line": expect}]
 
     def _set_command(self, counts: int) -> bytes:
         decimals = self._known_layout().decimals
@@ -140,17 +135,30 @@ class AlicatChannel(Channel):
 
     def _read_version(self, session: Session, unit: bytes) -> Version:
         """Version by `VE`, and by `??M9` where that is not known."""
-        for question in (unit + b"VE\r", unit + b"??M9\r"):
+        for question in (unit + b"VE\r", unit + b"??M9\r") * TRIES:
             line = session.try_ask(question)
             version = None if line is None else codec.parse_version(line)
             if version is not None:
                 return version
         raise session.error("firmware", "does not tell its version")
 
+    def _source_of(self, line: bytes) -> str | None:
+        """Source of its set point in an answer to `LSS`."""
+        fields = line.decode("ascii", "replace").split()
+        return fields[1] if len(fields) == 2 and fields[0] == self.unit and len(fields[1]) == 1 else None
+
+    def _poll(self, session: Session, layout: Layout) -> DataFrame:
+        question = self.unit.encode() + b"\r"
+        return session.ask(question, "poll", lambda line: codec.parse_frame(line, self.unit, layout))
+
     def _known_layout(self) -> Layout:
         if self._layout is None:
             raise RuntimeError(f"{self.source}: not started")
         return self._layout
+
+
+def _any(line: bytes) -> bytes:
+    return line
 
 
 def stop_stream(session: Session, units: tuple[str, ...]) -> None:

@@ -27,9 +27,10 @@ from soro_core.hardware.serial_line.engine import LineEngine
 from soro_core.hardware.serial_line.lockstep import LockstepPort
 from soro_core.hardware.serial_line.port import BytePort
 from soro_core.hardware.serial_line.session import Session
-from soro_core.hardware.supervisor_client import Supervisor
+from soro_core.hardware.supervisor_client import LOST, Supervisor, VentPlan, running
 
 LONGEST_WAIT_S = 1.0
+_ROUNDS = 20  # of the supervisor, while nothing confirms
 
 
 class SerialRegulator(Regulator):
@@ -69,6 +70,7 @@ class SerialRegulator(Regulator):
         self._cycles = 0
         self._last_ns = 0
         self._supervisor: Supervisor | None = None
+        self._vent_plan: list[VentPlan] = []
 
     # -- what a dialect gives ----------------------------------------------------------------------
 
@@ -110,16 +112,18 @@ class SerialRegulator(Regulator):
         self._configured = False
         self._close_ports()
         ports = self._open_ports()
-        self._start_supervisor()  # it gets ready while the devices start
+        if self.platform.line.supervisor and not self.lockstep:
+            self._supervisor = running(self._supervisor)  # it gets ready while the devices start
         self._ports = [LockstepPort(port) if self.lockstep else port for port in ports]
+        self._share()  # as it was before, while the devices start anew
         self._engines = self.make_lines(self._ports)
         by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
         self._channels = [by_name[name] for name in self._names]
         for engine in self._engines:
             self.start_devices(engine)
             engine.discard(self.now_ns())
-        if self._supervisor is not None:
-            self._supervisor.arm(self._vent_plan())
+        self._vent_plan = [self._plan_of(engine) for engine in self._engines]
+        self._share()
         self._last_ns = now_ns = self.now_ns()
         for channel in self._channels:
             channel.restart(now_ns)
@@ -132,21 +136,20 @@ class SerialRegulator(Regulator):
         self._cycles += 1
         refused = checks.refused(self.platform.range, self._names, setpoint)
         dt = self._since_last()
+        lost = [] if self._supervisor is None or self._supervisor.is_alive else [LOST]
         for channel, target in zip(self._channels, setpoint.tolist(), strict=True):
             channel.fresh = False
-            if refused or self.latched:
+            if refused or lost or self.latched:
                 channel.vent()
             else:
                 channel.follow(target, dt)
         self._cycle()
         faults = [fault for channel in self._channels for fault in channel.faults(self.now_ns())]
-        if self._supervisor is not None and not self._supervisor.is_alive:
-            faults.append(Fault("supervisor_lost", "supervisor", "the process that vents in need has ended"))
         return Exchange(
             sent_pa=np.array([channel.sent_pa for channel in self._channels]),
             pressure_pa=np.array([channel.pressure_pa for channel in self._channels]),
             fresh=np.array([channel.fresh for channel in self._channels]),
-            faults=(*refused, *faults),
+            faults=(*refused, *lost, *faults),
         )
 
     def vent(self) -> None:
@@ -256,16 +259,16 @@ class SerialRegulator(Regulator):
             select.select([], [], [], left_s)
         return np.array([channel.pressure_pa if channel.at_zero else np.nan for channel in self._channels])
 
-    def _start_supervisor(self) -> None:
-        if self._supervisor is not None and not self._supervisor.is_alive:
-            self._supervisor.dismiss()
-            self._supervisor = None
-        if self._supervisor is None and self.platform.line.supervisor and not self.lockstep:
-            self._supervisor = Supervisor()
+    def _share(self) -> None:
+        """Share the ports with the supervisor; before the first start-up it would not know what to send."""
+        if self._supervisor is not None and self._vent_plan:
+            self._supervisor.hold(self._vent_plan, [port.fileno() for port in self._ports])
 
     def _close_ports(self) -> None:
         self._closed_counts += self._counts()
         self._engines = []
+        if self._supervisor is not None:
+            self._supervisor.let_go()
         ports, self._ports = self._ports, []
         for port in ports:
             port.close()
@@ -273,19 +276,13 @@ class SerialRegulator(Regulator):
     def _counts(self) -> Counter[str]:
         return sum((engine.counts for engine in self._engines), Counter())
 
-    def _vent_plan(self) -> list[dict[str, object]]:
-        baud = self.platform.baud
+    def _plan_of(self, engine: LineEngine) -> VentPlan:
+        """What the supervisor is to do on a line; all of it some twenty times."""
+        steps = tuple(step for channel in engine.channels for step in channel.vent_steps())
         # Shorter than the driver's own patience: what is not confirmed is sent again at once.
-        timeout_s = min(self.platform.line.answer_timeout_s, 0.03 + 400 / baud)
-        return [
-            {
-                "address": engine.port.name,
-                "baud": baud,
-                "timeout_s": timeout_s,
-                "steps": [step for channel in engine.channels for step in channel.vent_steps()],
-            }
-            for engine in self._engines
-        ]
+        timeout_s = min(self.platform.line.answer_timeout_s, 0.03 + 400 / self.platform.baud)
+        longest_s = _ROUNDS * timeout_s * len(steps)
+        return VentPlan(engine.port.name, steps, timeout_s, longest_s, begin="\r\n")
 
     def _advanced(self, engine: LineEngine) -> bool:
         """Advance a line that may have gone; whether it has not."""

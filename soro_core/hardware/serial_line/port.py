@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import select
 import termios
@@ -86,6 +87,8 @@ class SerialPort:
 
     def close(self) -> None:
         """Close; never raises."""
+        with contextlib.suppress(OSError, serial.SerialException, termios.error):
+            fcntl.flock(self._fd, fcntl.LOCK_UN)  # the supervisor may have the port for a moment longer
         with contextlib.suppress(OSError, serial.SerialException, termios.error):
             self._port.close()
 

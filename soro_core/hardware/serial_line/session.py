@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.serial_line.channel import shown
 from soro_core.hardware.serial_line.config import LineOptions
 from soro_core.hardware.serial_line.engine import LineEngine, LineSplitter
+
+TRIES = 3
+
+Value = TypeVar("Value")
 
 
 class Waiter(Protocol):
@@ -39,21 +45,41 @@ class Session:
         self.source = source
         self.now_ns = waiter.now_ns
 
-    def ask(self, question: bytes, step: str, retries: int = 2) -> bytes:
-        """Answer of one line.
+    def ask(self, question: bytes, step: str, read: Callable[[bytes], Value | None]) -> Value:
+        """What `read` makes of the answer, one line; asked again while that is None.
+
+        Answers do not say what they answer, and one that was held up comes to the next question.
 
         Raises
         ------
         HardwareError
-            If none comes, again and again.
+            If no good answer comes, again and again.
         """
-        for _ in range(retries + 1):
-            line = self.try_ask(question)
-            if line is not None:
-                return line
-        raise self.error(step, f"no answer to {retries + 1} requests")
+        said = f"no answer to {TRIES} requests"
+        for _ in range(TRIES):
+            if (line := self.try_ask(question)) is not None:
+                if (found := read(line)) is not None:
+                    return found
+                said = f"answers {shown(line)}"
+        raise self.error(step, said)
 
-    def ask_table(self, question: bytes) -> list[bytes]:
+    def ask_table(self, question: bytes, step: str, read: Callable[[list[bytes]], Value]) -> Value:
+        """What `read` makes of an answer of many lines; asked again while that is a ValueError.
+
+        Raises
+        ------
+        HardwareError
+            If it stays one.
+        """
+        said = ""
+        for _ in range(TRIES):
+            try:
+                return read(self.try_ask_table(question))
+            except ValueError as error:
+                said = str(error)
+        raise self.error(step, said)
+
+    def try_ask_table(self, question: bytes) -> list[bytes]:
         """Answer of many lines, which ends with silence."""
         self.settle()
         self._engine.port.write(question)

@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from soro_core.config import Strict
-from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
 from soro_core.hardware.transport.tcp import TcpTransport
 from soro_core.hardware.veab.protocol import LOWEST_PA, SPAN_PA
 
@@ -18,7 +17,7 @@ class VeabValve(ValveBase):
     port: int = Field(ge=0, description="position in the server's messages, from 0")
 
 
-class VeabOptions(Strict):
+class VeabOptions(Freshness):
     """Times of the driver."""
 
     keep_alive_s: float = Field(
@@ -37,8 +36,7 @@ class VeabOptions(Strict):
     vent_timeout_s: float = Field(
         2.0, gt=0, le=10, description="longest time from set point 0 to a vented chamber"
     )
-    stale_cycles: int = Field(5, ge=1, le=100, description="cycles without a reading that make a fault")
-    stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
+    stale_cycles: int = Field(5, ge=1, le=100, description="missed readings in a row that make a fault")
 
 
 class VeabEmulation(EmulationBase):

@@ -19,6 +19,7 @@ import numpy as np
 from soro_core.errors import HardwareError
 from soro_core.hardware import checks, rest
 from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.supervisor_client import LOST
 from soro_core.hardware.transport.tcp import ByteLink, link_to
 from soro_core.hardware.veab.config import VeabPlatform
 from soro_core.hardware.veab.keeper import Keeper
@@ -97,7 +98,7 @@ class VeabRegulator(Regulator):
             self._broken_ns = self._read_ns = self._zero_ns = None
             self._missed = 0
             if self.platform.host.supervisor and not self.lockstep:
-                self._stream.hold()
+                self._stream.supervise()
             is_new = self._stream.open()
             if self._keeper is None and not self.lockstep:
                 self._keeper = Keeper(self._keep, self.platform.host.keep_alive_s / 4)
@@ -110,8 +111,8 @@ class VeabRegulator(Regulator):
         setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
         if self._keeper is not None and not self._keeper.is_alive:
             self._latch("device_error", "the thread that keeps the server alive has died")
-        if self._stream.holder is not None and not self._stream.holder.is_alive:
-            self._latch("supervisor_lost", "the process that vents in need has ended", "supervisor")
+        if self._stream.supervisor is not None and not self._stream.supervisor.is_alive:
+            self._latched.setdefault(LOST.code, LOST)
         with self._lock:
             self._now_ns = now_ns
             self._cycles += 1
@@ -199,7 +200,7 @@ class VeabRegulator(Regulator):
         self._missed = 0 if fresh else self._missed + 1
         self._confirm_vent(fresh, now_ns)
         faults = list(self._latched.values())
-        if self._missed >= times.stale_cycles or now_ns - self._read_ns >= times.stale_s * 1e9:
+        if times.is_stale(self._missed, now_ns - self._read_ns):
             faults.append(Fault("stale_reading", "link", f"no pressure for {self._missed} cycles"))
         return faults
 

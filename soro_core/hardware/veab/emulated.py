@@ -14,8 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from soro_core.hardware.emulation.air import Air
-from soro_core.hardware.emulation.devices import EmulatedDevices, Line
-from soro_core.hardware.port import Array
+from soro_core.hardware.emulation.ports import ServedPorts
 from soro_core.hardware.veab.config import VeabPlatform
 from soro_core.hardware.veab.protocol import LOWEST_PA, SAFE, SPAN_PA, volts
 
@@ -29,7 +28,7 @@ class Dac:
     normalized_value = SAFE
 
 
-class EmulatedVeabServer(EmulatedDevices):
+class EmulatedVeabServer(ServedPorts):
     """Server, valves and air of a platform.
 
     In lockstep every message of the client is answered by one reading and advances everything by a cycle.
@@ -49,16 +48,12 @@ class EmulatedVeabServer(EmulatedDevices):
         Why the program has ended; its ports are held and nobody listens.
     """
 
-    transport = "tcp"
-
     def __init__(self, platform: VeabPlatform, lockstep: bool, seed: int = 0) -> None:
         emulation = platform.emulation
         self._n, self._lockstep = platform.ports, lockstep
-        self.line = VeabLine(self)
-        super().__init__((self.line,), emulation.step_s)
+        super().__init__([valve.port for valve in platform.valves], emulation.step_s)
         self._period_ns = round(1e9 / (platform.cycle_hz if lockstep else emulation.push_hz))
         self._restart_ns = None if emulation.restart_s is None else round(emulation.restart_s * 1e9)
-        self._valves = [valve.port for valve in platform.valves]
         self.dacs = [Dac() for _ in range(self._n)]
         demands = [self._demand(dac) for dac in self.dacs]
         self.air = Air(emulation.regulator, demands, np.random.default_rng(seed))
@@ -70,19 +65,8 @@ class EmulatedVeabServer(EmulatedDevices):
 
     def connect_faults(self, chambers: tuple[str, ...], seed: int) -> None:
         super().connect_faults(chambers, seed)
-        self.faults.supported |= {"reboot", "mute"}
+        self.faults.supported |= {"reboot"}
         self.faults.on_start["reboot"] = lambda fault: self.end("rebooted")
-        self.faults.on_start["mute"] = lambda fault: self.line.mute(True)
-        self.faults.on_end["mute"] = lambda fault: self.line.mute(False)
-
-    def air_chambers(self, chambers: tuple[str, ...]) -> tuple[str, ...]:
-        named = dict(zip(self._valves, chambers, strict=True))
-        return tuple(named.get(port, "") for port in range(len(self.air.pressure_pa)))
-
-    @property
-    def pressure_pa(self) -> Array:
-        """True pressures [Pa gauge] of the chambers; ports without one are left out."""
-        return self.air.pressure_pa[self._valves]
 
     def start(self) -> None:
         """Start the program again, by hand; the DACs keep their voltage until a client comes."""
@@ -125,14 +109,14 @@ class EmulatedVeabServer(EmulatedDevices):
                 self._push()
                 self.tick(self.now_ns + self._period_ns)
 
-    def connected(self, has_client: bool) -> None:
+    def connected(self, has_host: bool) -> None:
         """Begin or end with the client."""
-        if has_client and self.ended is None:
+        if has_host and self.ended is None:
             self._has_client, self._heard_ns = True, self.now_ns
             self._wanted = [SAFE] * self._n
             if self._lockstep:
                 self._push()  # as it would soon, by itself
-        elif not has_client and self._has_client:
+        elif not has_host and self._has_client:
             self.end("the client has left")
 
     def end(self, why: str) -> None:
@@ -158,28 +142,6 @@ class EmulatedVeabServer(EmulatedDevices):
             return LOWEST_PA + SPAN_PA * code / (_CODES - 1)
 
         return demand
-
-
-class VeabLine(Line):
-    """The connection of the server's client."""
-
-    def __init__(self, devices: EmulatedVeabServer) -> None:
-        super().__init__()
-        self._devices, self._mute = devices, False
-
-    def mute(self, on: bool) -> None:
-        """Keep everything from the client."""
-        self._mute = on
-
-    def put(self, chunk: bytes) -> None:
-        if not self._mute:
-            super().put(chunk)
-
-    def take(self, chunk: bytes) -> None:
-        self._devices.take(chunk)
-
-    def connected(self, has_host: bool) -> None:
-        self._devices.connected(has_host)
 
 
 def emulate(platform: VeabPlatform, lockstep: bool, seed: int) -> EmulatedVeabServer:

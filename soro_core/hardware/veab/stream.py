@@ -9,10 +9,14 @@ import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import Array
+from soro_core.hardware.supervisor_client import Supervisor, VentPlan, running
 from soro_core.hardware.transport.tcp import ByteLink
 from soro_core.hardware.veab import protocol
 from soro_core.hardware.veab.config import VeabPlatform
-from soro_core.hardware.veab.holder_client import Holder
+
+# For the supervisor. The readings that are on their way may be older than the set points, and the server
+# needs its turn to write.
+_ANSWER_S, _LEAST_S, _LONGEST_S = 0.02, 0.05, 10.0
 
 
 class Stream:
@@ -24,14 +28,14 @@ class Stream:
         Newest reading [Pa gauge] of each valve, NaN before the first.
     sent_pa : ndarray (n,)
         Last set points [Pa gauge].
-    holder : Holder or None
+    supervisor : Supervisor or None
         The process that vents when this one dies.
     sent, received : int
         Messages.
     """
 
     def __init__(self, platform: VeabPlatform, link: ByteLink, clock: Callable[[], float]) -> None:
-        self.holder: Holder | None = None
+        self.supervisor: Supervisor | None = None
         self.sent = self.received = 0
         self._platform, self._link, self._clock = platform, link, clock
         self._ports = [valve.port for valve in platform.valves]
@@ -70,12 +74,12 @@ class Stream:
         new, self._taken = self.has_new, self.received
         return new
 
-    def hold(self) -> None:
+    def supervise(self) -> None:
         """Start the process that vents when this one dies, unless it is there."""
-        if self.holder is None:
-            self.holder = Holder(self._platform.ports, self._platform.host.vented_pa)
-            if self.is_open:
-                self.holder.take(self._link.fileno())
+        self.supervisor = running(self.supervisor)
+        self.supervisor.wait_until_ready()  # before there is a connection: the server waits 0.5 s at most
+        if self.is_open:
+            self._share()
 
     def open(self) -> bool:
         """Connect, unless there is a connection in order: the server ends without it; whether it did."""
@@ -98,14 +102,14 @@ class Stream:
     def give_up(self) -> None:
         """Leave the server, here and in the process that shares the connection."""
         self._link.close()
-        if self.holder is not None:
-            self.holder.drop()
+        if self.supervisor is not None:
+            self.supervisor.let_go()
 
     def close(self, vented: bool) -> None:
         """Leave the server; where the arm is not known to be empty the other process goes on venting."""
         self._link.close()
-        if self.holder is not None:
-            self.holder.dismiss(vented)
+        if self.supervisor is not None:
+            self.supervisor.dismiss(vented)
 
     def send(self, setpoint_pa: Array) -> None:
         """Send set points [Pa gauge] (n,); unused ports are asked for 0 Pa."""
@@ -132,5 +136,17 @@ class Stream:
 
     def _begin(self) -> None:
         self._decoder.reset()
-        if self.holder is not None:
-            self.holder.take(self._link.fileno())
+        self._share()
+
+    def _share(self) -> None:
+        if self.supervisor is None:
+            return
+        ports, vented_pa = self._platform.ports, self._platform.host.vented_pa
+        step = {
+            "send": protocol.encode([0.0] * ports).decode("latin-1"),
+            "doubles": ports,
+            "low": protocol.volts(-vented_pa),
+            "high": protocol.volts(vented_pa),
+        }
+        plan = VentPlan("VEAB server", (step,), _ANSWER_S, _LONGEST_S, least_s=_LEAST_S)
+        self.supervisor.hold([plan], [self._link.fileno()])

@@ -116,6 +116,10 @@ class ChamberInterface:
             self._node.get_logger().error(f"vented: {cause}")
         self._state = safety.request_vent(self._state, cause)
 
+    def interpolated(self, reading_pa: Array, fresh: Flags) -> Array:
+        """Readings that have just been judged, those that are not fresh carried on to now."""
+        return safety.interpolated(self._state, reading_pa, fresh)
+
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""
         self._publisher.publish(messages.chambers(self._names, reading_pa, stamp_ns))

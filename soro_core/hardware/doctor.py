@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from soro_core.errors import HardwareError
+from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.platform import PlatformBase, open_regulator
-from soro_core.hardware.port import Array, Regulator
+from soro_core.hardware.platform import IN_TURN, PlatformBase, open_regulator
+from soro_core.hardware.port import FAULT_CODES, Array, Regulator
+from soro_core.safety import Limits, for_regulators
 
 OFFSET_WARN_PA, OFFSET_FAIL_PA = 2e3, 5e3
-RATE_TOLERANCE = 0.9
+NEEDED_PRIORITY = 30  # of the regulator node
 
 
 def examine(
@@ -44,18 +45,25 @@ def examine(
     clock : callable
         Monotonic time [s].
     """
-    regulator = open_regulator(platform, endpoint, clock)
     yield check_range(platform)
-    yield check_update(platform, regulator.update_hz)
-    yield check_watchdog(regulator.device_watchdog)
     yield check_real_time(*resource.getrlimit(resource.RLIMIT_RTPRIO), os.geteuid() == 0)
     address = endpoint or platform.device
     failed = False
-    for finding in (*check_device(address), *([] if address is None else regulator.probe())):
+    for finding in check_device(address, platform.where_device):
+        failed |= finding.level == "fail"
+        yield finding
+    if address is None:
+        return
+    regulator = open_regulator(platform, endpoint, clock)
+    yield check_watchdog(regulator.device_watchdog)
+    for finding in () if failed else regulator.probe():
         failed |= finding.level == "fail"
         yield finding
     if not failed and run_s > 0:
         yield from hold_at_zero(platform, regulator, run_s, clock)
+    # Devices that differ in their rates have told it by now.
+    yield check_update(platform, regulator.update_hz)
+    yield check_age(regulator.update_hz, regulator.reading_age_s)
     regulator.close()
 
 
@@ -71,45 +79,76 @@ def check_range(platform: PlatformBase) -> Finding:
 def check_update(platform: PlatformBase, update_hz: float) -> Finding:
     """How often a chamber is served against the rate of exchanges."""
     found = f"{platform.cycle_hz:g} exchanges/s, each chamber served {update_hz:.3g} times a second"
-    if update_hz < platform.cycle_hz * RATE_TOLERANCE:
-        advice = "the line is slower than the loop: plan motions for it, or lower cycle_hz"
+    if update_hz < IN_TURN * platform.cycle_hz:
+        advice = "the line is slower than the loop, which carries readings on in between: plan motions for it"
         return Finding("rate", "warn", found, advice)
     return Finding("rate", "ok", found)
+
+
+def check_age(update_hz: float, reading_age_s: float) -> Finding:
+    """Whether the devices give readings often enough to be watched."""
+    name, least_s = "age of readings", Limits().reading_age_s
+    try:
+        age_s = for_regulators(Limits(), update_hz, reading_age_s, where="").reading_age_s
+    except ConfigError as error:
+        found = f"{update_hz:.2g} readings of a chamber a second are too few to watch it"
+        return Finding(name, "fail", found, error.allowed)
+    found = f"a chamber without a reading for {age_s * 1e3:.0f} ms vents the arm"
+    if age_s > least_s:
+        advice = f"{least_s * 1e3:.0f} ms on a fast bus: a fault is found so much later here"
+        return Finding(name, "warn", found, advice)
+    return Finding(name, "ok", found)
 
 
 def check_watchdog(present: bool) -> Finding:
     """Whether the devices vent by themselves."""
     if present:
         return Finding("device watchdog", "ok", "the devices vent by themselves when the host falls silent")
-    found = "the devices hold their last set point when the host falls silent"
-    return Finding("device watchdog", "warn", found, "a normally open dump valve is needed")
+    found = "none: the devices hold their last set point when the host falls silent"
+    advice = "a normally open dump valve is needed: all else that vents then is a process of this host"
+    return Finding("device watchdog", "warn", found, advice)
 
 
 def check_real_time(soft: int, hard: int, is_root: bool) -> Finding:
     """Whether this user may ask for a real-time priority."""
-    if is_root or soft > 0 or soft == resource.RLIM_INFINITY:
+    if is_root or soft >= NEEDED_PRIORITY or soft == resource.RLIM_INFINITY:
         return Finding("real-time priority", "ok", "permitted")
-    more = f"allowed up to {hard}" if hard else "not permitted"
-    advice = "in /etc/security/limits.d/soro.conf: `@realtime - rtprio 80`; join that group and log in again"
-    return Finding("real-time priority", "warn", f"{more}: cycles may be late under load", advice)
+    allowed = f"up to {soft}, {NEEDED_PRIORITY} needed" if soft else "not permitted"
+    advice = (
+        "`@soro - rtprio 50` in /etc/security/limits.d/soro.conf, `sudo usermod -aG soro $USER`, log in again"
+    )
+    if hard == resource.RLIM_INFINITY or hard >= NEEDED_PRIORITY:
+        advice = f"`ulimit -r {NEEDED_PRIORITY}` in this shell"
+    return Finding("real-time priority", "warn", f"{allowed}: cycles may be late under load", advice)
 
 
-def check_device(address: str | None) -> list[Finding]:
-    """Whether a device file is there and may be opened; other addresses are found out by opening them."""
+def check_device(address: str | None, where: str = "transport.device") -> list[Finding]:
+    """Whether device files are there and may be opened; other addresses are found out by opening them.
+
+    Parameters
+    ----------
+    address : str or None
+        Path, several with commas, a folder of links, or something else.
+    where : str
+        Where a platform file names it.
+    """
     if address is None:
-        advice = "give it with --device, or as transport.device in the platform"
-        return [Finding("device", "fail", "the platform names none", advice)]
+        advice = f"give it as {where} in the platform file, or with --device; `soro emulate` prints one"
+        return [Finding("device", "fail", "the platform file names none", advice)]
+    paths = [Path(one) for one in address.split(",") if "/" in one]
+    # An emulator of several ports is a folder of links; one on TCP is a link that reads as an address.
+    paths = [port for path in paths for port in (sorted(path.iterdir()) if path.is_dir() else [path])]
     return [
-        finding
-        for one in address.split(",")
-        if "/" in one and (finding := check_path(Path(one), os.access(one, os.R_OK | os.W_OK))) is not None
+        check_path(path, os.access(path, os.R_OK | os.W_OK))
+        for path in paths
+        if not (path.is_symlink() and ":" in os.readlink(path))
     ]
 
 
 def check_path(path: Path, may_open: bool) -> Finding:
     """Existence and permission of a device file."""
     if not path.exists():
-        advice = "plug the adapter in; `ls /dev/serial/by-id` lists serial adapters"
+        advice = "plug the adapter in; `ls -l /dev/serial/by-id` lists serial adapters"
         return Finding("device", "fail", f"{path} does not exist", advice)
     if may_open:
         return Finding("device", "ok", f"{path} may be opened")
@@ -145,7 +184,7 @@ def hold_at_zero(
     try:
         regulator.configure()
     except HardwareError as error:
-        yield Finding("start-up", "fail", str(error), "see the lines above, and the device's manual")
+        yield Finding("start-up", "fail", str(error), platform.start_advice)
         return
     yield Finding("start-up", "ok", f"{regulator.n_chambers} regulators hold 0 Pa")
     readings, lost = [], regulator.statistics.frames_lost
@@ -158,7 +197,8 @@ def hold_at_zero(
             if exchange.faults:
                 fault = exchange.faults[0]
                 text = f"{fault.code}: {fault.source}: {fault.message}"
-                yield Finding("exchange", "fail", text, "mend the cause; longer time limits only hide it")
+                advice = f"{FAULT_CODES[fault.code]}: mend the cause, not the limit"
+                yield Finding("exchange", "fail", text, advice)
                 return
             readings.append(exchange.pressure_pa)
     except HardwareError as error:
@@ -174,8 +214,9 @@ def check_run(cycles: int, took_s: float, cycle_hz: float, lost: int) -> Finding
     rate_hz = cycles / took_s
     found = f"{rate_hz:.0f} of {cycle_hz:g} cycles/s, {lost} answers lost in {cycles} cycles"
     if lost:
-        return Finding("exchange", "warn", found, "look at wiring, terminators and the load of this machine")
-    if rate_hz < RATE_TOLERANCE * cycle_hz:
+        advice = "look at the cable (CAN: both terminators), and at what else runs on this machine"
+        return Finding("exchange", "warn", found, advice)
+    if rate_hz < IN_TURN * cycle_hz:
         return Finding("exchange", "warn", found, "this machine or bus does not keep up: lower cycle_hz")
     return Finding("exchange", "ok", found)
 

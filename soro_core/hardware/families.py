@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Family:
-    """Where the parts of one family are, as ``module:name`` below soro_core.hardware.
+    """Where the parts of one family are, as ``module:name`` below a package.
 
     Attributes
     ----------
@@ -30,29 +30,36 @@ class Family:
         ``open(platform, endpoint, clock, lockstep) -> Regulator``; opens nothing before `configure`.
     emulator : str
         ``emulate(platform, lockstep, seed) -> EmulatedDevices``.
+    package : str
+        Where they are; a family outside this tree names its own.
     """
 
     config: str
     driver: str
     emulator: str
+    package: str = "soro_core.hardware"
 
     def platform_model(self) -> type[PlatformBase]:
         """Model of the family's platform files."""
-        model: type[PlatformBase] = _find(self.config)
+        model: type[PlatformBase] = self._find(self.config)
         return model
 
     def open(
         self, platform: PlatformBase, endpoint: str | None, clock: Callable[[], float], lockstep: bool
     ) -> Regulator:
         """Make the driver of a platform."""
-        regulator: Regulator = _find(self.driver)(platform, endpoint, clock, lockstep)
+        regulator: Regulator = self._find(self.driver)(platform, endpoint, clock, lockstep)
         return regulator
 
     def emulate(self, platform: PlatformBase, lockstep: bool, seed: int) -> EmulatedDevices:
         """Make the emulated devices of a platform."""
-        devices: EmulatedDevices = _find(self.emulator)(platform, lockstep, seed)
+        devices: EmulatedDevices = self._find(self.emulator)(platform, lockstep, seed)
         devices.connect_faults(platform.chamber_names, seed)
         return devices
+
+    def _find(self, place: str) -> Any:
+        module, name = place.split(":")
+        return getattr(import_module(f"{self.package}.{module}"), name)
 
 
 FAMILIES = {
@@ -82,8 +89,3 @@ FAMILIES = {
         emulator="board.emulated:emulate",
     ),
 }
-
-
-def _find(place: str) -> Any:
-    module, name = place.split(":")
-    return getattr(import_module(f"soro_core.hardware.{module}"), name)

@@ -9,7 +9,7 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -18,11 +18,14 @@ from soro_core.errors import ConfigError
 from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.port import Regulator
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.safety import Rating
+from soro_core.safety import Limits, Rating, for_regulators
 
 _CHAMBER = re.compile(r"link\d+/chamber\d+")
 
 Value = TypeVar("Value")
+
+# Part of a loop's rate below which chambers are served in turn, not in every cycle.
+IN_TURN = 0.9
 
 
 class ValveBase(Strict):
@@ -64,8 +67,18 @@ class Freshness(Strict):
 
 
 class PlatformBase(Strict):
-    """What a driver must know about the hardware of one arm, whatever the family."""
+    """What a driver must know about the hardware of one arm, whatever the family.
 
+    Attributes
+    ----------
+    where_device : str
+        Key under which the family's platform files name the hardware, for advice.
+    start_advice : str
+        What to look at when the devices cannot be started.
+    """
+
+    where_device: ClassVar[str] = "transport.device"
+    start_advice: ClassVar[str] = "see the lines above, and the device's manual"
     family: str
     valves: Annotated[tuple[ValveBase, ...], Field(strict=False, min_length=1, max_length=126)]
     range: PressureRange
@@ -172,6 +185,34 @@ def open_regulator(
         (up to `lockstep_timeout_s`), and nothing is paced by the wall clock.
     """
     return FAMILIES[platform.family].open(platform, endpoint, clock, lockstep)
+
+
+def watched(
+    platform: PlatformBase, regulator: Regulator, limits: Limits, rate_hz: float, where: str
+) -> tuple[Limits, RegulatorModel]:
+    """Limits of a loop on this platform, and the response that its monitors expect of the valves.
+
+    Regulators that are slower than the loop are served in turn: their readings may be older, and a set point
+    waits for its turn, so that the valves answer an update later.
+
+    Parameters
+    ----------
+    limits : Limits
+        As asked for.
+    rate_hz : float
+        Rate of the loop.
+    where : str
+        What the platform is called in errors.
+
+    Raises
+    ------
+    ConfigError
+        If the devices are too slow to be watched.
+    """
+    update_hz, response = regulator.update_hz, platform.emulation.regulator
+    if update_hz < IN_TURN * rate_hz:
+        response = response.model_copy(update={"delay_s": response.delay_s + 1.0 / update_hz})
+    return for_regulators(limits, update_hz, regulator.reading_age_s, where), response
 
 
 def repeated(values: Sequence[Value]) -> Value:

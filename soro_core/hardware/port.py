@@ -161,6 +161,14 @@ class Regulator(ABC):
         """
 
     @property
+    def reading_age_s(self) -> float:
+        """Age [s] that a reading can have before this bus counts it as lost; the limits allow for it.
+
+        Four updates, unless a family's own patience with its devices is longer.
+        """
+        return 4.0 / self.update_hz
+
+    @property
     @abstractmethod
     def statistics(self) -> BusStatistics:
         """Counts since the driver was made."""

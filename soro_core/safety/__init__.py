@@ -5,8 +5,16 @@ the next exchange with the regulators, `request_vent` and `reset` are what a per
 state is latched: it answers zero set points and `vented` until `reset` is called with a zero command.
 """
 
-from soro_core.safety.limiter import SafetyState, cycle, initial_state, offer, request_vent, reset
-from soro_core.safety.limits import HARD_LIMIT_PA, Limits, Monitors, Rating, check_rating
+from soro_core.safety.limiter import (
+    SafetyState,
+    cycle,
+    initial_state,
+    interpolated,
+    offer,
+    request_vent,
+    reset,
+)
+from soro_core.safety.limits import HARD_LIMIT_PA, Limits, Monitors, Rating, check_rating, for_regulators
 from soro_core.safety.remembered import MonitorState
 
 __all__ = [
@@ -18,7 +26,9 @@ __all__ = [
     "SafetyState",
     "check_rating",
     "cycle",
+    "for_regulators",
     "initial_state",
+    "interpolated",
     "offer",
     "request_vent",
     "reset",

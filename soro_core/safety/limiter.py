@@ -132,6 +132,17 @@ def cycle(
     return replace(state, setpoint_pa=np.minimum(np.maximum(slewed, limits.minimum_pa), limits.maximum_pa))
 
 
+def interpolated(state: SafetyState, reading_pa: Array, fresh: bool | Flags) -> Array:
+    """Pressures (n,) [Pa gauge] after `cycle`: where no reading is fresh, the last one carried on.
+
+    It is carried on by what the set points since have changed in the model of the regulators, at most for the
+    age at which readings count as lost. A latched state carries nothing on.
+    """
+    monitors = state.monitors
+    carried = monitors.seen & ~np.broadcast_to(fresh, monitors.seen.shape) & (not state.vented)
+    return np.where(carried, monitors.expected.pressure_pa + monitors.residual_pa, reading_pa)
+
+
 def request_vent(state: SafetyState, cause: str) -> SafetyState:
     """Latch with zero set points; the first cause stays, and the last command, which `reset` looks at."""
     return replace(state, setpoint_pa=np.zeros_like(state.setpoint_pa), cause=state.cause or cause)

@@ -11,6 +11,8 @@ from soro_core.errors import ConfigError
 HARD_LIMIT_PA = 100e3
 # No platform is rated higher than this [Pa gauge].
 HIGHEST_RATING_PA = 1e6
+# The longest age of a reading, and the least readings a second of a chamber that can be watched with it.
+OLDEST_READING_S, SLOWEST_HZ = 0.5, 4.0
 # Parts of the rating at which an over-pressure trips at the latest: after its time, and at once.
 OVER_PRESSURE, BURST = 1.05, 1.2
 
@@ -65,7 +67,12 @@ class Limits(Strict):
         400e3, gt=0, le=2e6, description="fastest fall of a set point; a vent is not limited"
     )
     command_age_s: float = Field(0.1, gt=0, le=0.5, description="age of the last good command that vents")
-    reading_age_s: float = Field(0.05, gt=0, le=0.5, description="age of the last fresh reading that vents")
+    reading_age_s: float = Field(
+        0.05,
+        gt=0,
+        le=OLDEST_READING_S,
+        description="age of the last fresh reading that vents; longer where the platform's bus needs it",
+    )
     over_pressure_pa: float = Field(
         100e3, gt=0, le=OVER_PRESSURE * HIGHEST_RATING_PA, description="measured pressure that vents"
     )
@@ -84,6 +91,30 @@ class Limits(Strict):
         if self.monitors.short_circuit_pa <= self.burst_pressure_pa:
             raise ValueError("monitors.short_circuit_pa must be above burst_pressure_pa")
         return self
+
+
+def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where: str) -> Limits:
+    """Limits on the regulators of a platform: their readings may be as old as their bus makes them.
+
+    Parameters
+    ----------
+    update_hz : float
+        Readings a second of one chamber.
+    reading_age_s : float
+        Age [s] that a reading can have on their bus before it is known to be lost.
+    where : str
+        What the platform is called in errors.
+
+    Raises
+    ------
+    ConfigError
+        If the devices are too slow to be watched.
+    """
+    if update_hz < SLOWEST_HZ:
+        allowed = f"at least {SLOWEST_HZ:g}: fewer devices a line, or a higher baud rate"
+        raise ConfigError(where, "readings of a chamber a second", f"{update_hz:.2g}", allowed)
+    age_s = max(limits.reading_age_s, min(reading_age_s, OLDEST_READING_S))
+    return limits.model_copy(update={"reading_age_s": age_s})
 
 
 def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits") -> None:

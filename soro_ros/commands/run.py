@@ -134,11 +134,12 @@ def _check_files(scene: Scene) -> Robot:
     if not scene.platform:
         return robot
     platform = load_platform(scene.platform).at_rate(scene.rate_hz)
-    if set(platform.chamber_names) != set(robot.chamber_names):
-        fed = ", ".join(platform.chamber_names)
-        raise ConfigError(
-            scene.platform, "valves", fed, f"the chambers of the robot: {', '.join(robot.chamber_names)}"
-        )
+    fed, has = platform.chamber_names, robot.chamber_names
+    if set(fed) != set(has):
+        other = [f"{name}, which the robot has not" for name in fed if name not in has]
+        other += [f"no {name}" for name in has if name not in fed]
+        allowed = f"one valve for each chamber of robot {scene.robot}: {', '.join(has)}"
+        raise ConfigError(scene.platform, "valves", f"{len(fed)} valves: {other[0]}", allowed)
     return robot
 
 

@@ -9,6 +9,7 @@ from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import Regulator, load_platform, open_regulator
+from soro_core.hardware.platform import IN_TURN, watched
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
@@ -40,18 +41,19 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self.get_logger().info(f"configuring {self._regulator.n_chambers} regulators of {config.platform}")
         self._regulator.configure()
-        self._sampled = np.zeros(self._regulator.n_chambers, dtype=bool)
-        self._in_turn = self._regulator.update_hz < 0.9 * config.rate_hz
+        limits, response = watched(platform, self._regulator, config.limits, config.rate_hz, config.platform)
+        # Chambers that were not sampled are carried on: who controls the arm has one reading a cycle.
+        self._in_turn = self._regulator.update_hz < IN_TURN * config.rate_hz
         self._chambers = ChamberInterface(
             self,
             self._regulator.chamber_names,
-            config.limits,
+            limits,
             self._now_ns,
             self._stamp_ns,
             self._try_tick,
             self._recover,
             self._lockstep,
-            platform.emulation.regulator,
+            response,
             platform.rating,
         )
         if self._lockstep:
@@ -140,12 +142,11 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         # A chamber that has not reported yet is not known to be bad; silence trips by its age.
         reading = np.where(exchange.fresh | np.isfinite(exchange.pressure_pa), exchange.pressure_pa, 0.0)
         self._obey(self._chambers.judge(reading, exchange.fresh, fault, exchange.supply_pa))
-        # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick. A
-        # line that is slower than the exchanges samples its chambers in turn: one message a round.
-        self._sampled = exchange.fresh | (self._sampled & self._in_turn)
-        if (self._sampled.all() or self._lockstep) and np.all(np.isfinite(exchange.pressure_pa)):
-            self._chambers.publish(exchange.pressure_pa, stamp_ns)
-            self._sampled = np.zeros_like(exchange.fresh)
+        # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
+        is_due = self._in_turn or self._lockstep or bool(exchange.fresh.all())
+        if is_due and np.all(np.isfinite(exchange.pressure_pa)):
+            known = self._chambers.interpolated(reading, exchange.fresh) if self._in_turn else reading
+            self._chambers.publish(known, stamp_ns)
 
     def _recover(self) -> None:
         if self._lost and self._regulator is not None:

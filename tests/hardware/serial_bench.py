@@ -19,7 +19,7 @@ from soro_core.hardware.serial_line.config import SerialPlatform
 from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
 from soro_core.hardware.serial_line.driver import SerialRegulator
 from soro_core.hardware.serial_line.emulated import SerialDevices
-from soro_core.hardware.serial_line.lockstep import MARK
+from soro_core.hardware.serial_line.lockstep import MARK, START_MARK
 
 AIR = {
     "delay_s": 0.005,
@@ -86,13 +86,13 @@ class LoopPort:
         self._check()
         chunk = bytes(self._line.output)
         self._line.output.clear()
-        self._received = self._note("< ", self._received + chunk.replace(MARK, b""))
+        self._received = self._note("< ", self._received + chunk.translate(None, MARK + START_MARK))
         return chunk
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
         self._check()
-        self._sent = self._note("> ", self._sent + data.replace(MARK, b""))
+        self._sent = self._note("> ", self._sent + data.translate(None, MARK + START_MARK))
         self._line.feed(data)
 
     def fileno(self) -> int:

@@ -14,6 +14,7 @@ import pytest
 import typer
 from board_bench import BOARD, board_platform, file_of
 from board_process import Bus
+from hardware_bench import wait_for
 from typer.testing import CliRunner
 
 from soro_core.errors import HardwareError
@@ -120,15 +121,6 @@ def client(served):
         process.kill()
         process.wait(10)
         process.stdout.close()
-
-
-def wait_for(condition, limit_s=10.0):
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        if (value := condition()) not in (None, False):
-            return value
-        time.sleep(0.005)
-    raise AssertionError("the condition was not met in time")
 
 
 def cycles(regulator, count):

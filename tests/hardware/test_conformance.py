@@ -1,5 +1,6 @@
 """What every family of regulators must do, through the port alone; a new one is added to `FAMILIES`."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -7,9 +8,12 @@ import numpy as np
 import pytest
 from board_bench import BoardBench, VeabBench, board_platform, veab_platform
 from hardware_bench import PERIOD_NS, Bench, platform
-from serial_bench import COMMON, SerialBench, alicat, itv
+from serial_bench import AIR, COMMON, SerialBench, alicat, itv
 
+from examples.line_family import LinePlatform, LineRegulator, emulate
+from soro_core.config import parse
 from soro_core.errors import HardwareError
+from soro_core.hardware.emulation.line_link import LineLink
 from soro_core.hardware.port import FAULT_CODES, Regulator
 
 
@@ -68,11 +72,28 @@ def serial(platform, resolution_pa, cycles_an_update) -> Rig:
     )
 
 
+def line() -> Rig:
+    """The family that docs/adding_a_family.md explains."""
+    platform = parse(LINE, LinePlatform, "test")
+    devices = emulate(platform, lockstep=True, seed=0)
+    driver = LineRegulator(platform, LineLink(devices.line), time.monotonic, lockstep=True)
+    return Rig(driver, lambda: devices.pressure_pa, devices.reboot, 1.0)
+
+
+LINE = {
+    "family": "line",
+    "transport": {"kind": "tcp", "port": 4000},
+    "valves": [{"chamber": f"link0/chamber{n}"} for n in range(3)],
+    "range": {"minimum_pa": 0.0, "maximum_pa": 90e3},
+    "cycle_hz": 200.0,
+    "emulation": {"regulator": AIR},
+}
 FAMILIES = {
     "canopen_408": canopen,
     "veab_tcp": veab,
     "soro_board": board,
     "itv_rs232": lambda: serial(itv(), 1e5 / 1023, 10),
+    "line": line,
     "alicat": lambda: serial(alicat(), 10.0, 8),
     "alicat at 19200 with firmware 5": lambda: serial(
         alicat(baud=19200, emulation={**COMMON["emulation"], "firmware": "5v12.0-R22"}), 10.0, 20

@@ -79,17 +79,20 @@ def test_range_and_rate_of_the_line():
 
 def test_a_device_without_watchdog_needs_a_dump_valve():
     assert doctor.check_watchdog(True).level == "ok"
-    assert doctor.check_watchdog(False) == Finding(
-        "device watchdog",
-        "warn",
-        "the devices hold their last set point when the host falls silent",
-        "a normally open dump valve is needed",
-    )
+    finding = doctor.check_watchdog(False)
+    assert (finding.level, "hold their last set point" in finding.found) == ("warn", True)
+    assert "normally open dump valve" in finding.do
 
 
 @pytest.mark.parametrize(
     ("soft", "root", "level"),
-    [(0, False, "warn"), (80, False, "ok"), (resource.RLIM_INFINITY, False, "ok"), (0, True, "ok")],
+    [
+        (0, False, "warn"),
+        (10, False, "warn"),
+        (30, False, "ok"),
+        (resource.RLIM_INFINITY, False, "ok"),
+        (0, True, "ok"),
+    ],
 )
 def test_real_time_priority(soft, root, level):
     finding = doctor.check_real_time(soft, soft, root)

@@ -7,6 +7,8 @@ from hardware_bench import BASE, platform, platform_file
 from soro_core.config import config_folder
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import load_platform, open_regulator
+from soro_core.hardware.platform import watched
+from soro_core.safety import Limits
 
 BASE_TEXT = yaml.safe_dump(BASE)
 VALVES = BASE["valves"]
@@ -117,3 +119,20 @@ def test_adapter_that_is_absent(tmp_path):
         regulator.configure()
     regulator.vent()
     regulator.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "age_s", "later_s"), [("emulated_canopen", 0.05, 0.0), ("itv_serial", 0.208, 0.028)]
+)
+def test_what_a_loop_expects_follows_the_platform(name, age_s, later_s):
+    platform = load_platform(name)
+    regulator = open_regulator(platform, "/dev/null")
+    limits, response = watched(platform, regulator, Limits(), 200.0, name)
+    assert limits.reading_age_s == pytest.approx(age_s, abs=1e-3)
+    own = platform.emulation.regulator
+    assert response.delay_s - own.delay_s == pytest.approx(later_s, abs=1e-3)
+    assert response.tau_s == own.tau_s
+    asked, _ = watched(platform, regulator, Limits(reading_age_s=0.4), 200.0, name)
+    assert asked.reading_age_s == 0.4
+    _, slow_loop = watched(platform, regulator, Limits(), 20.0, name)
+    assert slow_loop == own, "a loop slower than the devices waits for no turn"

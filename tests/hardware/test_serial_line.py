@@ -219,6 +219,24 @@ def test_lockstep_over_pseudo_terminals_is_that_of_this_process(tmp_path, make):
         link.close()
 
 
+@pytest.mark.parametrize("platform", [itv(), alicat()], ids=["itv", "alicat"])
+def test_start_up_is_no_cycle_of_the_loop(platform):
+    """The twin takes every frame for a tick, and the estimator wants a pressure at the first one."""
+    bench = SerialBench(platform)
+    frames = []
+    bench.devices.on_tick = lambda time_ns, pressure_pa: frames.append(time_ns)
+    bench.driver.configure()
+    assert frames == []
+    assert bench.devices.now_ns > 0, "the lines take their time all the same"
+    first = bench.exchange(0.0)
+    assert len(frames) == 1
+    assert np.isfinite(first.pressure_pa).all()
+    assert not first.fresh.all()
+    bench.driver.configure()
+    assert len(frames) == 1
+    bench.driver.close()
+
+
 def test_lockstep_needs_an_emulator_in_lockstep(terminal):
     _, path, _ = terminal
     port = LockstepPort(SerialPort(path, 9600))

@@ -124,3 +124,13 @@ def test_wrong_use_names_what_is_wrong(tmp_path, arguments, says):
 def test_changes_are_read_as_files_are(change, says):
     with pytest.raises(ConfigError, match=re.escape(says)):
         run("track_circle", [change])
+
+
+def test_a_platform_for_other_chambers_says_which(tmp_path):
+    status, _, err = soro(
+        "run", "track_circle", "--set", "platform=emulated_canopen_4ch", "--folder", str(tmp_path)
+    )
+    assert status == 2
+    assert "emulated_canopen_4ch: valves: got '12 valves: link1/chamber0, which the robot has not'" in err
+    assert "allowed: one valve for each chamber of robot tue_three_bellow: link0/chamber0, " in err
+    assert len(err.strip().splitlines()) == 1

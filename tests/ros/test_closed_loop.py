@@ -79,9 +79,13 @@ def test_what_a_node_published_before_it_ended_is_in_the_bag(domain, tmp_path):
     assert len(found["/track_circle/truth/tip"]) == 601
 
 
-def test_topics_types_and_rates_are_those_of_the_documentation(domain, tmp_path):
-    status, output, folder = run(tmp_path, "mode=lockstep", "duration_s=1")
+@pytest.mark.parametrize("platform", ["itv_serial", "veab_tcp"])
+def test_topics_types_and_rates_are_those_of_the_documentation(domain, tmp_path, platform):
+    """On regulators that are slower than the loop, and on those behind TCP."""
+    status, output, folder = run(tmp_path, "mode=lockstep", "duration_s=1", f"platform={platform}")
     assert status == 0, output
+    assert summary(folder)["faults"] == []
+    assert summary(folder)["pressure_max_pa"] > 3e3
     with BagReader(folder / "bag") as reader:
         found = {t.name: (t.type, n) for t, n in zip(reader.topics, reader.counts, strict=True)}
     prefix = "/track_circle/"

@@ -15,7 +15,9 @@ from soro_core.safety import (
     SafetyState,
     check_rating,
     cycle,
+    for_regulators,
     initial_state,
+    interpolated,
     offer,
     request_vent,
     reset,
@@ -233,3 +235,48 @@ def test_any_sequence_stays_in_range_and_within_slew(events):
             assert np.all(sent - before.setpoint_pa <= LIMITS.rise_pa_s * dt + 1e-6)
             assert np.all(before.setpoint_pa - sent <= LIMITS.fall_pa_s * dt + 1e-6)
         last_cycle = now
+
+
+# Regulators that are slower than the loop -----------------------------------------------------------
+
+
+def test_readings_may_be_as_old_as_the_bus_makes_them():
+    assert for_regulators(LIMITS, 200.0, 0.02, "fast").reading_age_s == LIMITS.reading_age_s
+    assert for_regulators(LIMITS, 36.0, 0.21, "slow").reading_age_s == 0.21
+    assert for_regulators(LIMITS, 5.0, 2.0, "slower").reading_age_s == 0.5, "no bus is allowed more"
+    with pytest.raises(
+        ConfigError, match=r"slowest: readings of a chamber a second: got '3'; allowed: at least 4"
+    ):
+        for_regulators(LIMITS, 3.0, 0.1, "slowest")
+
+
+def test_a_reading_is_carried_on_by_what_the_set_points_change():
+    state, _ = commanded([50e3, 50e3, 0.0])
+    late = Limits(reading_age_s=0.5, command_age_s=0.5)
+    reading = np.array([1e3, 0.0, 0.0])
+    state = cycle(late, state, reading, True, 0)
+    assert np.array_equal(interpolated(state, reading, True), reading)
+    fresh = np.array([False, True, False])
+    for now in range(5, 105, 5):
+        state = cycle(late, state, reading, fresh, now * MS)
+    carried = interpolated(state, reading, fresh)
+    expected = state.monitors.expected.pressure_pa
+    assert expected[0] > 4e3
+    assert carried[0] == pytest.approx(expected[0], abs=1e-9), "the first reading set the model"
+    assert carried[1] == reading[1], "fresh"
+    assert abs(carried[2]) < 1.0, "nothing was asked of it"
+    vented = request_vent(state, "asked")
+    assert np.array_equal(interpolated(vented, reading, fresh), reading)
+
+
+def test_a_wrong_reading_is_carried_on_with_its_error():
+    """What is carried on is the reading, not the model: an offset stays in it."""
+    state, _ = commanded([20e3, 20e3, 20e3])
+    late = Limits(reading_age_s=0.5, command_age_s=0.5)
+    for now in range(0, 200, 5):
+        reading = state.monitors.expected.pressure_pa + 3e3
+        state = cycle(late, state, reading, True, now * MS)
+    assert interpolated(state, reading, False) == pytest.approx(
+        state.monitors.expected.pressure_pa + state.monitors.residual_pa
+    )
+    assert np.all(state.monitors.residual_pa > 1e3)

@@ -6,7 +6,7 @@ The same file goes to the host and to the board: both must agree on ports, scale
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -82,6 +82,9 @@ class HostOptions(Freshness):
 
 class BoardPlatform(PlatformBase):
     """Analog regulators behind one board."""
+
+    where_device: ClassVar[str] = "transport.host"
+    start_advice: ClassVar[str] = "see the lines above; `soro board CONFIG --check` on the Pi"
 
     family: Literal["soro_board"]
     transport: TcpTransport

@@ -6,7 +6,7 @@ The board vents by itself when its host dies, so this driver only has to say wha
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +16,9 @@ from soro_core.hardware import checks, rest
 from soro_core.hardware.board import messages, texts
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.messages import PortFlag, State
+from soro_core.hardware.board.probe import look
 from soro_core.hardware.board.session import Session
+from soro_core.hardware.finding import Finding
 from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Flags, Regulator
 from soro_core.hardware.transport.tcp import ByteLink, link_to
 
@@ -81,6 +83,9 @@ class BoardRegulator(Regulator):
             frames_garbled=session.garbled,
             frames_refused=session.not_obeyed,
         )
+
+    def probe(self) -> Iterator[Finding]:
+        return look(self.platform, self._session, self._clock)
 
     def configure(self) -> None:
         if self._closed:

@@ -131,8 +131,12 @@ class EmulatedDevices(ABC):
         self.work(self.now_ns)
         return behind
 
-    def tick(self, now_ns: int) -> None:
-        """Advance the air to a time, and let the devices look at the clock."""
+    def tick(self, now_ns: int, is_cycle: bool = True) -> None:
+        """Advance the air to a time, and let the devices look at the clock.
+
+        In lockstep the twin takes each step that it hears of for a cycle of the control loop: of time that
+        passes while the host starts its devices, it is told nothing.
+        """
         self.now_ns = now_ns
         self.ticks += 1
         self.air.advance(now_ns)
@@ -141,7 +145,8 @@ class EmulatedDevices(ABC):
             line.release()
         self.poll(now_ns)
         self.work(now_ns)
-        self.on_tick(now_ns, self.pressure_pa)
+        if is_cycle:
+            self.on_tick(now_ns, self.pressure_pa)
 
     @abstractmethod
     def due_ns(self) -> int | None:

@@ -54,17 +54,18 @@ class Uart(Line):
         Whether host and devices share the wire.
     now_ns : callable
         Time of the world.
-    mark : bytes
-        Byte by which the host ends its cycle in lockstep; empty for none.
+    marks : bytes
+        Bytes by which the host lets time pass in lockstep; empty for none.
     """
 
-    def __init__(self, baud: int, half_duplex: bool, now_ns: Callable[[], int], mark: bytes = b"") -> None:
+    def __init__(self, baud: int, half_duplex: bool, now_ns: Callable[[], int], marks: bytes = b"") -> None:
         super().__init__()
         self.byte_ns = round(BITS_PER_BYTE * 1e9 / baud)
         self.station: Station | None = None
-        self.on_mark: Callable[[], None] = lambda: None
+        self.on_mark: Callable[[bytes], None] = lambda mark: None
         self.collisions = self.overruns = 0
-        self._half_duplex, self._now_ns, self._mark = half_duplex, now_ns, mark
+        self._half_duplex, self._now_ns = half_duplex, now_ns
+        self._marks = re.compile(b"([%s])" % re.escape(marks)) if marks else None
         self._coming: deque[tuple[int, bytes]] = deque()  # up to a CR, an LF or a pause, and its end
         self._going: deque[tuple[int, bytes]] = deque()
         self._host_ns = self._device_ns = 0  # end of what each side has sent
@@ -76,19 +77,18 @@ class Uart(Line):
 
     def feed(self, chunk: bytes) -> None:
         """Take bytes from the host; its marks are for the emulator, no faults act on them."""
-        if not self._mark:
+        if self._marks is None:
             super().feed(chunk)
             return
-        parts = chunk.split(self._mark)
-        for number, part in enumerate(parts):
-            if part:
+        for part in self._marks.split(chunk):
+            if self._marks.fullmatch(part):
+                self.on_mark(part)
+            elif part:
                 super().feed(part)
-            if number < len(parts) - 1:
-                self.on_mark()
 
-    def answer_mark(self) -> None:
+    def answer_mark(self, mark: bytes) -> None:
         """Give the host its mark back."""
-        self.output += self._mark
+        self.output += mark
 
     def take(self, chunk: bytes) -> None:
         now_ns = self._now_ns()

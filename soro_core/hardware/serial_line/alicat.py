@@ -29,7 +29,7 @@ class AlicatChannel(Channel):
 
     def __init__(self, platform: AlicatPlatform, valve: AlicatValve, place: str) -> None:
         super().__init__(valve.chamber, f"unit {valve.unit} on {place}", 1.0, 0, 0, platform.line)
-        self.unit = valve.unit
+        self.unit, self.wake = valve.unit, valve.unit.encode() + b"\r"
         self._range = platform.range
         self._always_s = platform.setpoint_command == "S"
         # An answer far beyond what the platform can have is no pressure.
@@ -86,14 +86,18 @@ class AlicatChannel(Channel):
             faults.append(Fault("sensor_failed", self.source, text))
         return faults
 
-    def start(self, session: Session) -> None:
-        """Identify the device, read its columns, and bring it to 0.
+    def look(self, session: Session) -> str:
+        frame = self._poll(session, self._identify(session))
+        major, minor = self.version
+        setpoint = frame.setpoint_counts * self.resolution_pa / 1e3
+        flags = f", {' '.join(sorted(frame.flags))}" if frame.flags else ""
+        return (
+            f"firmware {major}v{minor:02d}, {self.resolution_pa:g} Pa a digit: set point {setpoint:.1f}, "
+            f"pressure {frame.pressure_pa / 1e3:.1f} kPa{flags}"
+        )
 
-        Raises
-        ------
-        HardwareError
-            One line that names the device and the step.
-        """
+    def _identify(self, session: Session) -> Layout:
+        """Read version, columns and source of the set point."""
         unit = self.unit.encode()
         self.version = self._read_version(session, unit)
         layout = session.ask_table(
@@ -108,15 +112,21 @@ class AlicatChannel(Channel):
             if source != "S":
                 text = f"answers '{self.unit} {source}': its set point must come from the serial line (S)"
                 raise session.error("set point source", text)
+        return layout
+
+    def start(self, session: Session) -> None:
+        """Identify the device, read its columns, and bring it to 0."""
+        unit, layout = self.unit.encode(), self._identify(session)
         if "HLD" in self._poll(session, layout).flags:
             session.ask(unit + b"C\r", "cancel hold", _any)
         for _ in range(TRIES):
             session.ask(self._set_command(0), "set point 0", _any)
-            counts = self._poll(session, layout).setpoint_counts
-            if counts == 0:
+            frame = self._poll(session, layout)
+            if frame.setpoint_counts == 0:
                 self.restart(session.now_ns())
+                self.read(frame.pressure_pa, session.now_ns())
                 return
-        text = f"keeps {counts * self.resolution_pa:.0f} Pa; is its source the serial line?"
+        text = f"keeps {frame.setpoint_counts * self.resolution_pa:.0f} Pa; is its source the serial line?"
         raise session.error("set point 0", text)
 
     def vent_steps(self) -> list[dict[str, str]]:

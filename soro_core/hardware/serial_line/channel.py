@@ -6,10 +6,13 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from soro_core.hardware.port import Fault
 from soro_core.hardware.serial_line.config import LineOptions
+
+if TYPE_CHECKING:
+    from soro_core.hardware.serial_line.session import Session
 
 # How an answer was: as it should be, none at all, one to another question perhaps, or a refusal.
 Outcome: TypeAlias = Literal["good", "garbled", "mismatch", "refused"]
@@ -47,7 +50,11 @@ class Channel(ABC):
         Faults until the next start-up.
     started : bool
         Whether the device has gone through its start-up.
+    wake : bytes
+        Question that a device answers as soon as it is there.
     """
+
+    wake: bytes
 
     def __init__(
         self, chamber: str, place: str, resolution_pa: float, low: int, high: int, options: LineOptions
@@ -116,6 +123,26 @@ class Channel(ABC):
             return 0
         wanted = self._towards(self.sent_pa, self.reference_pa, (now_ns - self._sent_ns) * 1e-9)
         return min(max(round(wanted / self.resolution_pa), self.low), self.high)
+
+    @abstractmethod
+    def look(self, session: Session) -> str:
+        """What the device says of itself, in one line; it is asked only, not commanded.
+
+        Raises
+        ------
+        HardwareError
+            If it is not what it should be.
+        """
+
+    @abstractmethod
+    def start(self, session: Session) -> None:
+        """Bring the device to 0 and see that it answers everything that the loop will ask.
+
+        Raises
+        ------
+        HardwareError
+            One line that names the device and the step.
+        """
 
     @abstractmethod
     def next_request(self, now_ns: int) -> Request:

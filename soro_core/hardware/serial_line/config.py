@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -38,6 +38,11 @@ class LineOptions(Strict):
     supervisor: bool = Field(
         True, description="keep a process beside the driver that vents when the driver dies"
     )
+
+    @property
+    def patience_s(self) -> float:
+        """Time after which a device that answers nothing is silent."""
+        return self.silent_after * (self.answer_timeout_s + self.quiet_s)
 
 
 class LineEmulation(EmulationBase):
@@ -74,6 +79,8 @@ class ItvValve(ValveBase):
 class ItvPlatform(SerialPlatform):
     """SMC ITV electro-pneumatic regulators with RS-232C, one port each."""
 
+    where_device: ClassVar[str] = "`port` of every valve"
+
     family: Literal["itv_rs232"]
     valves: Annotated[tuple[ItvValve, ...], Field(strict=False, min_length=1, max_length=32)]
     baud: Baud = 9600
@@ -109,6 +116,8 @@ class AlicatValve(ValveBase):
 
 class AlicatPlatform(SerialPlatform):
     """Alicat pressure controllers, up to 26 on one port."""
+
+    where_device: ClassVar[str] = "`port`"
 
     family: Literal["alicat"]
     port: str | None = Field(None, description="path of the serial port; none where it is given when opened")

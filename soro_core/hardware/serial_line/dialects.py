@@ -12,6 +12,7 @@ from soro_core.hardware.serial_line.driver import SerialRegulator
 from soro_core.hardware.serial_line.engine import BITS_PER_BYTE, LineEngine
 from soro_core.hardware.serial_line.itv import ItvChannel
 from soro_core.hardware.serial_line.port import BytePort, SerialPort, open_with_retries, paths_of
+from soro_core.hardware.serial_line.session import Session
 
 
 class ItvRegulator(SerialRegulator):
@@ -36,13 +37,6 @@ class ItvRegulator(SerialRegulator):
             for valve, port in zip(self.platform.valves, ports, strict=True)
         ]
 
-    def start_devices(self, engine: LineEngine) -> None:
-        for channel in engine.channels:
-            assert isinstance(channel, ItvChannel)
-            session = self.session(engine, channel.source)
-            session.wait_for_boot(b"\r\nREQ\r\n")
-            channel.start(session)
-
 
 class AlicatRegulator(SerialRegulator):
     """Alicat pressure controllers on one port."""
@@ -61,14 +55,8 @@ class AlicatRegulator(SerialRegulator):
         channels = [AlicatChannel(self.platform, valve, port.name) for valve in self.platform.valves]
         return [LineEngine(port, channels, baud, times.answer_timeout_s, times.quiet_s)]
 
-    def start_devices(self, engine: LineEngine) -> None:
-        units = tuple(valve.unit for valve in self.platform.valves)
-        alicat.stop_stream(self.session(engine, engine.port.name), units)
-        for channel in engine.channels:
-            assert isinstance(channel, AlicatChannel)
-            session = self.session(engine, channel.source)
-            session.wait_for_boot(channel.unit.encode() + b"\r")
-            channel.start(session)
+    def calm(self, session: Session) -> None:
+        alicat.stop_stream(session, tuple(valve.unit for valve in self.platform.valves))
 
 
 def open_itv(

@@ -13,19 +13,21 @@ import contextlib
 import select
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.hardware import checks
+from soro_core.hardware.finding import Finding
 from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
 from soro_core.hardware.rest import ramp_down
 from soro_core.hardware.serial_line.channel import Channel
 from soro_core.hardware.serial_line.config import SerialPlatform
 from soro_core.hardware.serial_line.engine import LineEngine
-from soro_core.hardware.serial_line.lockstep import LockstepPort
+from soro_core.hardware.serial_line.lockstep import MARK, START_MARK, LockstepPort
 from soro_core.hardware.serial_line.port import BytePort
+from soro_core.hardware.serial_line.probe import look
 from soro_core.hardware.serial_line.session import Session
 from soro_core.hardware.supervisor_client import LOST, Supervisor, VentPlan, running
 
@@ -78,9 +80,8 @@ class SerialRegulator(Regulator):
     def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
         """Engines with their channels; the channels in the order of the platform's valves."""
 
-    @abstractmethod
-    def start_devices(self, engine: LineEngine) -> None:
-        """Bring the devices on a line to 0."""
+    def calm(self, session: Session) -> None:
+        """Stop devices on a line that send without being asked."""
 
     # -- the port ----------------------------------------------------------------------------------
 
@@ -91,20 +92,20 @@ class SerialRegulator(Regulator):
     @property
     def statistics(self) -> BusStatistics:
         counts = self._closed_counts + self._counts()
-        return BusStatistics(
-            cycles=self._cycles,
-            frames_sent=counts["sent"],
-            frames_received=counts["received"],
-            frames_lost=counts["lost"],
-            frames_late=counts["late"],
-            frames_garbled=counts["garbled"],
-            frames_refused=counts["refused"],
-        )
+        kinds = ("sent", "received", "lost", "late", "garbled", "refused")
+        return BusStatistics(self._cycles, **{f"frames_{kind}": counts[kind] for kind in kinds})
+
+    @property
+    def reading_age_s(self) -> float:
+        return 1.0 / self.update_hz + self.platform.line.patience_s
 
     @property
     def latched(self) -> tuple[Fault, ...]:
         """Faults that only `configure` clears."""
         return tuple(fault for channel in self._channels for fault in channel.latched.values())
+
+    def probe(self) -> Iterator[Finding]:
+        return look(self.platform, self._open_ports, self.make_lines, self.calm, self._clock)
 
     def configure(self) -> None:
         if self._closed:
@@ -120,7 +121,7 @@ class SerialRegulator(Regulator):
         by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
         self._channels = [by_name[name] for name in self._names]
         for engine in self._engines:
-            self.start_devices(engine)
+            self._start_devices(engine)
             engine.discard(self.now_ns())
         self._vent_plan = [self._plan_of(engine) for engine in self._engines]
         self._share()
@@ -139,10 +140,7 @@ class SerialRegulator(Regulator):
         lost = [] if self._supervisor is None or self._supervisor.is_alive else [LOST]
         for channel, target in zip(self._channels, setpoint.tolist(), strict=True):
             channel.fresh = False
-            if refused or lost or self.latched:
-                channel.vent()
-            else:
-                channel.follow(target, dt)
+            channel.vent() if refused or lost or self.latched else channel.follow(target, dt)
         self._cycle()
         faults = [fault for channel in self._channels for fault in channel.faults(self.now_ns())]
         return Exchange(
@@ -193,13 +191,16 @@ class SerialRegulator(Regulator):
     def wait(self, timeout_s: float) -> None:
         """Let time pass until bytes come; in lockstep one cycle."""
         if self.lockstep:
-            self._tick()
+            self._tick(START_MARK)
         else:
             self._await_bytes(self._engines, timeout_s)
 
-    def session(self, engine: LineEngine, source: str) -> Session:
-        """Start-up dialogue on a line."""
-        return Session(engine, self, source, self.platform.line)
+    def _start_devices(self, engine: LineEngine) -> None:
+        self.calm(Session(engine, self, engine.port.name, self.platform.line))
+        for channel in engine.channels:
+            session = Session(engine, self, channel.source, self.platform.line)
+            session.wait_for_boot(channel.wake)
+            channel.start(session)
 
     # -- a cycle -----------------------------------------------------------------------------------
 
@@ -228,10 +229,10 @@ class SerialRegulator(Regulator):
         engine.receive(self.now_ns())
         engine.send(self.now_ns())
 
-    def _tick(self) -> None:
+    def _tick(self, mark: bytes = MARK) -> None:
         ports = [port for port in self._ports if isinstance(port, LockstepPort)]
         for port in ports:
-            port.end_cycle()
+            port.end_cycle(mark)
         for port in ports:
             port.await_cycle(self.platform.lockstep_timeout_s, self._clock)
         self._line_ns += self._period_ns

@@ -15,7 +15,7 @@ from soro_core.hardware.emulation.uart import Uart
 from soro_core.hardware.serial_line.config import AlicatPlatform, ItvPlatform, SerialPlatform
 from soro_core.hardware.serial_line.emulated_alicat import AlicatBus, EmulatedAlicat
 from soro_core.hardware.serial_line.emulated_itv import EmulatedItv
-from soro_core.hardware.serial_line.lockstep import MARK
+from soro_core.hardware.serial_line.lockstep import MARK, START_MARK
 
 # Without power a device is silent and its valve closed; it comes back with set point 0.
 OF_DEVICES = frozenset({"reboot", "mute", "brownout"})
@@ -60,9 +60,9 @@ class SerialDevices(EmulatedDevices):
     lines: tuple[Uart, ...]
 
     def __init__(self, platform: SerialPlatform, n_lines: int, half_duplex: bool, lockstep: bool) -> None:
-        mark = MARK if lockstep else b""
+        marks = MARK + START_MARK if lockstep else b""
         lines = tuple(
-            Uart(platform.baud, half_duplex, now_ns=lambda: self.now_ns, mark=mark) for _ in range(n_lines)
+            Uart(platform.baud, half_duplex, now_ns=lambda: self.now_ns, marks=marks) for _ in range(n_lines)
         )
         super().__init__(lines, platform.emulation.step_s)
         self.valves: Sequence[EmulatedValve] = ()
@@ -115,16 +115,16 @@ class SerialDevices(EmulatedDevices):
     def poll(self, now_ns: int) -> None:
         """Nothing: these devices have no watchdogs."""
 
-    def _marker(self, number: int) -> Callable[[], None]:
-        def on_mark() -> None:
+    def _marker(self, number: int) -> Callable[[bytes], None]:
+        def on_mark(mark: bytes) -> None:
             self._marks[number] += 1
             if all(self._marks):
                 self._marks = [count - 1 for count in self._marks]
                 end_ns = self.now_ns + self._period_ns
                 self.work(end_ns)
-                self.tick(end_ns)
+                self.tick(end_ns, is_cycle=mark == MARK)
                 for line in self.lines:
-                    line.answer_mark()
+                    line.answer_mark(mark)
 
         return on_mark
 

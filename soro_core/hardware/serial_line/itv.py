@@ -42,6 +42,8 @@ def is_refusal(line: bytes) -> bool:
 class ItvChannel(Channel):
     """One ITV on a port of its own."""
 
+    wake = b"\r\nREQ\r\n"
+
     def __init__(self, platform: ItvPlatform, valve: ItvValve, place: str) -> None:
         resolution_pa = platform.full_scale_pa / FULL_COUNTS
         high = int(platform.range.maximum_pa / resolution_pa)
@@ -72,17 +74,17 @@ class ItvChannel(Channel):
         self.read(counts * self.resolution_pa, now_ns)
         return "good"
 
-    def start(self, session: Session) -> None:
-        """Bring the device to 0 and see that it answers everything that the loop will ask.
+    def look(self, session: Session) -> str:
+        kpa = self.resolution_pa / 1e3
+        setpoint, pressure = (kpa * session.ask(q + b"\r\n", q.decode(), parse) for q in (b"REQ", b"MON"))
+        return f"answers: set point {setpoint:.1f}, pressure {pressure:.1f} kPa (an ITV tells no identity)"
 
-        Raises
-        ------
-        HardwareError
-            One line that names the device and the step.
-        """
-        for question, kind in ((b"SET 0\r\n", "set"), (b"REQ\r\n", "check"), (b"MON\r\n", "read")):
-            session.ask(question, question.decode().strip(), parse if kind == "read" else _zero)
+    def start(self, session: Session) -> None:
+        for question in (b"SET 0", b"REQ"):
+            session.ask(question + b"\r\n", question.decode(), _zero)
+        counts = session.ask(b"MON\r\n", "MON", parse)
         self.restart(session.now_ns())
+        self.read(counts * self.resolution_pa, session.now_ns())
 
     def vent_steps(self) -> list[dict[str, str]]:
         """Set point 0 and its echo."""

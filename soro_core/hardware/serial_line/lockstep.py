@@ -2,7 +2,8 @@
 
 Real devices know no such thing; it exists between the driver and the emulator only. The emulator advances its
 time by one cycle when it has the mark (SYN) on every line, lets out what the line carries in that time, and
-then gives the mark back on every line.
+then gives the mark back on every line. While devices are started the mark is another one (ENQ): it lets the
+same time pass, but no cycle of the control loop, so that the twin of the arm is told nothing of it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from soro_core.errors import HardwareError
 from soro_core.hardware.serial_line.port import BytePort
 
 MARK = b"\x16"  # ASCII SYN, "synchronous idle"
+START_MARK = b"\x05"  # ASCII ENQ, "enquiry"
 
 
 class LockstepPort:
@@ -42,9 +44,9 @@ class LockstepPort:
         """Close the port."""
         self._port.close()
 
-    def end_cycle(self) -> None:
+    def end_cycle(self, mark: bytes = MARK) -> None:
         """Send the mark."""
-        self._port.write(MARK)
+        self._port.write(mark)
 
     def await_cycle(self, timeout_s: float, clock: Callable[[], float]) -> None:
         """Take what has come up to the devices' mark.
@@ -57,8 +59,9 @@ class LockstepPort:
         deadline = clock() + timeout_s
         while True:
             chunk = self._port.read()
-            self._marks += chunk.count(MARK)
-            self._bytes += chunk.replace(MARK, b"")
+            bare = chunk.translate(None, MARK + START_MARK)
+            self._marks += len(chunk) - len(bare)
+            self._bytes += bare
             if self._marks:
                 self._marks -= 1
                 return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -53,6 +53,12 @@ class VeabEmulation(EmulationBase):
 
 class VeabPlatform(PlatformBase):
     """VEAB valves behind the published server."""
+
+    where_device: ClassVar[str] = "transport.host"
+    start_advice: ClassVar[str] = (
+        "no connection: start the server on the Pi, it ends with each client; a pressure that stays: look at "
+        "that valve, its sensor and its wires"
+    )
 
     family: Literal["veab_tcp"]
     transport: TcpTransport

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.hardware import checks, rest
+from soro_core.hardware.finding import Finding
 from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
 from soro_core.hardware.supervisor_client import LOST
 from soro_core.hardware.transport.tcp import ByteLink, link_to
@@ -88,6 +89,11 @@ class VeabRegulator(Regulator):
             frames_lost=self._lost,
             frames_garbled=self._garbled,
         )
+
+    def probe(self) -> Iterator[Finding]:
+        # To connect and leave is what ends that server: it is seen by starting up only.
+        found = "it ends when its client leaves, as this examination does"
+        yield Finding("published server", "warn", found, "start it again afterwards; soro_board's stays")
 
     def configure(self) -> None:
         if self._closed:

@@ -1,0 +1,28 @@
+"""Emulated devices of any family in a thread of this process, over their real bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from soro_core.hardware import Platform
+from soro_core.hardware.emulation.process import Emulator
+from soro_core.hardware.families import FAMILIES
+
+
+@contextlib.contextmanager
+def served(platform: Platform) -> Iterator[tuple[Any, str]]:
+    """Devices in real time, and the address to open."""
+    devices = FAMILIES[platform.family].emulate(platform, lockstep=False, seed=0)
+    with Emulator(devices, lockstep=False) as emulator:
+        thread = threading.Thread(target=emulator.run, args=(time.monotonic_ns,))
+        thread.start()
+        try:
+            yield devices, emulator.address
+        finally:
+            emulator.stop()
+            emulator.wake()
+            thread.join()

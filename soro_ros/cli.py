@@ -28,7 +28,7 @@ def _application() -> typer.Typer:
     """Import every command, which takes a good part of a second."""
     import typer
 
-    from soro_ros.commands import bag, fit
+    from soro_ros.commands import bag, fit, hil
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
@@ -50,6 +50,7 @@ def _application() -> typer.Typer:
     app.command()(board)
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
+    app.add_typer(hil.app, name="hil", help="Hardware in the loop: first pressurisation, latency.")
     return app
 
 

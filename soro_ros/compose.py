@@ -18,8 +18,10 @@ from soro_ros.supervisor import Supervisor
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0
+# The driver of a real arm's pose sensor is somebody else's, and runs already.
+POSE_LIMIT_S = 20.0
 # Ended in this order: first what holds the valves, last what they hang on and what records them.
-END_ORDER = ("regulator", "controller", "estimator", "twin", "recorder", "valves")
+END_ORDER = ("regulator", "controller", "estimator", "shadow", "twin", "recorder", "valves")
 
 
 # Of the control loop. Named with their types, so that the recorder hears them from the first message on.
@@ -30,6 +32,8 @@ _TOPICS = (
     ("sensors/imu0", "sensor_msgs/msg/Imu"),
     ("arm/state", "sensor_msgs/msg/JointState"),
     ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    ("arm/shadow/tip", "geometry_msgs/msg/PoseStamped"),
+    ("arm/shadow/difference", "sensor_msgs/msg/JointState"),
     ("arm/desired/tip", "geometry_msgs/msg/PoseStamped"),
     ("controller/estimates", "sensor_msgs/msg/JointState"),
     ("truth/tip", "geometry_msgs/msg/PoseStamped"),
@@ -85,7 +89,7 @@ class Run:
         self._faults = Path(self._links.name) / "faults.sock"
         if cancelled():
             return
-        if scene.platform:
+        if scene.emulates:
             self._start_valves(device, link, cancelled)
         if scene.recorder.enabled and not cancelled():
             record = RecorderConfig(
@@ -95,7 +99,10 @@ class Run:
             self._ready(supervisor, ["recorder"], cancelled)
         if cancelled():
             return
-        self._node("twin", scene.twin_node(str(link), str(self._faults)))
+        if scene.arm == "real":
+            self._node("shadow", scene.shadow_node())
+        else:
+            self._node("twin", scene.twin_node(str(link), str(self._faults)))
         self._node("estimator", scene.estimator_node())
         self._node("controller", scene.controller_node())
         self._ready(supervisor, self.nodes, cancelled)
@@ -103,6 +110,8 @@ class Run:
             # Last, when nothing compiles any more: its deadlines run from its first exchange on.
             self._node("regulator", scene.regulator_node(str(device)))
             self._ready(supervisor, ["regulator"], cancelled)
+        if scene.arm == "real":
+            self._hear_arm(supervisor, cancelled)
         self.check()
 
     def begin(self, supervisor: Supervisor) -> None:
@@ -168,6 +177,15 @@ class Run:
 
         self._say(f"starting {', '.join(names)}")
         supervisor.wait("answer of all nodes", ready, check, START_LIMIT_S)
+
+    def _hear_arm(self, supervisor: Supervisor, cancelled: Callable[[], bool]) -> None:
+        """Wait until poses of the real arm come."""
+        self._say("waiting for the pose of the real arm on sensors/pose0")
+
+        def heard() -> bool:
+            return cancelled() or int(supervisor.values("shadow").get("compared", 0)) > 0
+
+        supervisor.wait("pose of the arm on sensors/pose0", heard, self.check, POSE_LIMIT_S)
 
     def _start_valves(self, device: Path, link: Path, cancelled: Callable[[], bool]) -> None:
         self._say(f"starting emulated valves of {self.scene.platform}")

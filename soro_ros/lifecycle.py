@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 import sys
 import time
 import traceback
@@ -21,7 +20,7 @@ from rclpy.timer import Timer
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError, SoroError
-from soro_ros import command_line, middleware, signals
+from soro_ros import command_line, middleware, signals, timing
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.parameters import declare, read
 
@@ -265,15 +264,6 @@ def _priority(node: SoroNode[Config]) -> int:
 
 
 def _prioritise(node: SoroNode[Config], priority: int) -> None:
-    """Ask for a real-time priority; without the right to it the node runs on, and says so once.
-
-    For every thread: messages come through those of the middleware, which were there before.
-    """
-    if priority == 0:
-        return
-    try:
-        for thread in os.listdir("/proc/self/task"):
-            with contextlib.suppress(ProcessLookupError):  # it ended meanwhile
-                os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
-    except (AttributeError, OSError) as error:
-        node.get_logger().warning(f"no real-time priority ({error}): see docs/real_time.md")
+    """Ask for a real-time priority; without the right to it the node runs on, and says so once."""
+    if priority > 0 and (trouble := timing.prioritise(priority)):
+        node.get_logger().warning(f"no real-time priority ({trouble}): see docs/real_time.md")

@@ -46,7 +46,8 @@ EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
 class Recording:
     """What a report needs of a run; times count from the first set point under control.
 
-    Tips are positions (n, 3) [m], pressures [Pa gauge].
+    Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
+    one; `shadow` has its differences from the twin beside it, which believes the tip at `shadow_tip`.
     """
 
     true_tip: Series
@@ -57,6 +58,9 @@ class Recording:
     estimates: Series
     diagnostics: dict[str, dict[str, str]]
     faults: tuple[str, ...]
+    measured_tip: Series = EMPTY
+    shadow: Series = EMPTY
+    shadow_tip: Series = EMPTY
 
 
 def read(bag: Path, namespace: str) -> Recording:
@@ -108,6 +112,9 @@ def read(bag: Path, namespace: str) -> Recording:
         estimates=series("controller/estimates"),
         diagnostics=diagnostics,
         faults=tuple(faults),
+        measured_tip=series("sensors/pose0"),
+        shadow=series("arm/shadow/difference"),
+        shadow_tip=series("arm/shadow/tip"),
     )
 
 

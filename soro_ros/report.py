@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from rich.table import Table
 from soro_core.config import find_config
 from soro_core.robot import load_robot
 from soro_core.scene import Scene
+from soro_ros import shadow_report
 from soro_ros.recording import Recording, Series, read
 
 Array = NDArray[np.float64]
@@ -43,6 +44,7 @@ class Summary:
     lateness_p99_ms: float
     overruns: int
     faults: tuple[str, ...]
+    shadow: shadow_report.Differences | None = None
 
     def to_json(self) -> str:
         """The figures as JSON; what is unknown is null."""
@@ -54,7 +56,7 @@ class Summary:
 
 def summarise(bag: Path, scene: Scene) -> Summary | None:
     """Return the figures of a recorded run, or None where nothing was under control."""
-    recording = read(bag, scene.name)
+    recording = _read(bag, scene)
     t, error = tip_error(recording, scene.duration_s)
     if t.size < 2:
         return None
@@ -88,7 +90,14 @@ def summarise(bag: Path, scene: Scene) -> Summary | None:
         lateness_p99_ms=float(loop.get("lateness_p99_ms", "nan")),
         overruns=int(loop.get("overruns", 0)),
         faults=recording.faults,
+        shadow=shadow_report.summarise(recording.shadow, scene.duration_s),
     )
+
+
+def _read(bag: Path, scene: Scene) -> Recording:
+    """Read a run's bag; nobody knows more of the tip of a real arm than its sensor."""
+    recording = read(bag, scene.name)
+    return replace(recording, true_tip=recording.measured_tip) if scene.arm == "real" else recording
 
 
 def tip_error(recording: Recording, duration_s: float) -> tuple[Array, Array]:
@@ -119,8 +128,9 @@ def settling_time(t: Array, error: Array, bound: float) -> float:
 
 def table(summary: Summary, scene: Scene) -> Table:
     """The figures as a table for people."""
+    real = "real " if scene.arm == "real" else ""
     rows = Table(
-        title=f"{scene.name}: {scene.robot} on {scene.platform or 'the twin'}, {scene.mode}",
+        title=f"{scene.name}: {real}{scene.robot} on {scene.platform or 'the twin'}, {scene.mode}",
         show_header=False,
     )
     start = scene.controller.reference.start_s
@@ -144,6 +154,7 @@ def table(summary: Summary, scene: Scene) -> Table:
         ("set points at a bound", f"{summary.saturated_part:.1%}"),
         ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
         *_punctuality(summary, scene),
+        *shadow_report.rows(summary.shadow),
         ("faults", "; ".join(summary.faults) or "none"),
     ):
         rows.add_row(name, value)
@@ -165,41 +176,45 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    recording = read(bag, scene.name)
+    recording = _read(bag, scene)
     t, error = tip_error(recording, scene.duration_s)
-    figure, axes = plt.subplots(2, 2, figsize=(12, 9), layout="constrained")
-    _draw_path(axes[0, 0], recording, scene.duration_s)
-    _draw_error(axes[0, 1], t, error, recording)
+    kind = "measured" if scene.arm == "real" else "true"
+    beside = recording.shadow.t.size > 0
+    rows = 3 if beside else 2
+    figure, axes = plt.subplots(rows, 2, figsize=(12, 4.5 * rows), layout="constrained")
+    _draw_path(axes[0, 0], recording, scene.duration_s, kind)
+    _draw_error(axes[0, 1], t, error, recording, kind)
     _draw_pressures(axes[1, 0], recording, scene)
     _draw_estimates(axes[1, 1], recording)
+    if beside:
+        shadow_report.draw(axes[2], recording.shadow, scene.shadow.tolerance_m)
     for axis in axes.flat[1:]:
         axis.set_xlabel("time [s]")
         axis.set_xlim(0, scene.duration_s)
         axis.grid(alpha=0.3)
     adaptation = "on" if scene.controller.adapt else "off"
-    figure.suptitle(
-        f"{scene.name}: {scene.robot}, payload {scene.twin.payload_kg * 1e3:g} g, adaptation {adaptation}"
-    )
+    what = "real arm" if scene.arm == "real" else f"payload {scene.twin.payload_kg * 1e3:g} g"
+    figure.suptitle(f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}")
     figure.savefig(file, dpi=110)
     plt.close(figure)
 
 
-def _draw_path(axis: object, recording: Recording, duration_s: float) -> None:
+def _draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
     true, wanted = _within(recording.true_tip, duration_s), _within(recording.wanted_tip, duration_s)
     axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
-    axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label="true tip")
+    axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{kind} tip")
     late = true.t >= duration_s - WINDOW_S
-    axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=f"true tip, last {WINDOW_S:g} s")
+    axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=f"{kind} tip, last {WINDOW_S:g} s")
     axis.set(xlabel="x [mm]", ylabel="y [mm]", title="tip path, seen along the base's axis", aspect="equal")
     axis.grid(alpha=0.3)
     axis.legend(loc="center")
 
 
-def _draw_error(axis: object, t: Array, error: Array, recording: Recording) -> None:
-    axis.plot(t, error * 1e3, color="C0", lw=0.8, label="true tip to reference")
+def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
+    axis.plot(t, error * 1e3, color="C0", lw=0.8, label=f"{kind} tip to reference")
     if recording.estimated_tip.t.size:
         off = np.linalg.norm(recording.estimated_tip.at(t) - recording.true_tip.at(t), axis=1)
-        axis.plot(t, off * 1e3, color="C2", lw=0.8, label="estimated tip to true tip")
+        axis.plot(t, off * 1e3, color="C2", lw=0.8, label=f"estimated tip to {kind} tip")
     axis.set(ylabel="distance [mm]", title="tip error", ylim=(0, None))
     axis.legend(loc="upper right")
 

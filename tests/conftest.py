@@ -9,6 +9,14 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """What `pytest -m hil` runs on."""
+    real = parser.getgroup("hil", "tests on real devices")
+    real.addoption("--platform", help="platform file of real devices, or the name of a shipped one")
+    real.addoption("--device", help="path or address in place of the platform's")
+    real.addoption("--most-pa", type=float, default=20e3, help="highest set point of them [Pa gauge]")
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """Folder with golden results and measured data; the test is skipped where it is absent."""

@@ -91,6 +91,19 @@ class Exchange:
     faults: tuple[Fault, ...] = ()
     supply_pa: Array | None = None
 
+    @property
+    def trouble(self) -> str | None:
+        """All faults in one line, or None."""
+        return "; ".join(f"{f.code}: {f.source}: {f.message}" for f in self.faults) or None
+
+    @property
+    def known_pa(self) -> Array:
+        """Readings (n,) [Pa gauge] to be judged: a chamber that has never reported is not known to be bad.
+
+        Its silence trips by its age.
+        """
+        return np.where(self.fresh | np.isfinite(self.pressure_pa), self.pressure_pa, 0.0)
+
 
 @dataclass(frozen=True)
 class BusStatistics:

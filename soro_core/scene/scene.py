@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -18,6 +18,7 @@ from soro_core.safety import Limits, Rating, check_rating
 from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
 from soro_core.twin.config import TwinConfig
+from soro_core.twin.shadow import ShadowConfig
 
 
 class RecorderSection(Strict):
@@ -25,6 +26,14 @@ class RecorderSection(Strict):
 
     enabled: bool = Field(True, description="record a bag")
     exclude: tuple[str, ...] = Field((), strict=False, description="topics that are not recorded")
+
+
+class ShadowSection(Strict):
+    """What is expected of the twin beside a real arm."""
+
+    tolerance_m: float = Field(
+        0.02, gt=0, le=10, description="distance of the measured tip from the shadow's that is warned of"
+    )
 
 
 class Scene(Strict):
@@ -36,6 +45,14 @@ class Scene(Strict):
         "", description="platform file or name; empty: the twin takes the place of the regulator node"
     )
     mode: Mode = Field("real_time", description="real_time, or lockstep: deterministic, as fast as possible")
+    valves: Literal["emulated", "real"] = Field(
+        "emulated", description="emulated: those of the platform are started; real: they are there"
+    )
+    device: str = Field("", description="valves: real: adapter or port in place of the platform file's")
+    arm: Literal["simulated", "real"] = Field(
+        "simulated", description="simulated by the twin; real: sensors are there, the twin runs as a shadow"
+    )
+    shadow: ShadowSection = Field(ShadowSection(), description="the twin beside a real arm")
     rate_hz: float = Field(200.0, ge=10, le=1000, description="rate of the control loop")
     duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
     seed: int = Field(1, ge=0, le=2**31, description="seed of all noise")
@@ -75,6 +92,7 @@ class Scene(Strict):
             raise ValueError("no faults without a platform: they are those of emulated devices")
         if self.platform and self.twin.air == "states":
             raise ValueError("no air: states under twin beside a platform, whose valves hold the air")
+        self._hardware()
         for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
             ticks = self.rate_hz / sensor.rate_hz
             if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
@@ -82,6 +100,20 @@ class Scene(Strict):
                     f"a {name} rate that divides rate_hz, not {sensor.rate_hz:g} of {self.rate_hz:g}"
                 )
         return self
+
+    def _hardware(self) -> None:
+        """Whether what is real can be."""
+        if self.valves == "real":
+            if not self.platform:
+                raise ValueError("no valves: real without a platform, which says what they are")
+            if self.mode != "real_time":
+                raise ValueError("no lockstep with valves: real, whose time nobody holds up")
+            if self.faults:
+                raise ValueError("no faults with valves: real, only with emulated ones")
+        elif self.device:
+            raise ValueError("no device with valves: emulated, only with real ones")
+        elif self.arm == "real":
+            raise ValueError("no arm: real without valves: real, for emulated ones do not feed it")
 
     @property
     def discretisation(self) -> Discretisation:
@@ -109,6 +141,7 @@ class Scene(Strict):
 
     def twin_node(self, plant_link: str = "", fault_link: str = "") -> TwinConfig:
         """Parameters of the twin node, with the sockets of the emulated valves."""
+        emulated = self.emulates
         return self.twin.model_copy(
             update={
                 "robot": self.robot,
@@ -116,20 +149,36 @@ class Scene(Strict):
                 "rate_hz": self.rate_hz,
                 "seed": self.seed,
                 "limits": self.limits,
-                "pressures": "valves" if self.platform else "regulators",
-                "plant_link": plant_link if self.platform else "",
-                "fault_link": fault_link if self.platform else "",
+                "pressures": self._source(),
+                "plant_link": plant_link if emulated else "",
+                "fault_link": fault_link if emulated else "",
                 "duration_s": self.duration_s,
                 "paused": self.mode == "lockstep",
                 **self._plant(),
             }
         )
 
+    @property
+    def emulates(self) -> bool:
+        """Whether valves are emulated."""
+        return bool(self.platform) and self.valves == "emulated"
+
+    def _source(self) -> Literal["regulators", "valves", "measured"]:
+        """Where the twin has its pressures from."""
+        if not self.platform:
+            return "regulators"
+        return "valves" if self.emulates else "measured"
+
+    def shadow_node(self) -> ShadowConfig:
+        """Parameters of the shadow node, beside a real arm."""
+        values = {**self.twin_node().model_dump(), "tolerance_m": self.shadow.tolerance_m}
+        return parse(values, ShadowConfig, where=f"scene {self.name}")
+
     def regulator_node(self, device: str = "") -> RegulatorNodeConfig:
-        """Parameters of the regulator node."""
+        """Parameters of the regulator node; `device` is that of emulated valves."""
         return RegulatorNodeConfig(
             platform=self.platform,
-            device=device,
+            device=device if self.emulates else self.device,
             mode=self.mode,
             rate_hz=self.rate_hz,
             limits=self.limits,

@@ -47,7 +47,7 @@ class TwinConfig(Strict):
     pressures: Literal["regulators", "valves", "measured"] = Field(
         "regulators",
         description="what fills the chambers: regulators of the twin's own (in place of the regulator node), "
-        "the emulated valves of another process, or the measured pressures of chambers/state (replay)",
+        "the emulated valves of another process, or what chambers/state says (real valves, replay)",
     )
     paused: bool = Field(False, description="wait for ~/start before the first tick")
     duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")

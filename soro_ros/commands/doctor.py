@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from soro_core.hardware.finding import Finding
-
-_STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 
 
 def doctor(
@@ -41,22 +36,8 @@ def doctor(
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:
-        _show(platform, findings)
+        from soro_ros.findings import show
+
+        show(f"soro doctor {platform}", findings)
     if any(finding.level == "fail" for finding in findings):
         raise typer.Exit(1)
-
-
-def _show(platform: str, findings: list[Finding]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=f"soro doctor {platform}", title_justify="left", show_lines=False)
-    for heading in ("", "what", "found", "what to do"):
-        table.add_column(heading, overflow="fold")
-    for name, level, found, do in findings:
-        table.add_row(Text(level, _STYLES[level]), Text(name), Text(found), Text(do))
-    console = Console()
-    console.print(table)
-    counts = {level: sum(f.level == level for f in findings) for level in _STYLES}
-    console.print(f"{counts['ok']} good, {counts['warn']} to read, {counts['fail']} failed")

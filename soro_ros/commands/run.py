@@ -20,6 +20,7 @@ from soro_core.hardware import load_platform
 from soro_core.robot import Robot, load_robot
 from soro_core.scene import Scene, check_model, load_scene
 from soro_ros import signals
+from soro_ros.run_folder import new_folder
 
 # A lockstep run whose clock does not move any more.
 STALL_S = 30.0
@@ -34,6 +35,16 @@ def run(
             "--set", metavar="KEY=VALUE", help="Change a key of the scene, e.g. controller.adapt=false."
         ),
     ] = None,
+    valves: Annotated[
+        str | None, typer.Option(help="emulated, or real: those of the platform, there already.")
+    ] = None,
+    device: Annotated[
+        str | None, typer.Option(help="Path or address of real valves; implies --valves real.")
+    ] = None,
+    arm: Annotated[
+        str | None,
+        typer.Option(help="simulated, or real: its sensors publish, the twin runs beside it as a shadow."),
+    ] = None,
     folder: Annotated[Path, typer.Option(help="Where the folder of the run is made.")] = Path("runs"),
     figure: Annotated[bool, typer.Option(help="Draw the picture of the run.")] = True,
 ) -> None:
@@ -43,14 +54,14 @@ def run(
     """
     console = Console(stderr=True)
     with signals.noted() as interrupted:
-        loaded = load_scene(scene, _changes(change or []))
+        loaded = load_scene(scene, {**_changes(change or []), **_hardware(valves, device, arm)})
         robot = _check_files(loaded)
         if loaded.model is not None and loaded.model.auto:
             from soro_core.trade import with_chosen_model
 
             loaded = with_chosen_model(loaded, called=scene)
         check_model(loaded, robot, str(find_config(scene, "scenes")))
-        target = _new_folder(folder, loaded.name)
+        target = new_folder(folder, loaded.name)
         shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
         used = yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False)
         (target / "scene_used.yaml").write_text(used)
@@ -122,9 +133,15 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
                 last, moved = now, time.monotonic()
             elif time.monotonic() - moved > STALL_S:
                 raise SoroError(f"time has stood still at {now:.3f} s for {STALL_S:.0f} s")
-            progress.update(task, completed=min(now, scene.duration_s))
+            progress.update(task, completed=min(now, scene.duration_s), description=_line(scene, supervisor))
             if now >= scene.duration_s - 1e-9:
                 return
+
+
+def _line(scene: Scene, supervisor: Any) -> str:
+    """Name of the scene, and with a real arm how far it is from its shadow now."""
+    status = supervisor.status.get("shadow")
+    return scene.name if status is None else f"{scene.name}, shadow: {escape(status.message)}"
 
 
 def _check_files(scene: Scene) -> Robot:
@@ -143,6 +160,12 @@ def _check_files(scene: Scene) -> Robot:
     return robot
 
 
+def _hardware(valves: str | None, device: str | None, arm: str | None) -> dict[str, Any]:
+    """What the options change in the scene."""
+    given = {"valves": valves or ("real" if device else None), "device": device, "arm": arm}
+    return {key: value for key, value in given.items() if value is not None}
+
+
 def _changes(given: list[str]) -> dict[str, Any]:
     changes = {}
     for item in given:
@@ -151,19 +174,3 @@ def _changes(given: list[str]) -> dict[str, Any]:
             raise ConfigError("--set", "", item, "KEY=VALUE, for example controller.adapt=false")
         changes[key] = read_value(value, f"--set {key}") if value else ""
     return changes
-
-
-def _new_folder(parent: Path, name: str) -> Path:
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    for suffix in ("", *(f"-{k}" for k in range(2, 100))):
-        folder = parent / f"{name}-{stamp}{suffix}"
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise ConfigError(
-                "--folder", "", str(parent), f"a folder that can be written to ({error.strerror})"
-            ) from None
-        return folder
-    raise SoroError(f"no free name for a run in {parent}")

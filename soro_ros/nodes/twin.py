@@ -15,6 +15,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.robot import load_robot
 from soro_core.twin import Observation, Twin, TwinConfig
+from soro_core.twin.shadow import beginning, between
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import ERROR, OK
@@ -166,7 +167,7 @@ class TwinNode(SoroNode[TwinConfig]):
             self._step(None if frame is None else frame.pressures)
 
     def _on_measured(self, message: JointState) -> None:
-        """Replay: advance to the stamp of measured pressures, which go in straight lines between samples."""
+        """Advance to the stamp of measured pressures, which go in straight lines between samples."""
         if not self._running:
             return
         try:
@@ -177,18 +178,18 @@ class TwinNode(SoroNode[TwinConfig]):
         stamp_ns = messages.to_ns(message.header.stamp)
         if self._measured is None:
             self._epoch_ns = stamp_ns
-            self._state = self._twin.initial(pressure)
+            self._state = beginning(self._twin, pressure)
             self._observe()
         else:
             last_ns, last = self._measured
-            ticks = round((stamp_ns - last_ns) / self._period_ns)
-            if ticks < 1:
+            ways = between(last, pressure, last_ns, stamp_ns, self._period_ns)
+            if not ways:
                 return
-            self._bridged += ticks - 1
+            self._bridged += len(ways) - 1
             # Time is the recording's own; its period is never quite the nominal one.
-            self._epoch_ns = stamp_ns - (self._state.tick + ticks) * self._period_ns
-            for k in range(1, ticks + 1):
-                self._step(last + (pressure - last) * (k / ticks))
+            self._epoch_ns = stamp_ns - (self._state.tick + len(ways)) * self._period_ns
+            for way in ways:
+                self._step(way)
                 self._observe()
         self._measured = (stamp_ns, pressure)
 

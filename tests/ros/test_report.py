@@ -1,5 +1,7 @@
 """The report of a run: what it does not know it does not say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,11 @@ def rows(monkeypatch, ends_s: float, diagnostics=None, **changes) -> dict[str, s
     scene = load_scene("track_circle", {key.replace("__", "."): value for key, value in changes.items()})
     t = np.arange(0.0, ends_s, 0.005)
     wanted, true = Series(t, np.zeros((t.size, 3))), Series(t, np.full((t.size, 3), [2e-3, 0.0, 0.0]))
-    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, ())
+    half = Series(t, np.full((t.size, 3), [1e-3, 0.0, 0.0]))
+    differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
+    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, (), half)
+    if changes.get("arm") == "real":
+        recording = replace(recording, shadow=differences)
     monkeypatch.setattr(report, "read", lambda bag, name: recording)
     names, values = report.table(report.summarise("", scene), scene).columns
     return dict(zip(names.cells, values.cells, strict=True))
@@ -50,3 +56,11 @@ def test_what_was_not_measured_is_a_dash(monkeypatch):
     assert found["loop lateness p50 / p99"] == found["measured pressures"] == "-"
     known = {"regulator": {"lateness_p50_ms": "0.1", "lateness_p99_ms": "0.5"}}
     assert rows(monkeypatch, 20.0, known)["loop lateness p50 / p99"] == "0.10 / 0.50 ms"
+
+
+def test_of_a_real_arm_the_measured_tip_is_told_and_its_distance_from_the_shadow(monkeypatch):
+    found = rows(monkeypatch, 20.0, valves="real", arm="real", controller__adapt=False)
+    assert found[LAST] == "1.00 mm"
+    assert found["tip, measured to shadow, RMS / max"] == "3.00 / 3.00 mm"
+    assert found["bending, measured less shadow, mean / RMS"] == "-0.57 / 0.57 deg"
+    assert not any("shadow" in name for name in rows(monkeypatch, 20.0))

@@ -1,0 +1,105 @@
+"""Carry a first pressurisation out: what is expected, and the loop around the machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from soro_core.errors import ConfigError
+from soro_core.hardware.platform import PlatformBase
+from soro_core.hardware.port import Array
+from soro_core.hil.first_pressure import advance, interrupted
+from soro_core.hil.guarded import GuardedRegulator, Sample
+from soro_core.hil.judge import Bending, Expectation
+from soro_core.hil.plan import FirstPressureConfig, Order, Plan, State
+from soro_core.robot import Robot
+
+COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
+
+
+def expectation(
+    platform: PlatformBase, update_hz: float, config: FirstPressureConfig, robot: Robot | None = None
+) -> Expectation:
+    """What a healthy platform does, and with a robot how its arm bends.
+
+    Raises
+    ------
+    ConfigError
+        If a step is beyond the platform's range, or the robot has other chambers.
+    """
+    if config.steps_pa[-1] > platform.range.maximum_pa:
+        top = f"set points up to the platform's {platform.range.maximum_pa:g} Pa"
+        raise ConfigError("first pressurisation", "steps_pa", config.steps_pa[-1], top)
+    names, response = platform.chamber_names, platform.emulation.regulator
+    bending = None if robot is None else _bending(robot, names, config.steps_pa)
+    return Expectation(names, config.steps_pa, response, config.rise_pa_s, 1.0 / update_hz, bending)
+
+
+def directions(expected: Expectation) -> tuple[str, ...]:
+    """For each chamber in which direction of the base frame the tip goes, in words."""
+    if expected.bending is None:
+        return ()
+    angles = [np.arctan2(row[-1, 1], row[-1, 0]) for row in expected.bending.expected_m]
+    return tuple(
+        f"{COMPASS[round(angle / (np.pi / 4)) % 8]} of the base frame ({np.degrees(angle) % 360:.0f} deg)"
+        for angle in angles
+    )
+
+
+def pressurise(
+    plan: Plan,
+    guarded: GuardedRegulator,
+    record: Callable[[Sample], None] = lambda sample: None,
+    ask: Callable[[str], None] = lambda question: None,
+    answers: Callable[[], str | None] = lambda: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> State:
+    """Carry the plan out to its end.
+
+    The exchanges go on while a person thinks: devices vent when their host falls silent.
+
+    Parameters
+    ----------
+    record : callable
+        Is given every sample.
+    ask, answers : callable
+        Shows a question; says what has been answered since, and is asked only while one is open.
+    stopped : callable
+        Whether to vent and end.
+    """
+    state, order = State(), Order(np.zeros(len(plan.expected.names)))
+    while state.phase != "done":
+        if stopped():
+            guarded.vent("interrupted")
+            return interrupted(plan, state)
+        sample = guarded.cycle(order.setpoint_pa)
+        record(sample)
+        state, order = advance(plan, state, sample, answers() if state.asks else None)
+        if order.do == "vent":
+            guarded.vent(f"vent of {plan.expected.names[state.chamber]}")
+        elif order.do == "reset":
+            guarded.reset()
+        if order.question:
+            ask(order.question)
+    return state
+
+
+def _bending(robot: Robot, names: tuple[str, ...], steps_pa: tuple[float, ...]) -> Bending:
+    """Where the model's tip goes with each chamber alone."""
+    # Imported here: the model's kernels are not needed without a robot.
+    from soro_core.estimation.rotation import matrix_from_quaternion
+    from soro_core.model.soft_arm import SoftArm
+    from soro_core.model.statics import equilibrium
+
+    if set(robot.chamber_names) != set(names):
+        raise ConfigError(robot.name, "chambers", ", ".join(robot.chamber_names), ", ".join(names))
+    arm = SoftArm(robot)
+
+    def tip(pressure: Array) -> Array:
+        return np.asarray(arm.pose(equilibrium(arm, pressure), robot.length)[:3, 3])
+
+    rest, order = tip(np.zeros(arm.n_u)), [robot.chamber_names.index(name) for name in names]
+    across = matrix_from_quaternion(np.array(robot.base_quaternion))[:, :2].T
+    expected = [[across @ (tip(p * np.eye(arm.n_u)[n]) - rest) for p in steps_pa] for n in order]
+    return Bending(np.array(expected), across)

@@ -1,0 +1,217 @@
+"""Reports of procedures as files: Markdown to read, JSON to compare, a picture of what was sent and read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from soro_core.hardware.finding import Finding
+from soro_core.hil.guarded import Sample
+from soro_core.hil.latency import Latency, Times, response
+from soro_core.hil.plan import Plan, State
+
+
+def passed(findings: Sequence[Finding]) -> bool:
+    """Whether nothing failed."""
+    return all(finding.level != "fail" for finding in findings)
+
+
+def markdown(title: str, about: Mapping[str, str], plan: Plan, state: State) -> str:
+    """The report of a first pressurisation, to read and to keep."""
+    verdict = "passed" if passed(state.findings) else "FAILED"
+    lines = [f"# {title}", "", f"**{verdict}**", "", *(f"- {key}: {value}" for key, value in about.items())]
+    rows = [(f.level, f.name, f.found, f.do) for f in state.findings]
+    lines += ["", *table(("", "what", "found", "what to do"), rows)]
+    head = (
+        "chamber",
+        "set point [kPa]",
+        "reading [kPa]",
+        "63 % after [ms]",
+        "drift [kPa/s]",
+        "tip moved [mm]",
+    )
+    steps = [
+        (
+            plan.expected.names[hold.chamber],
+            f"{hold.setpoint_pa / 1e3:g}",
+            f"{hold.level_pa[hold.chamber] / 1e3:.2f}",
+            _number(hold.t63_s * 1e3, "{:.0f}"),
+            f"{hold.drift_pa_s / 1e3:+.2f}",
+            "-" if hold.moved_m is None else f"{np.linalg.norm(hold.moved_m) * 1e3:.1f}",
+        )
+        for hold in state.holds
+    ]
+    return "\n".join([*lines, "", *table(head, steps), ""])
+
+
+LATENCY_HEAD = (
+    "chamber",
+    "steps",
+    "first moved p50 / p99 / max [ms]",
+    "63 % up / down [ms]",
+    "dead time [ms]",
+    "lag [ms]",
+)
+
+
+def latency_rows(latency: Latency) -> list[tuple[str, ...]]:
+    """A line of text a chamber, under `LATENCY_HEAD`."""
+    return [
+        (
+            chamber.name,
+            str(chamber.steps),
+            milliseconds(chamber.moved),
+            f"{chamber.t63_up_s * 1e3:.1f} / {chamber.t63_down_s * 1e3:.1f}",
+            f"{chamber.dead_s * 1e3:.1f}",
+            f"{chamber.lag_s * 1e3:.1f}",
+        )
+        for chamber in latency.chambers
+    ]
+
+
+def milliseconds(times: Times) -> str:
+    """Median, 99 % and longest, in milliseconds."""
+    return f"{times.p50_s * 1e3:.2f} / {times.p99_s * 1e3:.2f} / {times.max_s * 1e3:.2f}"
+
+
+def latency_markdown(title: str, about: Mapping[str, str], latency: Latency, found: Sequence[Finding]) -> str:
+    """The report of the latencies, to read and to keep."""
+    lines = [f"# {title}", "", *(f"- {key}: {value}" for key, value in about.items())]
+    lines += [
+        f"- set points sent to readings exchanged, p50 / p99 / max: {milliseconds(latency.exchange)} ms"
+    ]
+    lines += ["", *table(LATENCY_HEAD, latency_rows(latency))]
+    lines += [
+        "",
+        *table(("", "what", "found", "what to do"), [(f.level, f.name, f.found, f.do) for f in found]),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def latency_json(about: Mapping[str, str], latency: Latency) -> str:
+    """The latencies, to compare."""
+    chambers = [{k: v for k, v in vars(c).items() if k not in ("time_s", "change")} for c in latency.chambers]
+    return as_json({**about, **vars(latency), "chambers": chambers})
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a Markdown table."""
+    body = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    return ["| " + " | ".join(head) + " |", "| " + " | ".join("---" for _ in head) + " |", *body]
+
+
+def as_json(value: object) -> str:
+    """Results as JSON; what is not a number is null."""
+    return json.dumps(_plain(value), indent=2)
+
+
+def first_pressure_json(about: Mapping[str, str], plan: Plan, state: State) -> str:
+    """The report of a first pressurisation, to compare."""
+    return as_json(
+        {
+            "passed": passed(state.findings),
+            **about,
+            "chambers": plan.expected.names,
+            "config": plan.config.model_dump(),
+            "findings": [finding._asdict() for finding in state.findings],
+            "rest": state.rest,
+            "holds": state.holds,
+            "vents": state.vents,
+        }
+    )
+
+
+def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sample]) -> None:
+    """Draw set points and readings of every chamber, and where the tip went."""
+    t = np.array([sample.t_s for sample in samples])
+    sent = np.array([sample.sent_pa for sample in samples]) / 1e3
+    read = np.array([sample.reading_pa for sample in samples]) / 1e3
+    tips = [sample.tip_m for sample in samples]
+    bending = plan.expected.bending
+    has_tip = bending is not None and any(tip is not None for tip in tips)
+    n = len(plan.expected.names)
+    figure = Figure(figsize=(13 if has_tip else 9, 2.1 * n + 1.2), layout="constrained")
+    grid = figure.add_gridspec(n, 2 if has_tip else 1, width_ratios=[2, 1.15] if has_tip else [1])
+    first = None
+    for k, name in enumerate(plan.expected.names):
+        axes = figure.add_subplot(grid[k, 0], sharex=first, sharey=first)
+        first = first or axes
+        axes.plot(t, read[:, k], color=f"C{k}", lw=0.9, label="reading")
+        axes.plot(t, sent[:, k], color="0.25", lw=0.9, ls="--", label="set point sent")
+        axes.set(ylabel="[kPa]", title=name)
+        axes.grid(alpha=0.3)
+        if k == 0:
+            axes.legend(loc="upper right", fontsize="small")
+    if first is not None:
+        axes.set_xlabel("time [s]")
+    if has_tip and bending is not None:
+        _draw_tips(figure.add_subplot(grid[:, 1]), plan, samples)
+    figure.suptitle(title)
+    figure.savefig(file, dpi=110)
+
+
+def draw_latency(file: Path, title: str, latency: Latency) -> None:
+    """Draw all steps up of each chamber over one another, with the response that fits them."""
+    n = len(latency.chambers)
+    figure = Figure(figsize=(4.4 * n, 4.4), layout="constrained")
+    first = None
+    for k, chamber in enumerate(latency.chambers):
+        axes = figure.add_subplot(1, n, k + 1, sharex=first, sharey=first)
+        first = first or axes
+        axes.plot(chamber.time_s * 1e3, chamber.change, ".", color=f"C{k}", ms=3, alpha=0.5, label="readings")
+        t = np.linspace(0.0, float(chamber.time_s.max(initial=0.1)), 400)
+        fit = response(t, chamber.dead_s, chamber.lag_s, chamber.gain)
+        text = f"dead time {chamber.dead_s * 1e3:.1f} ms, lag {chamber.lag_s * 1e3:.1f} ms"
+        axes.plot(t * 1e3, fit, "k-", lw=1.2, label=text)
+        axes.axvline(chamber.moved.p50_s * 1e3, color="C3", ls="--", lw=1, label="first moved, median")
+        axes.set(
+            xlabel="time since the set point was sent [ms]", title=f"{chamber.name}, {chamber.steps} steps"
+        )
+        axes.grid(alpha=0.3)
+        axes.legend(loc="lower right", fontsize="small")
+    if first is not None:
+        first.set_ylabel("change of the reading, part of the step")
+    figure.suptitle(f"{title}; exchange p50 / p99 / max {milliseconds(latency.exchange)} ms")
+    figure.savefig(file, dpi=110)
+
+
+def _draw_tips(axes: Any, plan: Plan, samples: Sequence[Sample]) -> None:
+    """The tip's way across the base's axis while a chamber has pressure, and where the model says."""
+    bending = plan.expected.bending
+    assert bending is not None
+    origin = next(sample.tip_m for sample in samples if sample.tip_m is not None)
+    for k, name in enumerate(plan.expected.names):
+        way = [s.tip_m - origin for s in samples if s.tip_m is not None and s.sent_pa[k] > 0]
+        if way:
+            axes.plot(*(bending.across @ np.array(way).T * 1e3), color=f"C{k}", lw=1.2, label=name)
+        model = bending.expected_m[k] * 1e3
+        axes.plot(model[:, 0], model[:, 1], "o", mfc="none", color=f"C{k}", ms=7)
+    axes.plot([], [], "o", mfc="none", color="0.3", label="model, at each step")
+    axes.set(xlabel="x of the base [mm]", ylabel="y of the base [mm]", title="tip", aspect="equal")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="best", fontsize="small")
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
+def _number(value: float, form: str) -> str:
+    return form.format(value) if math.isfinite(value) else "-"

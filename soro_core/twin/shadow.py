@@ -1,0 +1,166 @@
+"""A twin beside a real arm: driven by the measured pressures, compared with the measured poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from soro_core.errors import ModelError
+from soro_core.estimation.rotation import matrix_from_quaternion, rotation_exp, rotation_log
+from soro_core.robot import Robot
+from soro_core.twin.config import TwinConfig
+from soro_core.twin.twin import Twin, TwinState
+
+Array: TypeAlias = NDArray[np.float64]
+
+# For this long it is remembered where the shadow was: poses are measured before they arrive.
+REMEMBERED_S = 0.5
+# After a longer gap between pressures the shadow starts anew, at rest under the present ones.
+GAP_S = 0.5
+DIFFERENCES = ("distance", "x", "y", "z", "rotation", "bending")
+
+
+class ShadowConfig(TwinConfig):
+    """Parameters of the shadow: those of a twin, and how far the arm may be from it."""
+
+    tolerance_m: float = Field(
+        0.02, gt=0, le=10, description="distance between measured and simulated pose that is warned of"
+    )
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A measured pose less the shadow's at the same time.
+
+    Attributes
+    ----------
+    position_m : ndarray (3,)
+        In the world.
+    rotation_rad : float
+        Angle between the two orientations.
+    bending_rad : float
+        Angle between the base's axis and the arm's there: measured less simulated.
+    """
+
+    position_m: Array
+    rotation_rad: float
+    bending_rad: float
+
+    @property
+    def distance_m(self) -> float:
+        """Distance of the two positions."""
+        return float(np.linalg.norm(self.position_m))
+
+    @property
+    def values(self) -> Array:
+        """In the order of `DIFFERENCES`."""
+        return np.array([self.distance_m, *self.position_m, self.rotation_rad, self.bending_rad])
+
+
+@dataclass(frozen=True)
+class ShadowState:
+    """The twin as far as the last measured pressures, and where its pose has been lately."""
+
+    twin: TwinState | None = None
+    stamp_ns: int = 0
+    pressure_pa: Array | None = None
+    poses: tuple[tuple[int, Array], ...] = ()
+    restarts: int = 0
+
+
+def between(last_pa: Array, pressure_pa: Array, last_ns: int, stamp_ns: int, period_ns: int) -> list[Array]:
+    """Pressures (n_u,) at the ticks from one measurement to the next, in a straight line."""
+    ticks = round((stamp_ns - last_ns) / period_ns)
+    return [last_pa + (pressure_pa - last_pa) * (k / ticks) for k in range(1, ticks + 1)]
+
+
+def beginning(twin: Twin, pressure_pa: Array) -> TwinState:
+    """Twin at rest under measured pressures (n_u,) [Pa]; without, where no rest is found (a buckling arm)."""
+    try:
+        return twin.initial(pressure_pa)
+    except ModelError:
+        return twin.initial()
+
+
+class Shadow:
+    """The twin of a real arm.
+
+    Parameters
+    ----------
+    robot : Robot
+        As the controller knows it.
+    config : ShadowConfig
+        The twin, and where on it the pose is measured.
+    """
+
+    def __init__(self, robot: Robot, config: ShadowConfig) -> None:
+        self.twin, self._config = Twin(robot, config), config
+        self._period_ns = round(1e9 / config.rate_hz)
+        self._place = config.pose.location * robot.length
+        self._axis = matrix_from_quaternion(np.array(robot.base_quaternion))[:, 2]
+
+    def pose(self, state: TwinState) -> Array:
+        """Simulated pose (4, 4) where the sensor is."""
+        return self.twin.plant.arm.pose(state.arm.q, self._place)
+
+    def advance(self, state: ShadowState, stamp_ns: int, pressure_pa: Array) -> ShadowState:
+        """Go on to a measurement of the pressures (n_u,) [Pa gauge].
+
+        A shadow whose model fails, or that was without pressures for long, starts anew at rest.
+        """
+        if state.twin is None or state.pressure_pa is None or stamp_ns < state.stamp_ns:
+            return self._start(state, stamp_ns, pressure_pa)
+        if stamp_ns - state.stamp_ns > GAP_S * 1e9:
+            return self._start(replace(state, restarts=state.restarts + 1), stamp_ns, pressure_pa)
+        ways = between(state.pressure_pa, pressure_pa, state.stamp_ns, stamp_ns, self._period_ns)
+        if not ways:
+            return state
+        twin, poses = state.twin, list(state.poses)
+        for left, pressure in zip(range(len(ways) - 1, -1, -1), ways, strict=True):
+            twin = self.twin.step_pressures(twin, pressure)
+            if not twin.status.ok:
+                return self._start(replace(state, restarts=state.restarts + 1), stamp_ns, pressure_pa)
+            poses.append((stamp_ns - left * self._period_ns, self.pose(twin)))
+        oldest = stamp_ns - round(REMEMBERED_S * 1e9)
+        kept = tuple(entry for entry in poses if entry[0] >= oldest)
+        return replace(state, twin=twin, stamp_ns=stamp_ns, pressure_pa=pressure_pa, poses=kept)
+
+    def at(self, state: ShadowState, stamp_ns: int) -> Array | None:
+        """Simulated pose (4, 4) at a time; None where the shadow has not been, or is not remembered to be."""
+        return _between_poses(state.poses, stamp_ns)
+
+    def compare(self, simulated: Array, position: Array, quaternion: Array) -> Difference:
+        """A measured pose, position (3,) [m] and quaternion (4,) x, y, z, w, less a simulated one (4, 4)."""
+        measured = matrix_from_quaternion(quaternion)
+        turn = rotation_log(simulated[:3, :3].T @ measured)
+        bending = _angle(self._axis, measured[:, 2]) - _angle(self._axis, simulated[:3, 2])
+        return Difference(position - simulated[:3, 3], float(np.linalg.norm(turn)), bending)
+
+    def _start(self, state: ShadowState, stamp_ns: int, pressure_pa: Array) -> ShadowState:
+        twin = beginning(self.twin, pressure_pa)
+        return ShadowState(twin, stamp_ns, pressure_pa, ((stamp_ns, self.pose(twin)),), state.restarts)
+
+
+def _between_poses(poses: Sequence[tuple[int, Array]], stamp_ns: int) -> Array | None:
+    if not poses or not poses[0][0] <= stamp_ns <= poses[-1][0]:
+        return None
+    n = next(k for k, (when, _) in enumerate(poses) if when >= stamp_ns)
+    after_ns, after = poses[n]
+    if after_ns == stamp_ns:
+        return after
+    before_ns, before = poses[n - 1]
+    part = (stamp_ns - before_ns) / (after_ns - before_ns)
+    pose = before + part * (after - before)
+    rotation = before[:3, :3]
+    pose[:3, :3] = rotation @ rotation_exp(part * rotation_log(rotation.T @ after[:3, :3]))
+    return pose
+
+
+def _angle(a: Array, b: Array) -> float:
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

@@ -1,0 +1,220 @@
+"""`soro hil`: procedures on real regulators, and on emulated ones given as if they were real."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from soro_ros import signals
+from soro_ros.findings import show, show_rows
+from soro_ros.run_folder import new_folder
+from soro_ros.timing import punctual
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from soro_core.hardware.platform import PlatformBase
+    from soro_core.hardware.port import Regulator
+    from soro_core.robot import Robot
+
+app = typer.Typer(no_args_is_help=True)
+
+_PLATFORM = typer.Argument(help="Name of a shipped platform, or path of a platform file.")
+_DEVICE = typer.Option(help="Path or address in place of the platform's, as that of `soro emulate`.")
+_LOCKSTEP = typer.Option("--lockstep", help="As fast as it goes, with `soro emulate --lockstep` only.")
+_FOLDER = typer.Option(help="Where the folder of the report is made.")
+
+
+@app.command("first-pressure")
+def first_pressure(
+    platform: Annotated[str, _PLATFORM],
+    device: Annotated[str | None, _DEVICE] = None,
+    robot: Annotated[
+        str, typer.Option(help="Robot file or name: its model says how the arm must bend.")
+    ] = "",
+    pose: Annotated[
+        str, typer.Option(help="Topic of the tip's measured pose (PoseStamped), with --robot.")
+    ] = "",
+    ask: Annotated[bool, typer.Option("--ask", help="Ask which way the tip has gone, with --robot.")] = False,
+    steps_kpa: Annotated[str, typer.Option(help="Set points of each chamber [kPa gauge].")] = "5,10,20",
+    hold_s: Annotated[float, typer.Option(help="Time for which each step is held.")] = 2.0,
+    rise_kpa_s: Annotated[float, typer.Option(help="Fastest rise of a set point.")] = 50.0,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before each chamber.")] = False,
+    lockstep: Annotated[bool, _LOCKSTEP] = False,
+    folder: Annotated[Path, _FOLDER] = Path("runs"),
+) -> None:
+    """Pressurise PLATFORM for the first time: one chamber at a time, in small steps, each step judged.
+
+    Looks at offset, sign, level, speed, leak, the other chambers, the way the arm bends, and the vent. A step
+    that fails is the chamber's last. Everything passes the limiter, whose limits end just above the highest
+    step. Ctrl-C vents. Ends with a table and a report in FOLDER; exit status 0 when nothing failed.
+    """
+    from soro_core.errors import ConfigError
+    from soro_core.hardware.platform import load_platform
+    from soro_core.hil import report
+    from soro_core.hil.guarded import GuardedRegulator, Sample, small_limits
+    from soro_core.hil.plan import FirstPressureConfig, Plan
+    from soro_core.hil.pressurise import directions, expectation, pressurise
+
+    if (pose or ask) and not robot:
+        raise ConfigError("soro hil", "--robot", "", "a robot file or name, which --pose and --ask need")
+    if ask and yes:
+        raise ConfigError("soro hil", "--yes", "--ask", "one of them: --ask needs somebody to answer")
+    config = FirstPressureConfig(
+        steps_pa=_kpa(steps_kpa, "--steps-kpa"), hold_s=hold_s, rise_pa_s=rise_kpa_s * 1e3
+    )
+    loaded = load_platform(platform)
+    regulator = _regulator(loaded, platform, device, lockstep)
+    limits = small_limits(loaded, config.steps_pa[-1], config.rise_pa_s)
+    expected = expectation(loaded, regulator.update_hz, config, _robot(robot))
+    plan = Plan(config, expected, confirm=not yes, directions=directions(expected) if ask else ())
+    samples: list[Sample] = []
+    most, trip = limits.maximum_pa / 1e3, limits.over_pressure_pa / 1e3
+    typer.echo(f"limits: set points up to {most:g} kPa, trip above {trip:g} kPa; Ctrl-C vents", err=True)
+    with signals.noted() as stopped, _tip_of(pose) as tip, contextlib.closing(regulator):
+        regulator.configure()
+        guarded = GuardedRegulator(loaded, regulator, limits, lockstep, tip)
+        with punctual():
+            state = pressurise(
+                plan,
+                guarded,
+                samples.append,
+                ask=_ask,
+                answers=_answer,
+                stopped=lambda: bool(stopped),
+            )
+    about = {**_about(platform, device or loaded.device), "robot": robot or "-"}
+    title = f"First pressurisation of {platform}"
+    target = new_folder(folder, "first-pressure")
+    (target / "report.md").write_text(report.markdown(title, about, plan, state))
+    (target / "report.json").write_text(report.first_pressure_json(about, plan, state))
+    report.draw_first_pressure(target / "report.png", title, plan, samples)
+    show(title, state.findings)
+    typer.echo(f"report: {target / 'report.md'}", err=True)
+    raise typer.Exit(130 if stopped else 0 if report.passed(state.findings) else 1)
+
+
+@app.command()
+def latency(
+    platform: Annotated[str, _PLATFORM],
+    device: Annotated[str | None, _DEVICE] = None,
+    low_kpa: Annotated[float, typer.Option(help="Set point that steps begin from.")] = 5.0,
+    step_kpa: Annotated[float, typer.Option(help="Height of a step.")] = 4.0,
+    repeat: Annotated[int, typer.Option(help="Steps up, and as many down, of each chamber.")] = 10,
+    hold_s: Annotated[float, typer.Option(help="Time between steps.")] = 0.5,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before the first pressure.")] = False,
+    lockstep: Annotated[bool, _LOCKSTEP] = False,
+    folder: Annotated[Path, _FOLDER] = Path("runs"),
+) -> None:
+    """Measure the latency of the loop on PLATFORM by small steps of one chamber at a time.
+
+    From the set point sent: to readings exchanged, to the first that moves beyond its noise, to 63 %; dead
+    time and lag by a fit of all steps, beside what the platform file says. Ctrl-C vents.
+    """
+    from soro_core.hardware.platform import load_platform
+    from soro_core.hil import report
+    from soro_core.hil.guarded import GuardedRegulator
+    from soro_core.hil.latency import LatencyConfig, compare, evaluate, latency_limits, measure
+
+    loaded = load_platform(platform)
+    regulator = _regulator(loaded, platform, device, lockstep)
+    # A line that serves its chambers in turn needs some rounds for a step.
+    config = LatencyConfig(
+        low_pa=low_kpa * 1e3,
+        step_pa=step_kpa * 1e3,
+        repeat=repeat,
+        hold_s=max(hold_s, 12 / regulator.update_hz),
+    )
+    limits = latency_limits(loaded, config)
+    took_s = (2 * config.repeat + 4) * config.hold_s * regulator.n_chambers
+    question = f"{limits.maximum_pa / 1e3:g} kPa in each chamber, one at a time, for {took_s:.0f} s: go on?"
+    if not yes and not typer.confirm(question):
+        raise typer.Exit(1)
+    with signals.noted() as stopped, contextlib.closing(regulator):
+        regulator.configure()
+        guarded = GuardedRegulator(loaded, regulator, limits, lockstep)
+        with punctual():
+            runs = measure(config, guarded, lambda: bool(stopped))
+    found = evaluate(config, regulator.chamber_names, loaded.cycle_hz, runs)
+    findings = compare(found, loaded.emulation.regulator)
+    about, title = _about(platform, device or loaded.device), f"Latency of {platform}"
+    target = new_folder(folder, "latency")
+    (target / "report.md").write_text(report.latency_markdown(title, about, found, findings))
+    (target / "report.json").write_text(report.latency_json(about, found))
+    report.draw_latency(target / "report.png", title, found)
+    show_rows(title, report.LATENCY_HEAD, report.latency_rows(found))
+    typer.echo(
+        f"set points sent to readings exchanged: {report.milliseconds(found.exchange)} ms p50 / p99 / max"
+    )
+    show("against the platform file", findings)
+    typer.echo(f"report: {target / 'report.md'}", err=True)
+
+
+def _about(platform: str, device: str | None) -> dict[str, str]:
+    """What a report begins with."""
+    return {
+        "platform": platform,
+        "device": device or "",
+        "time": time.strftime("%Y-%m-%d %H:%M:%S"),
+    }
+
+
+def _regulator(platform: PlatformBase, name: str, device: str | None, lockstep: bool) -> Regulator:
+    """Make the driver, which opens nothing yet; refuse a platform without a device."""
+    from soro_core.errors import ConfigError
+    from soro_core.hardware.platform import open_regulator
+
+    if not (device or platform.device):
+        allowed = f"the path or address of the devices, or the one that `soro emulate {name}` prints"
+        raise ConfigError("soro hil", "--device", "", allowed)
+    return open_regulator(platform, device, lockstep=lockstep)
+
+
+def _robot(name: str) -> Robot | None:
+    from soro_core.config import find_config
+    from soro_core.robot import load_robot
+
+    return load_robot(find_config(name, "robots")) if name else None
+
+
+def _kpa(text: str, key: str) -> tuple[float, ...]:
+    """Pressures [Pa] of a list in kPa."""
+    from soro_core.errors import ConfigError
+
+    try:
+        return tuple(float(part) * 1e3 for part in text.split(","))
+    except ValueError:
+        raise ConfigError("soro hil", key, text, "numbers in kPa with commas between them") from None
+
+
+def _ask(question: str) -> None:
+    """Show a question; what was typed before it is no answer to it."""
+    while select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline():
+        pass
+    typer.echo(question, err=True)
+
+
+def _answer() -> str | None:
+    """A line that somebody has typed, without waiting for it; nobody there says no."""
+    if not select.select([sys.stdin], [], [], 0)[0]:
+        return None
+    return sys.stdin.readline() or "n"
+
+
+@contextlib.contextmanager
+def _tip_of(topic: str) -> Iterator[Callable[[], np.ndarray | None]]:
+    """Newest position of the tip on a topic; of none without a topic, and then without ROS."""
+    if not topic:
+        yield lambda: None
+        return
+    from soro_ros.pose_source import PoseSource
+
+    with PoseSource(topic) as source:
+        yield source.newest

@@ -1,0 +1,118 @@
+"""The shadow: a twin beside a real arm, driven by the measured pressures; what differs is told live."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import JointState
+
+from soro_core.config import find_config
+from soro_core.errors import ConfigError
+from soro_core.robot import load_robot
+from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowConfig, ShadowState
+from soro_ros import messages, qos
+from soro_ros.diagnostics import OK, WARN
+from soro_ros.lifecycle import SoroNode, run_node
+
+# What diagnostics speak of: the differences of this last time, and how long a pose may stay away.
+WINDOW_S, SILENT_S = 1.0, 1.0
+
+
+class ShadowNode(SoroNode[ShadowConfig]):
+    """Publishes what the model believes, and how far measured poses are from it."""
+
+    config_model = ShadowConfig
+    node_name = "shadow"
+
+    def setup(self, config: ShadowConfig) -> None:
+        if config.pressures != "measured":
+            raise ConfigError("parameters of shadow", "pressures", config.pressures, "measured")
+        robot = self._robot = load_robot(find_config(config.robot, "robots"))
+        self._config, self._names = config, robot.chamber_names
+        self._shadow = Shadow(robot, config)
+        self._coordinates = self._shadow.twin.plant.arm.robot.coordinate_names
+        self.compile(self._warm_up)
+        self._state = ShadowState()
+        self._waiting: deque[PoseStamped] = deque(maxlen=100)
+        self._lately: deque[tuple[float, Difference]] = deque()
+        self._poses = self._compared = 0
+        self._heard = -np.inf
+        self._tip = self.create_publisher(PoseStamped, "arm/shadow/tip", qos.RELIABLE)
+        self._arm = self.create_publisher(JointState, "arm/shadow/state", qos.RELIABLE)
+        self._differs = self.create_publisher(JointState, "arm/shadow/difference", qos.RELIABLE)
+        self.create_subscription(JointState, "chambers/state", self._on_pressures, qos.SENSOR)
+        self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, qos.SENSOR)
+
+    def _warm_up(self) -> None:
+        """Do once, unseen, what every tick does."""
+        shadow, zero = Shadow(self._robot, self._config), np.zeros(len(self._names))
+        state = shadow.advance(ShadowState(), 0, zero)
+        shadow.advance(state, round(1e9 / self._config.rate_hz), zero)
+
+    def _on_pressures(self, message: JointState) -> None:
+        try:
+            pressure = messages.pressures(message, self._names)
+        except ValueError as error:
+            self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
+            return
+        before = self._state.twin
+        self._state = self._shadow.advance(self._state, messages.to_ns(message.header.stamp), pressure)
+        if self._state.twin is None or self._state.twin is before:
+            return
+        arm = self._state.twin.arm
+        nothing = np.zeros_like(arm.q)
+        stamp_ns = self._state.stamp_ns
+        self._arm.publish(messages.arm_state(self._coordinates, arm.q, arm.qd, nothing, stamp_ns))
+        while self._waiting and messages.to_ns(self._waiting[0].header.stamp) <= stamp_ns:
+            self._compare(self._waiting.popleft())
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self._poses += 1
+        self._heard = time.monotonic()
+        self._waiting.append(message)
+
+    def _compare(self, message: PoseStamped) -> None:
+        stamp_ns = messages.to_ns(message.header.stamp)
+        simulated = self._shadow.at(self._state, stamp_ns)
+        if simulated is None:
+            return
+        self._compared += 1
+        found = self._shadow.compare(simulated, *messages.pose_arrays(message.pose))
+        self._lately.append((time.monotonic(), found))
+        self._tip.publish(messages.pose_stamped(simulated, stamp_ns, "world"))
+        told = JointState(name=list(DIFFERENCES), position=found.values.tolist())
+        told.header.stamp = message.header.stamp
+        self._differs.publish(told)
+
+    def diagnose(self) -> None:
+        now = time.monotonic()
+        while self._lately and self._lately[0][0] < now - WINDOW_S:
+            self._lately.popleft()
+        values = {"poses": self._poses, "compared": self._compared, "restarts": self._state.restarts}
+        if not self._lately:
+            silent = now - self._heard > SILENT_S
+            why = "no pose on sensors/pose0" if silent else "no pressures at the time of the poses"
+            self.diagnostics.update(WARN, f"nothing to compare: {why}", values)
+            return
+        distance = np.array([found.distance_m for _, found in self._lately])
+        bending = float(np.mean([found.bending_rad for _, found in self._lately]))
+        values |= {
+            "distance_rms_m": float(np.sqrt(np.mean(distance**2))),
+            "distance_max_m": float(distance.max()),
+            "bending_rad": bending,
+        }
+        text = f"measured {distance.mean() * 1e3:.1f} mm and {np.degrees(bending):+.1f} deg of bending off"
+        far = distance.max() > self._config.tolerance_m
+        self.diagnostics.update(WARN if far else OK, text, values)
+
+
+def main() -> None:
+    """Entry point of `ros2 run soro_ros shadow`."""
+    run_node(ShadowNode)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""A first pressurisation on emulated valves in this process, in lockstep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from hardware_bench import Bench, platform
+
+from soro_core.errors import HardwareError
+from soro_core.hardware import BusStatistics, Exchange, PlatformBase, Regulator
+from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_core.hardware.emulation.air import Air
+from soro_core.hardware.emulation.faults import Faults, read_injection
+from soro_core.hil.guarded import GuardedRegulator, Sample, small_limits
+from soro_core.hil.judge import Bending
+from soro_core.hil.plan import FirstPressureConfig, Plan, State
+from soro_core.hil.pressurise import expectation, pressurise
+
+CONFIG = FirstPressureConfig(steps_pa=(5e3, 20e3), rest_s=0.5, hold_s=0.6, vent_s=3.0)
+NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
+# Metres that the tip goes with each chamber, a Pa.
+WAYS = np.array([[np.cos(a), np.sin(a), 0.0] for a in (0.0, 2.0943951, 4.1887902)]) * 1e-6
+
+
+class OnAir(Regulator):
+    """Emulated valves and their air without a bus between; the readings may come back on other chambers."""
+
+    device_watchdog = True
+    chamber_names = NAMES
+    update_hz = 200.0
+    statistics = BusStatistics()
+
+    def __init__(self, described: PlatformBase, sensors: tuple[int, ...] = (0, 1, 2)) -> None:
+        self._sensors, self._setpoint = list(sensors), np.zeros(3)
+        self.gone, self.vents = False, 0
+        demands = [lambda n=n: float(self._setpoint[n]) for n in range(3)]
+        self.air = Air(described.emulation.regulator, demands, np.random.default_rng(1))
+        self.faults = self.air.faults = Faults(1)
+        self.faults.chambers = NAMES
+
+    @property
+    def pressure_pa(self) -> np.ndarray:
+        return self.air.pressure_pa
+
+    def configure(self) -> None:
+        """Nothing to do."""
+
+    def exchange(self, setpoint_pa: np.ndarray, now_ns: int) -> Exchange:
+        if self.gone:
+            raise HardwareError("the adapter is gone")
+        self.air.advance(now_ns)
+        self.faults.advance(now_ns)
+        reading = np.array([self.air.reading_pa(n) for n in self._sensors])
+        self._setpoint = setpoint_pa.copy()
+        return Exchange(self._setpoint, reading, np.ones(3, dtype=bool))
+
+    def vent(self) -> None:
+        self.vents += 1
+        self._setpoint = np.zeros(3)
+
+    close = vent
+
+
+class OnCan(Bench):
+    """The same with all the frames of a CAN bus."""
+
+    def __init__(self, described: CanopenPlatform) -> None:
+        super().__init__(described)
+        self.faults = self.world.faults
+
+    @property
+    def pressure_pa(self) -> np.ndarray:
+        return self.world.pressure_pa
+
+
+@dataclass
+class Pressurised:
+    """A rig with what went over the wire, and what was found."""
+
+    config: FirstPressureConfig = CONFIG
+    wiring: tuple[int, ...] = (0, 1, 2)  # which chamber of the arm each valve really feeds
+    sensors: tuple[int, ...] = (0, 1, 2)  # whose reading comes back as that of each chamber
+    arm: bool = False
+    confirm: bool = False
+    directions: tuple[str, ...] = ()
+    fault: str = ""
+    can: bool = False
+    answer: Callable[[str], str | None] = lambda question: "y"
+    stop_at: int = 10**9
+    samples: list[Sample] = field(default_factory=list)
+    true_pa: list[np.ndarray] = field(default_factory=list)
+    questions: list[str] = field(default_factory=list)
+
+    def run(self) -> State:
+        """Carry it out."""
+        described = platform()
+        self.devices = OnCan(described) if self.can else OnAir(described, self.sensors)
+        driver = self.devices.driver if self.can else self.devices
+        driver.configure()
+        if self.fault:
+            self.devices.faults.add(read_injection(self.fault))
+        config = self.config
+        limits = small_limits(described, config.steps_pa[-1], config.rise_pa_s)
+        expected = expectation(described, driver.update_hz, config)
+        if self.arm:
+            steps = np.array(config.steps_pa)[:, None]
+            ways = Bending(np.array([way[:2] * steps for way in WAYS]), np.eye(3)[:2])
+            expected = replace(expected, bending=ways)
+        guarded = GuardedRegulator(described, driver, limits, lockstep=True, tip=self._tip)
+        self.guarded, self._waiting = guarded, []
+        self.plan = Plan(config, expected, self.confirm, self.directions)
+        return pressurise(
+            self.plan,
+            guarded,
+            self._record,
+            self._ask,
+            lambda: self._waiting.pop() if self._waiting else None,
+            lambda: len(self.samples) >= self.stop_at,
+        )
+
+    def _tip(self) -> np.ndarray | None:
+        return WAYS[list(self.wiring)].T @ self.devices.pressure_pa if self.arm else None
+
+    def _record(self, sample: Sample) -> None:
+        self.samples.append(sample)
+        self.true_pa.append(self.devices.pressure_pa.copy())
+
+    def _ask(self, question: str) -> None:
+        self.questions.append(question)
+        if (answer := self.answer(question)) is not None:
+            self._waiting.append(answer)
+
+
+def failed(state: State) -> dict[str, str]:
+    """What failed: name and what was found."""
+    return {finding.name: finding.found for finding in state.findings if finding.level == "fail"}

@@ -1,0 +1,118 @@
+"""Latency of the loop against the emulated valves' own dead time of 5 ms and lag of 52 ms."""
+
+import json
+
+import numpy as np
+import pytest
+from hil_bench import NAMES, OnAir, OnCan, platform
+
+from soro_core.errors import ConfigError, HardwareError
+from soro_core.hardware.emulation.faults import read_injection
+from soro_core.hil import latency, report
+from soro_core.hil.guarded import GuardedRegulator, Sample
+from soro_core.hil.latency import LatencyConfig, compare, evaluate, latency_limits, measure
+from soro_core.pneumatics import RegulatorModel
+
+CONFIG = LatencyConfig(repeat=6, hold_s=0.4)
+
+
+def guarded(driver, config=CONFIG):
+    driver.configure()
+    limits = latency_limits(platform(), config)
+    return GuardedRegulator(platform(), driver, limits, lockstep=True)
+
+
+@pytest.fixture(scope="module")
+def on_can():
+    loop = guarded(OnCan(platform()).driver)
+    runs = measure(CONFIG, loop)
+    return runs, evaluate(CONFIG, NAMES, 200.0, runs)
+
+
+def test_dead_time_and_lag_are_those_of_the_emulated_valves(on_can, figure):
+    _, found = on_can
+    for chamber in found.chambers:
+        figure(
+            f"latency: {chamber.name} dead {chamber.dead_s * 1e3:.2f} ms, lag {chamber.lag_s * 1e3:.2f} ms"
+        )
+        assert chamber.steps == 13
+        assert chamber.dead_s == pytest.approx(0.005, abs=0.0015)
+        assert chamber.lag_s == pytest.approx(0.052, rel=0.06)
+        # The play of 900 Pa is missing from a step of 4 kPa.
+        assert chamber.gain == pytest.approx(3100 / 4000, abs=0.03)
+        assert 0.010 <= chamber.moved.p50_s <= 0.020
+        assert chamber.t63_up_s == pytest.approx(0.0575, abs=0.0076)
+        assert chamber.t63_down_s == pytest.approx(0.0575, abs=0.0076)
+    assert all(finding.level == "ok" for finding in compare(found, platform().emulation.regulator))
+
+
+def test_steps_are_small_one_at_a_time_and_within_one_cycle(on_can):
+    runs, _ = on_can
+    sent = np.array([sample.sent_pa for samples in runs for sample in samples])
+    assert (np.count_nonzero(sent, axis=1) <= 1).all()
+    assert sent.max() == CONFIG.low_pa + CONFIG.step_pa
+    assert np.abs(np.diff(sent, axis=0)).max() <= 1.01 * CONFIG.step_pa
+    for chamber in range(3):
+        up = (sent[:-1, chamber] == 5e3) & (sent[1:, chamber] == 9e3)
+        assert up.sum() == CONFIG.repeat
+    assert not sent[-1].any()
+
+
+def test_a_model_that_is_wrong_is_told(on_can):
+    _, found = on_can
+    slower = compare(found, RegulatorModel(delay_s=0.005, tau_s=0.1))
+    assert [finding.level for finding in slower] == ["warn"] * 3
+    assert "lag 5" in slower[0].found
+    later = compare(found, RegulatorModel(delay_s=0.05, tau_s=0.052))
+    assert [finding.level for finding in later] == ["warn"] * 3
+
+
+def test_the_time_that_an_exchange_takes_counts():
+    def late(n, took_s):
+        t = 0.005 * n - 0.1
+        pressure = 5e3 + (4e3 * (1 - np.exp(-max(t - 0.005, 0) / 0.052)) if t >= 0 else 0)
+        sent = np.array([9e3 if t >= -1e-9 else 5e3])
+        return Sample(t, sent, np.array([pressure]), np.ones(1, dtype=bool), took_s)
+
+    for took_s in (0.0, 0.003):
+        runs = [[late(n, took_s) for n in range(120)]]
+        (chamber,) = evaluate(LatencyConfig(hold_s=0.5), NAMES[:1], 200.0, runs).chambers
+        assert chamber.dead_s == pytest.approx(0.005 + took_s, abs=1e-5)
+        assert chamber.lag_s == pytest.approx(0.052, rel=1e-3)
+
+
+def test_what_the_limiter_does_not_allow_is_refused():
+    with pytest.raises(ConfigError, match="at most 9901 Pa"):
+        latency_limits(platform(), LatencyConfig(step_pa=12e3))
+    with pytest.raises(ConfigError, match="up to the platform's 90000 Pa"):
+        latency_limits(platform(), LatencyConfig(low_pa=88e3))
+
+
+def test_a_step_that_takes_two_cycles_begins_with_the_first_of_them():
+    where = np.array([0, 0, 1, 1, -1, -1, 0, 1, 1, 0, 0, -1, 1, 0, 0, 0])
+    assert list(latency._steps(where)) == [(4, -1), (6, 1), (9, -1), (12, 1)]
+
+
+def test_a_trip_or_an_interrupt_ends_it_vented():
+    devices = OnAir(platform())
+    devices.faults.add(read_injection("fault: stuck_open, chamber: link0/chamber0, at: 1"))
+    with pytest.raises(HardwareError, match="vented: over-pressure: link0/chamber0"):
+        measure(CONFIG, guarded(devices))
+    devices = OnAir(platform())
+    loop = guarded(devices)
+    left = iter(range(300))
+    with pytest.raises(HardwareError, match="vented: interrupted"):
+        measure(CONFIG, loop, lambda: next(left, None) is None)
+    for _ in range(60):
+        assert not loop.cycle(np.full(3, 9e3)).sent_pa.any()
+    assert devices.pressure_pa.max() < 1e3
+
+
+def test_the_report(on_can, tmp_path):
+    _, found = on_can
+    text = report.latency_markdown("Latency", {"device": "here"}, found, compare(found, RegulatorModel()))
+    assert text.count("| link0/chamber") == 6
+    read = json.loads(report.latency_json({"device": "here"}, found))
+    assert [chamber["name"] for chamber in read["chambers"]] == list(NAMES)
+    report.draw_latency(tmp_path / "report.png", "Latency", found)
+    assert (tmp_path / "report.png").stat().st_size > 20_000

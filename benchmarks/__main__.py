@@ -13,13 +13,17 @@ from rich.status import Status
 
 from benchmarks import (
     air_fit,
+    board,
     can_rates,
     extremes,
     faults,
     forward,
+    fuzz,
+    kills,
     peer,
     realtime,
     report,
+    serial_rates,
     sixlink,
     startup,
     terms,
@@ -41,7 +45,11 @@ SECTIONS = {
     "extremes": extremes,
     "air_fit": air_fit,
     "can_rates": can_rates,
+    "serial_rates": serial_rates,
+    "board": board,
+    "kills": kills,
     "faults": faults,
+    "fuzz": fuzz,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -190,7 +190,7 @@ def row(layout: Layout, found: Measured, loaded: CanopenPlatform) -> list[object
         found.cycles,
         f"{found.lost} ({met(found.lost == 0)})",
         found.faults,
-        figure(found.rate_hz, 4),
+        f"{figure(found.rate_hz, 4)} ({met(found.rate_hz >= 0.999 * layout.rate_hz)})",
         f"{100 * use:.0f} %",
         figure(found.p50_ms),
         figure(found.p99_ms),

@@ -1,4 +1,4 @@
-"""Serial lines: set points and readings a second over paced lines, and the vent after the driver's death.
+"""Serial lines: set points and readings a second over paced lines.
 
 The emulator paces the bytes at the baud rate, in a process of its own; the driver runs in this one, called at
 200 Hz as by the regulator node.
@@ -22,22 +22,11 @@ import yaml
 from benchmarks.options import Options
 from benchmarks.report import met, table
 from soro_core.hardware import load_platform, open_regulator
-from soro_core.hardware.plant_link import PlantLinkClient
 
 TITLE = "Serial regulators"
-VENT_MS = 300.0
 PERIOD_S = 0.005
-_DRIVER = """
-import sys, time
-import numpy as np
-from soro_core.hardware import load_platform, open_regulator
-platform = load_platform(sys.argv[1])
-regulator = open_regulator(platform, sys.argv[2])
-regulator.configure()
-while True:
-    regulator.exchange(np.full(regulator.n_chambers, 40e3), time.monotonic_ns())
-    time.sleep(0.004)
-"""
+WAITS_S = (0.0, 0.002, 0.0045)
+NEAR = 0.9  # "about" as much
 _PATIENT = {"answer_timeout_s": 0.2, "silent_after": 10, "stale_s": 5.0}
 
 
@@ -72,35 +61,29 @@ CASES = (
 
 def run(options: Options) -> str:
     """Measure; the section's text."""
-    seconds, kills = (1.0, 1) if options.quick else (10.0, 10)
+    long, short = options.pick((60.0, 10.0), (1.0, 0.5))
     rows = []
     for case in CASES[:1] if options.quick else CASES:
-        for budget_s in (0.0, 0.002, 0.0045):
+        for budget_s in WAITS_S:
             options.say(f"{case.name}, waiting {budget_s * 1e3:g} ms")
-            rows.append(_rates(case, budget_s, seconds))
-    kill_rows = []
-    for case in (CASES[0],) if options.quick else (CASES[0], CASES[3], CASES[2]):
-        options.say(f"{case.name}: kills")
-        kill_rows.append(_kills(case, kills))
+            rows.append(_rates(case, budget_s, long if budget_s == WAITS_S[-1] else short))
     head = (
         "platform",
         "exchange waits",
-        "set points/s",
-        "readings/s",
-        "messages/s a line",
-        "line alone",
+        "asked, Hz",
+        "set points, Hz",
+        "readings, Hz",
+        "target",
         "exchange p50 / p99 ms",
         "driver CPU",
         "lost",
     )
     return (
-        f"{seconds:g} s each, exchanges at 200 Hz, set points moving all the time (sine, 20 kPa, 1 Hz). "
-        "Set points and readings are those of one chamber. *Line alone*: pairs of set point and reading a "
-        "second on a line (Alicat with S: one message) when nothing but its bytes takes time.\n\n"
-        + table(head, rows)
-        + "\n\nDriver killed (SIGKILL) at 40 kPa: time until the last chamber has begun to vent, the valve's "
-        "own delay of 5 ms within.\n\n"
-        + table(("platform", "kills", "median ms", "slowest ms", f"at most {VENT_MS:g} ms"), kill_rows)
+        f"{long:g} s (the last wait) or {short:g} s each, exchanges at 200 Hz, set points moving all the "
+        "time (sine, 20 kPa, 1 Hz). Set points and readings are those of one chamber. *Asked*: pairs of set "
+        "point and reading (Alicat with S: one message) that a chamber can have when only the bytes of its "
+        "line take time. An exchange that waits for answers sends the next question at once; met from "
+        f"{100 * NEAR:g} % on, where it waits for 4.5 of its 5 ms.\n\n" + table(head, rows)
     )
 
 
@@ -127,48 +110,19 @@ def _rates(case: Case, budget_s: float, seconds: float) -> list[str]:
         cpu = time.process_time() - cpu
         after = regulator.statistics
         regulator.close()
-    messages = (after.frames_received - before.frames_received) / seconds
+    asked = case.stated_hz * case.lines / len(phases)
+    reached = min(setpoints.mean(), readings.mean()) / seconds
     p50, p99 = (f"{np.percentile(latencies, q) * 1e3:.1f}" for q in (50, 99))
     return [
         case.name,
         f"{budget_s * 1e3:g} ms",
+        f"{asked:.1f}",
         f"{setpoints.mean() / seconds:.1f}",
         f"{readings.mean() / seconds:.1f}",
-        f"{messages / case.lines:.0f}",
-        f"{case.stated_hz:g}",
+        met(reached >= NEAR * asked) if budget_s == WAITS_S[-1] else "-",
         f"{p50} / {p99}",
         f"{cpu / seconds:.0%}",
         f"{after.frames_lost - before.frames_lost}",
-    ]
-
-
-def _kills(case: Case, kills: int) -> list[str]:
-    times = []
-    for _ in range(kills):
-        with _served(case, 0.002) as (path, device, plant):
-            host = subprocess.Popen([sys.executable, "-c", _DRIVER, path, device])
-            link = PlantLinkClient(plant)
-            try:
-                while link.receive(30.0).pressures.min() < 39e3:
-                    if host.poll() is not None:
-                        raise RuntimeError(f"{case.name}: the driver has ended by itself")
-                while link.wait(0.0) is not None:
-                    pass
-                killed = time.monotonic()
-            finally:
-                host.kill()
-                host.wait()
-            while link.receive(30.0).pressures.max() > 38.5e3:
-                pass
-            times.append((time.monotonic() - killed) * 1e3)
-            link.close()
-    slowest = max(times)
-    return [
-        case.name,
-        f"{kills}",
-        f"{np.median(times):.0f}",
-        f"{slowest:.0f}",
-        met(slowest <= VENT_MS),
     ]
 
 

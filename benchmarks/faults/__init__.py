@@ -2,48 +2,66 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from benchmarks.faults import cells
 from benchmarks.faults.cells import Result
-from benchmarks.faults.rigs import RIGS, Loop
-from benchmarks.faults.rows import MATRIX, Row
+from benchmarks.faults.matrix import FOUR, MATRIX
+from benchmarks.faults.rigs import Loop, rig_of
+from benchmarks.faults.rows import Row
 from benchmarks.options import Options
-from benchmarks.report import table
+from benchmarks.report import met, table
 
 TITLE = "Faults"
 
 
 def run(options: Options) -> str:
-    """Run every cell, and write."""
-    parts = [_INTRO]
+    """Run every cell, each beside an arm on another bus, and write."""
+    beside = Loop(rig_of("canopen_408", HEALTHY))
+    beside.rig.regulator.configure()
+    parts, total, bad = [_INTRO, ""], 0, 0
     for family, rows in MATRIX.items():
         results = []
-        for row in rows[: options.pick(len(rows), 3)]:
+        for row in rows[: options.pick(len(rows), 1)]:
             options.say(f"{family}: {row.fault}")
-            results.append(cells.run(family, row))
+            results.append(cells.run(family, row, beside=beside))
+        for row in [row for row in rows if row.fault in ON_REAL_LINES][: options.pick(len(rows), 0)]:
+            options.say(f"{family} over a real line: {row.fault}")
+            found = cells.run(family, row, real=True)
+            results.append(replace(found, row=replace(row, fault=f"{row.fault} (real line)")))
+        total, bad = total + len(results), bad + sum(bool(result.problems) for result in results)
         parts += [f"### {family}", _summary(results), _table(results)]
-        seconds = options.pick(3600, 5)
+        seconds = options.pick(600 if family == FOUR else 3600, 1)
         options.say(f"{family}: {seconds} s without a fault")
         parts.append(healthy(family, seconds))
+    parts[1] = f"{total} cells, {bad} of them not as stated: {met(not bad)}."
+    beside.rig.close()
     return "\n\n".join(parts)
 
 
+HEALTHY = Row("", "tolerate")
+# Over pseudo-terminals and TCP what is lost takes time on the wall; these cells do not need much of it.
+ON_REAL_LINES = ("adapter_unplug", "reboot", "mute", "garbage_line, p: 0.1", "stuck_open")
 _INTRO = """\
-Every fault is injected into a running arm (three chambers on a circle of 25 kPa, 2 s a turn, in lockstep)
-with the limits as shipped. *Trip*: time from the injection to the vent command, then to all chambers below
-5 kPa (of those that the fault does not block), the cause matched, the latch held while commands go on and the
-fault goes away, a reset refused while pressure is commanded and granted with a zero command."""
+Every fault is injected into a running arm (chambers on a circle of 25 kPa, 2 s a turn, in lockstep) with the
+limits as shipped. *Trip*: time from the injection to the vent command, then to all chambers below 5 kPa (of
+those that the fault does not block), the cause matched, the latch held while commands go on and the fault
+goes away, a reset refused while pressure is commanded and granted with a zero command; an arm on another bus
+goes on beside it. A bound is the family's own (CANopen and our board 100 ms, published VEAB server 150 ms,
+serial lines 0.2 s and a round of the line), after the time in which the fault becomes visible: 300 or 500 ms
+of a monitor and the motion that it needs (benchmarks/faults/matrix.py says which)."""
 
 
 def healthy(family: str, seconds: float) -> str:
     """Circles of all sizes and speeds, and steps of full scale, on devices with nothing wrong."""
-    rig = RIGS[family](Row("", "tolerate"))
+    rig = rig_of(family, HEALTHY)
     loop = Loop(rig)
     try:
         rig.regulator.configure()
         for _ in range(round(seconds / rig.period_s)):
-            loop.cycle(healthy_command(loop.cycles * rig.period_s))
+            loop.cycle(healthy_command(loop.cycles * rig.period_s, rig.regulator.n_chambers))
             if loop.state.vented:
                 break
     finally:
@@ -53,13 +71,14 @@ def healthy(family: str, seconds: float) -> str:
     return f"Without a fault for {ran_s / 60:.1f} minutes of circles and steps of full scale: {end}."
 
 
-def healthy_command(t: float) -> np.ndarray:
-    """Set points [Pa gauge] of three chambers: ten seconds each of one kind."""
+def healthy_command(t: float, n: int = 3) -> np.ndarray:
+    """Set points [Pa gauge] of the chambers: ten seconds each of one kind, circles, holds or steps."""
     number = int(t // 10)
     if number % 2:
-        return 90e3 * (np.floor((t + np.arange(3) * 0.3) / (0.2 + 0.2 * (number % 7))) % 2)
+        return 90e3 * (np.floor((t + np.arange(n) * 0.3) / (0.2 + 0.2 * (number % 7))) % 2)
     period, size = 0.5 + 0.5 * (number % 16), 5e3 * (1 + number % 9)
-    return 45e3 + size * np.sin(2 * np.pi * (t / period + np.arange(3) / 3))
+    held = number % 6 == 4
+    return 45e3 + size * np.sin(2 * np.pi * ((0.0 if held else t / period) + np.arange(n) / 3))
 
 
 def _summary(results: list[Result]) -> str:
@@ -78,6 +97,7 @@ def _line(result: Result) -> list[object]:
     row = result.row
     trip = "-" if result.trip_ms is None else f"{result.trip_ms:.0f} ({row.bound_ms:.0f})"
     empty = "-" if result.empty_ms is None else f"{result.empty_ms:.0f}{' (others)' if row.blocked else ''}"
+    empty = "held by the devices" if row.blocked == "arm" else empty
     said = (
         result.cause.split(";")[0]
         if result.cause

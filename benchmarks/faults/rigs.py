@@ -1,4 +1,4 @@
-"""Drivers on emulated devices in lockstep, and the loop around them; a family adds its rig to `RIGS`."""
+"""Drivers on emulated devices in lockstep, on real lines or in this process, and the loop around them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,19 @@ from benchmarks.faults.rows import Row
 from soro_core import safety
 from soro_core.errors import HardwareError
 from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
+from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.driver import BoardRegulator
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.emulation.devices import EmulatedDevices
 from soro_core.hardware.emulation.inprocess import HubBus
+from soro_core.hardware.emulation.line_link import LineLink, LinePort
 from soro_core.hardware.emulation.process import Emulator
 from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.platform import PlatformBase
+from soro_core.hardware.serial_line.config import SerialPlatform
+from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
+from soro_core.hardware.veab.driver import VeabRegulator
+from soro_core.hardware.veab.emulated import EmulatedVeabServer
 
 
 @dataclass
@@ -90,37 +97,85 @@ def on_a_line(platform: PlatformBase, seed: int = 1) -> Rig:
     return Rig(platform, regulator, devices, close, at_devices)
 
 
-def canopen(row: Row) -> Rig:
+def in_process(platform: PlatformBase, seed: int = 1) -> Rig:
+    """Any family without a real line: what has not come when the devices have had their cycle never comes."""
+    devices = FAMILIES[platform.family].emulate(platform, lockstep=True, seed=seed)
+    if isinstance(platform, SerialPlatform):
+        return _on_ports(platform, devices)
+    (line,) = devices.lines
+    kind = {"veab_tcp": VeabRegulator, "soro_board": BoardRegulator}[platform.family]
+    regulator: Regulator = kind(platform, LineLink(line), time.monotonic, lockstep=True)  # type: ignore[arg-type]
+
+    def plug(is_in: bool) -> None:
+        line.hang_up, line.refuses = not is_in, not is_in
+
+    return _unpluggable(Rig(platform, regulator, devices, regulator.close), plug)
+
+
+def _on_ports(platform: SerialPlatform, devices: EmulatedDevices) -> Rig:
+    ports = [LinePort(line, f"port{number}") for number, line in enumerate(devices.lines)]
+    kind = ItvRegulator if platform.family == "itv_rs232" else AlicatRegulator
+
+    def plug(is_in: bool) -> None:
+        for port in ports:
+            port.gone = not is_in
+
+    regulator = kind(platform, lambda: ports, time.monotonic, lockstep=True)  # type: ignore[arg-type]
+    return _unpluggable(Rig(platform, regulator, devices, regulator.close), plug)
+
+
+def _unpluggable(rig: Rig, plug: Callable[[bool], None]) -> Rig:
+    faults = rig.devices.faults
+    faults.on_start["adapter_unplug"] = lambda _: plug(False)
+    faults.on_end["adapter_unplug"] = lambda _: plug(True)
+    return rig
+
+
+def canopen(name: str, real: bool) -> Rig:
     """CANopen: frame by frame in this process, but for the faults of the adapter's line."""
-    platform = load_platform("emulated_canopen")
-    if row.bytes:
+    platform = load_platform(name)
+    if real:
         return on_a_line(platform)
     bus = HubBus(platform, seed=1)  # type: ignore[arg-type]
     driver = CanopenRegulator(platform, lambda: bus, clock=time.monotonic, lockstep=True)  # type: ignore[arg-type]
     return Rig(platform, driver, bus.world, driver.close)
 
 
-def veab(row: Row) -> Rig:
-    """VEAB boards: the published server ends at the first trouble and has to be started by hand."""
-    rig = on_a_line(load_platform("veab_tcp"))
-    rig.mend = rig.devices.start  # type: ignore[attr-defined]
+def other(name: str, real: bool) -> Rig:
+    """Every other family."""
+    platform = load_platform(name)
+    if isinstance(platform, BoardPlatform):  # two of its six buses; the other ports feed no chamber
+        platform = platform.model_copy(update={"ports": platform.ports[:4]})
+    rig = on_a_line(platform) if real else in_process(platform)
+    if isinstance(rig.devices, EmulatedVeabServer):
+        rig.mend = rig.devices.start  # the published server ends at the first trouble; a person starts it
     return rig
 
 
-RIGS: dict[str, Callable[[Row], Rig]] = {
-    "canopen_408": canopen,
-    "itv_rs232": lambda row: on_a_line(load_platform("itv_serial")),
-    "alicat": lambda row: on_a_line(load_platform("alicat_serial")),
-    "veab_tcp": veab,
-    "soro_board": lambda row: on_a_line(load_platform("soro_board")),
+def rig_of(family: str, row: Row, real: bool = False) -> Rig:
+    """The rig of a family for a row, with a real line where the row needs one or it is wanted."""
+    make = canopen if family.startswith("canopen") else other
+    return make(PLATFORMS[family], real or row.bytes)
+
+
+PLATFORMS = {
+    "canopen_408": "emulated_canopen",
+    "canopen_408, 4 channels": "emulated_canopen_4ch",
+    "itv_rs232": "itv_serial",
+    "alicat": "alicat_serial",
+    "veab_tcp": "veab_tcp",
+    "soro_board": "soro_board",
 }
+# Slow lines: a reading may be some updates old, as their platform files say.
+LIMITS = dict.fromkeys(("itv_rs232", "alicat"), safety.Limits(reading_age_s=0.2))
 
 
 class Loop:
     """What the regulator node does, without ROS: exchange, judge, vent when the latch closes."""
 
-    def __init__(self, rig: Rig, limits: safety.Limits = safety.Limits()) -> None:  # noqa: B008 - frozen
-        self.rig, self.limits = rig, limits
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.limits = LIMITS.get(rig.platform.family, safety.Limits())
         names = rig.regulator.chamber_names
         self.state = safety.initial_state(len(names), names)
         self.cycles = 0

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from soro_core.errors import HardwareError
 from soro_core.hardware import Exchange
+from soro_core.hardware.emulation.line_link import LinePort
 from soro_core.hardware.emulation.uart import Uart
 from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.platform import parse_platform
@@ -34,7 +34,7 @@ COMMON: dict[str, Any] = {
     "range": {"minimum_pa": 0.0, "maximum_pa": 90e3},
     "cycle_hz": 200.0,
     "line": {"check_s": 0.1},
-    "emulation": {"regulator": AIR},
+    "emulation": {"regulator": AIR, "boot_delay_s": 0.0},
 }
 ITV: dict[str, Any] = {
     **COMMON,
@@ -62,7 +62,8 @@ def alicat(n: int = 3, **changes: Any) -> SerialPlatform:
 
 def quiet(**emulation: Any) -> dict[str, Any]:
     """Emulation without noise."""
-    return {"regulator": {**AIR, "reading_noise_pa": 0.0, "hysteresis_pa": 0.0}, **emulation}
+    air = {**AIR, "reading_noise_pa": 0.0, "hysteresis_pa": 0.0}
+    return {"regulator": air, "boot_delay_s": 0.0, **emulation}
 
 
 def _platform(base: dict[str, Any], n: int, changes: dict[str, Any]) -> SerialPlatform:
@@ -71,21 +72,17 @@ def _platform(base: dict[str, Any], n: int, changes: dict[str, Any]) -> SerialPl
     return found
 
 
-class LoopPort:
+class LoopPort(LinePort):
     """The host's end of an emulated line in this process; it writes down what passes."""
 
     def __init__(self, line: Uart, name: str) -> None:
-        self.name = name
+        super().__init__(line, name)
         self.log: list[str] = []
-        self.gone = False
-        self._line = line
         self._sent, self._received = b"", b""
 
     def read(self) -> bytes:
         """Bytes that have come."""
-        self._check()
-        chunk = bytes(self._line.output)
-        self._line.output.clear()
+        chunk = super().read()
         self._received = self._note("< ", self._received + chunk.translate(None, MARK + START_MARK))
         return chunk
 
@@ -93,23 +90,15 @@ class LoopPort:
         """Send bytes."""
         self._check()
         self._sent = self._note("> ", self._sent + data.translate(None, MARK + START_MARK))
-        self._line.feed(data)
-
-    def fileno(self) -> int:
-        """None."""
-        return -1
+        super().write(data)
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Nothing to close: what has come stays."""
 
     def take_log(self) -> list[str]:
         """Lines in both directions since the last call."""
         log, self.log = self.log, []
         return log
-
-    def _check(self) -> None:
-        if self.gone:
-            raise HardwareError(f"{self.name}: the port is gone (unplugged)")
 
     def _note(self, direction: str, data: bytes) -> bytes:
         *lines, rest = data.split(b"\r")

@@ -42,7 +42,7 @@ def test_restart_of_the_device(one):
     one.run(60, 20e3)
     one.log()
     one.valves[0].reboot(one.devices.now_ns)
-    result = one.run(25, 20e3)
+    result = one.run(26, 20e3)
     assert one.log()[:-1] == transcript("itv_rebooted")
     assert codes(result) == {("rebooted", "link0/chamber0 (port0)")}
     assert result.faults[0].message == "confirmed 20039 Pa and has 0 Pa: restarted, or set by another"

@@ -67,9 +67,12 @@ class Board:
         due = self._exchanged_ns + self._refresh_ns
         if self.state.greeted:
             due = min(due, self._sent_ns + self._heartbeat_ns)
-        if self.state.fed_ns is not None:
-            due = min(due, self.state.fed_ns + self.rules.watchdog_ns)
-        return due
+        return due if self.watchdog_ns is None else min(due, self.watchdog_ns)
+
+    @property
+    def watchdog_ns(self) -> int | None:
+        """Time at which a host that stays silent makes the ports vent; None while it is not armed."""
+        return None if self.state.fed_ns is None else self.state.fed_ns + self.rules.watchdog_ns
 
     def start(self, now_ns: int) -> list[PortReport]:
         """Self-test; every port is at 0 Pa afterwards, whatever the board did before."""

@@ -58,6 +58,7 @@ class BoardRegulator(Regulator):
         self._latched: dict[str, Fault] = {}
         self._configured = self._closed = False
         self._boot: int | None = None
+        self._taken: State | None = None
         self._heard_ns = self._read_ns = 0
         self._heard = self._missed = self._cycles = self._lost = 0
         self._pressure_pa: Array = np.full(len(self._names), np.nan)
@@ -153,7 +154,7 @@ class BoardRegulator(Regulator):
 
     def _transact(self, setpoint_pa: Array) -> Flags:
         """Send set points and wait for the answer; where it is fresh. A lost connection is a fault."""
-        session, fresh = self._session, np.zeros(self.n_chambers, dtype=np.bool_)
+        session, fresh, taken = self._session, np.zeros(self.n_chambers, dtype=np.bool_), self._taken
         try:
             if not session.link.is_open:
                 self._sent_pa = np.zeros(self.n_chambers)
@@ -165,11 +166,12 @@ class BoardRegulator(Regulator):
         except HardwareError as error:
             self._latch("link_lost", str(error))
             return fresh
-        if session.is_answered and session.state is not None:
+        self._lost += not session.is_answered
+        # An answer that is some cycles late is a reading all the same; how late is told by its number.
+        state, self._taken = session.state, session.state
+        if state is not None and state is not taken and session.lag < self.platform.host.stale_cycles:
             for n, port in enumerate(self._ports):
-                fresh[n] = not session.state.ports[port].flags & PortFlag.ADC_ERROR
-        else:
-            self._lost += 1
+                fresh[n] = not state.ports[port].flags & PortFlag.ADC_ERROR
         return fresh
 
     def _wait_for_answer(self) -> None:
@@ -196,7 +198,7 @@ class BoardRegulator(Regulator):
         if state is not None and state.cause:
             code, text = texts.CAUSES[state.cause]
             self._latch(code, f"the board {text}{texts.complaints(state)}")
-        elif state is not None and fresh.any():
+        elif state is not None and fresh.any() and session.is_answered:
             self._compare(state)
         if now_ns - self._heard_ns > times.heartbeat_consumer_s * 1e9:
             self._latch("heartbeat_lost", f"not heard for {times.heartbeat_consumer_s * 1e3:.0f} ms")

@@ -89,6 +89,9 @@ class EmulatedBoard(ServedPorts):
 
     def poll(self, now_ns: int) -> None:
         self._advance(now_ns)
+        # In lockstep there is nothing between two SETs but this; the next one is answered with the cause.
+        if self._lockstep and self.board.watchdog_ns is not None and now_ns >= self.board.watchdog_ns:
+            self.board.poll(now_ns)
 
     def take(self, chunk: bytes) -> None:
         """Take bytes of the host; in lockstep a SET ends a cycle."""

@@ -48,6 +48,11 @@ class Session:
         """Whether the newest SET or RESET has its answer."""
         return self.answered == self.sequence
 
+    @property
+    def lag(self) -> int:
+        """How many SETs have been sent since the one that the newest STATE answers."""
+        return (self.sequence - self.answered) & 0xFFFFFFFF
+
     def greet(self) -> None:
         """Begin with a new connection: HELLO."""
         self._decoder.reset()

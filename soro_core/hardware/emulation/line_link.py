@@ -1,4 +1,4 @@
-"""A driver's connection straight to an emulated line in this process, for tests in lockstep."""
+"""A driver's end of an emulated line in this process, for tests in lockstep: a connection, a serial port."""
 
 from __future__ import annotations
 
@@ -54,3 +54,32 @@ class LineLink:
             self.close()
         if not self._open:
             raise HardwareError("emulated line: the connection is gone")
+
+
+class LinePort:
+    """The same as a serial port; `gone` takes it away from the host."""
+
+    def __init__(self, line: Line, name: str) -> None:
+        self.name = name
+        self.gone = False
+        self._line = line
+
+    def read(self) -> bytes:
+        self._check()
+        chunk = bytes(self._line.output)
+        self._line.output.clear()
+        return chunk
+
+    def write(self, data: bytes) -> None:
+        self._check()
+        self._line.feed(data)
+
+    def fileno(self) -> int:
+        return -1
+
+    def close(self) -> None:
+        self._line.output.clear()
+
+    def _check(self) -> None:
+        if self.gone:
+            raise HardwareError(f"{self.name}: the port is gone (unplugged)")

@@ -66,13 +66,19 @@ class AlicatChannel(Channel):
             found = codec.parse_setpoint(line, self.unit, layout)
             return "garbled" if found is None else self.confirm(request.counts, found)
         frame = codec.parse_frame(line, self.unit, layout)
-        if frame is None or not _LOWEST_PA <= frame.pressure_pa <= self._highest_pa:
+        if frame is None:
             return "garbled"
         self.flags = frame.flags
-        self.read(frame.pressure_pa, now_ns)
+        is_wrong = not _LOWEST_PA <= frame.pressure_pa <= self._highest_pa
+        if self.strike("pressure", is_wrong):
+            self.latch("sensor_failed", f"reads {frame.pressure_pa / 1e3:.1f} kPa")
+        if not is_wrong:
+            self.read(frame.pressure_pa, now_ns)
         if request.kind == "set":
-            return self.confirm(request.counts, frame.setpoint_counts)
-        return self.check(frame.setpoint_counts, now_ns)
+            outcome = self.confirm(request.counts, frame.setpoint_counts)
+        else:
+            outcome = self.check(frame.setpoint_counts, now_ns)
+        return "mismatch" if is_wrong else outcome
 
     def device_faults(self) -> list[Fault]:
         """A valve on hold does not regulate; a pressure beyond the sensor's range is not known."""

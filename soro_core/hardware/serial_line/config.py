@@ -48,7 +48,9 @@ class LineOptions(Strict):
 class LineEmulation(EmulationBase):
     """How the emulated devices of a serial line behave."""
 
-    boot_delay_s: float = Field(0.1, ge=0, le=10, description="silence after power-on; 0 in lockstep")
+    boot_delay_s: float = Field(
+        0.1, ge=0, le=10, description="silence after power-on; in lockstep after a restart only"
+    )
     answer_delay_s: float = Field(0.001, ge=0, le=0.1, description="time from a request to its answer")
 
 

@@ -133,11 +133,12 @@ def emulate_itv(platform: ItvPlatform, lockstep: bool, seed: int) -> SerialDevic
     """Emulated ITVs, one a line."""
     devices = SerialDevices(platform, len(platform.valves), half_duplex=False, lockstep=lockstep)
     emulation = platform.emulation
-    boot_ns = 0 if lockstep else round(emulation.boot_delay_s * 1e9)
+    boot_ns = round(emulation.boot_delay_s * 1e9)
+    up_ns = 0 if lockstep else boot_ns
     delay_ns = round(emulation.answer_delay_s * 1e9)
     valves = []
     for number, line in enumerate(devices.lines):
-        valve = EmulatedItv(line, platform.full_scale_pa, devices.reading(number), delay_ns, boot_ns)
+        valve = EmulatedItv(line, platform.full_scale_pa, devices.reading(number), delay_ns, boot_ns, up_ns)
         line.station = valve
         valves.append(valve)
     devices.connect(valves, platform, seed)
@@ -148,7 +149,8 @@ def emulate_alicat(platform: AlicatPlatform, lockstep: bool, seed: int) -> Seria
     """Emulated Alicat controllers on one line."""
     devices = SerialDevices(platform, 1, half_duplex=True, lockstep=lockstep)
     emulation = platform.emulation
-    boot_ns = 0 if lockstep else round(emulation.boot_delay_s * 1e9)
+    boot_ns = round(emulation.boot_delay_s * 1e9)
+    up_ns = 0 if lockstep else boot_ns
     units = [
         EmulatedAlicat(
             valve.unit,
@@ -157,6 +159,7 @@ def emulate_alicat(platform: AlicatPlatform, lockstep: bool, seed: int) -> Seria
             emulation.full_scale_pa,
             devices.reading(number),
             boot_ns,
+            up_ns,
         )
         for number, valve in enumerate(platform.valves)
     ]

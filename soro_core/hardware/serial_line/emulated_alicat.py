@@ -28,6 +28,8 @@ class EmulatedAlicat:
         Measured pressure now.
     boot_ns : int
         Silence after power-on.
+    up_ns : int
+        Time at which it is up for the first time.
     """
 
     def __init__(
@@ -38,13 +40,14 @@ class EmulatedAlicat:
         full_scale_pa: float,
         reading_pa: Callable[[], float],
         boot_ns: int,
+        up_ns: int = 0,
     ) -> None:
         version = parse_version(firmware.encode())
         self.version = version or (0, 0)
         self.unit, self.firmware, self._label = unit, firmware, pressure_unit
         self._unit_pa, self._decimals, self._code = _UNITS[pressure_unit]
         self._full_scale_pa, self._reading_pa, self._boot_ns = full_scale_pa, reading_pa, boot_ns
-        self._up_ns = boot_ns
+        self._up_ns = up_ns
         self.setpoint = 0.0  # in its unit
         self.source = "S"
         self.flags: set[str] = set()

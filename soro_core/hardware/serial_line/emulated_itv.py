@@ -23,6 +23,8 @@ class EmulatedItv(Station):
         Measured pressure now.
     answer_delay_ns, boot_ns
         Time from a command to its answer; silence after power-on.
+    up_ns : int
+        Time at which it is up for the first time.
     """
 
     def __init__(
@@ -32,10 +34,11 @@ class EmulatedItv(Station):
         reading_pa: Callable[[], float],
         answer_delay_ns: int,
         boot_ns: int,
+        up_ns: int = 0,
     ) -> None:
         self._line, self._full_scale_pa, self._reading_pa = line, full_scale_pa, reading_pa
         self._delay_ns, self._boot_ns = answer_delay_ns, boot_ns
-        self._up_ns = boot_ns
+        self._up_ns = up_ns
         self._buffer = bytearray()
         self.counts = 0
         self.muted = self.ignores_setpoint = False

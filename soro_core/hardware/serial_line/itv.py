@@ -56,12 +56,18 @@ class ItvChannel(Channel):
     def next_request(self, now_ns: int) -> Request:
         """SET and MON in turn while the set point moves, else MON; REQ in between."""
         kind = self._kind(now_ns)
-        self._last = kind
+        disturbed = self.missed > 0 or any(self.strikes.values())
+        if kind != "check":
+            self._last = kind
+        elif disturbed:
+            self._last = "set"  # the reading comes first now, it is old by then
+        # What is left in the device of a command that it has not understood ends here.
+        flush = b"\r\n" if disturbed else b""
         if kind == "set":
             counts = self.wanted_counts(now_ns)
             self.sending(counts, now_ns)
-            return Request(b"SET %d\r\n" % counts, "set", counts)
-        return Request(b"REQ\r\n" if kind == "check" else b"MON\r\n", kind)
+            return Request(b"%sSET %d\r\n" % (flush, counts), "set", counts)
+        return Request(flush + (b"REQ\r\n" if kind == "check" else b"MON\r\n"), kind)
 
     def read_answer(self, request: Request, line: bytes, now_ns: int) -> Outcome:
         counts = parse(line)

@@ -1,9 +1,9 @@
 """The published server of the VEAB boards, with its faults: what our driver has to live with.
 
 As read in its sources: one client; it takes 8 bytes a port with one `recv` and ends on any other number of
-bytes, after 0.5 s of silence, and when the client leaves. When it ends it means to write 0.5 to every DAC,
-but assigns to an attribute that the driver of the DAC does not have. Nothing is written, the chips keep their
-voltage, and the arm its pressure.
+bytes, at a value that is not from 0 to 1, after 0.5 s of silence, and when the client leaves. When it ends it
+means to write 0.5 to every DAC, but assigns to an attribute that the driver of the DAC does not have. Nothing
+is written, the chips keep their voltage, and the arm its pressure.
 """
 
 from __future__ import annotations
@@ -86,27 +86,25 @@ class EmulatedVeabServer(ServedPorts):
         elif self._has_client and now_ns - self._heard_ns > _SILENCE_NS:
             self.end("timed out")
         elif self._has_client:
-            self._control()
-            self._push()
+            self._serve()
 
     def poll(self, now_ns: int) -> None:
         pass
 
     def take(self, chunk: bytes) -> None:
         """What the server's `recv` gives it."""
-        if self.ended is not None:
-            return
         self._heard_ns = self.now_ns
         size = 8 * self._n
         for start in range(0, len(chunk), size):
+            if self.ended is not None:
+                return
             part = chunk[start : start + size]
             if len(part) != size:
                 self.end(f"unpack requires a buffer of {size} bytes")
                 return
             self._wanted = list(struct.unpack(f"<{self._n}d", part))
             if self._lockstep:
-                self._control()
-                self._push()
+                self._serve()
                 self.tick(self.now_ns + self._period_ns)
 
     def connected(self, has_host: bool) -> None:
@@ -127,8 +125,16 @@ class EmulatedVeabServer(ServedPorts):
                 dac.set_value = SAFE  # type: ignore[attr-defined]
             self.line.hang_up = self.line.refuses = True
 
+    def _serve(self) -> None:
+        self._control()
+        if self.ended is None:
+            self._push()
+
     def _control(self) -> None:
         for dac, value in zip(self.dacs, self._wanted, strict=True):
+            if not 0.0 <= value <= 1.0:  # the DAC's driver asserts it; NaN fails it too
+                self.end(f"AssertionError: {value:g} for a DAC")
+                return
             dac.normalized_value = value
 
     def _push(self) -> None:

@@ -1,0 +1,29 @@
+"""20 000 random and damaged pieces a family, in both directions: nothing breaks, bad ones are counted."""
+
+import pytest
+
+from benchmarks.fuzz import FAMILIES, fuzz
+from benchmarks.fuzz.pieces import Counted
+from soro_core.hardware.families import FAMILIES as ALL
+
+TARGETS = [
+    pytest.param(family, name, id=f"{family}-{name}") for family, names in FAMILIES.items() for name in names
+]
+
+
+@pytest.mark.parametrize(("family", "name"), TARGETS)
+def test_nothing_breaks_and_each_bad_one_is_counted(family, name):
+    found = fuzz(family, name, 20_000)
+    assert found.missing == 0
+    told = found.sent - found.untold
+    assert min(found.good, found.bad) >= 0.08 * told
+
+
+def test_every_family_has_the_whole_number():
+    assert set(FAMILIES) == set(ALL)
+    for targets in FAMILIES.values():
+        assert sum(part for _, part in targets.values()) == pytest.approx(1.0)
+
+
+def test_what_is_not_counted_shows():
+    assert Counted(sent=10, good=4, bad=3, untold=1).missing == 2

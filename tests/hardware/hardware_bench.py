@@ -25,6 +25,7 @@ from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.emulation.inprocess import HubBus
 from soro_core.hardware.emulation.world import World
+from soro_core.hardware.plant_link import PlantFrame, PlantLinkClient
 from soro_core.hardware.port import Regulator
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.link import from_message
@@ -293,6 +294,20 @@ def wait_for(condition: Callable[[], Any], limit_s: float = 10.0) -> Any:
             return value
         time.sleep(0.005)
     raise AssertionError("the condition was not met in time")
+
+
+def frames_until(
+    link: PlantLinkClient, condition: Callable[[PlantFrame], Any], limit_s: float = 10.0
+) -> list[PlantFrame]:
+    """Pressures of the chambers, in order, up to the first that meets a condition.
+
+    Without a pause: frames that wait to be read would be taken for the present.
+    """
+    found, deadline = [link.receive(limit_s)], time.monotonic() + limit_s
+    while not condition(found[-1]):
+        assert time.monotonic() < deadline, "the condition was not met in time"
+        found.append(link.receive(limit_s))
+    return found
 
 
 class Tap:

@@ -16,9 +16,9 @@ from hardware_bench import (
     driver,
     driver_process,
     emulator,
+    frames_until,
     platform,
     platform_file,
-    wait_for,
 )
 from typer.testing import CliRunner
 
@@ -105,11 +105,10 @@ def test_valves_vent_when_the_driver_is_killed(tmp_path):
     with emulator(tmp_path, platform=path) as served:
         with driver_process(path, served.device):
             link = PlantLinkClient(served.plant)
-            wait_for(lambda: link.receive(5.0).pressures[2] > 50e3)
+            frames_until(link, lambda frame: frame.pressures[2] > 50e3)
         pressurised = link.latest()
         # World time, not wall time: a busy machine may stop the emulator, not its clock's meaning.
-        frames = [pressurised]
-        wait_for(lambda: frames.append(link.receive(5.0)) or frames[-1].pressures.max() < 5e3)
+        frames = frames_until(link, lambda frame: frame.pressures.max() < 5e3)
         assert pressurised.pressures.max() > 40e3
         took_s = (frames[-1].time_ns - pressurised.time_ns) * 1e-9
         assert took_s < 0.2 + 0.01 + 0.052 * np.log(60e3 / 5e3) + 0.05
@@ -144,7 +143,7 @@ def test_a_host_that_never_reads_does_not_hold_the_devices_up(tmp_path):
         for _ in range(100):
             os.write(host, b"V\r" * 1000)  # 600 kB of answers are far more than any buffer holds
         first = link.receive(5.0)
-        wait_for(lambda: link.receive(5.0).time_ns > first.time_ns + 500_000_000)
+        frames_until(link, lambda frame: frame.time_ns > first.time_ns + 500_000_000)
         link.close()
         os.close(host)
 

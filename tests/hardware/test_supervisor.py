@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from hardware_bench import driver_process, emulator, wait_for
+from hardware_bench import driver_process, emulator, frames_until, wait_for
 from serial_bench import alicat, itv, platform_file
 
 from soro_core.errors import HardwareError
@@ -48,10 +48,9 @@ def test_valves_vent_when_the_driver_is_killed(tmp_path, make):
             (pid,) = map(int, Path(f"/proc/{host.pid}/task/{host.pid}/children").read_text().split())
             assert "supervisor.py" in Path(f"/proc/{pid}/cmdline").read_text()
             link = PlantLinkClient(served.plant)
-            wait_for(lambda: link.receive(5.0).pressures[2] > 55e3)
-        frames = [link.latest()]
+            frames_until(link, lambda frame: frame.pressures[2] > 55e3)
         # In time of the devices: a busy machine may stop the emulator.
-        wait_for(lambda: frames.append(link.receive(5.0)) or frames[-1].pressures.max() < 5e3)
+        frames = [link.latest(), *frames_until(link, lambda frame: frame.pressures.max() < 5e3)]
         pressures = [frame.pressures[2] for frame in frames]
         assert max(pressures) > 50e3
         link.close()

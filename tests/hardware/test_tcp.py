@@ -6,7 +6,15 @@ import time
 import numpy as np
 import pytest
 from board_bench import BOARD, VEAB, BoardBench, VeabBench, board_platform, file_of, veab_platform
-from hardware_bench import PERIOD_NS, cycles_in_real_time, driver, driver_process, emulator, merged, wait_for
+from hardware_bench import (
+    PERIOD_NS,
+    cycles_in_real_time,
+    driver,
+    driver_process,
+    emulator,
+    frames_until,
+    merged,
+)
 
 from soro_core.errors import HardwareError
 from soro_core.hardware import load_platform, open_regulator
@@ -247,7 +255,7 @@ def test_host_killed(tmp_path, family, change, vents):
     with emulator(tmp_path, platform=path) as served:
         plant = PlantLinkClient(served.plant)
         with driver_process(path, served.device):
-            wait_for(lambda: plant.receive(5.0).pressures[2] > 55e3)
+            frames_until(plant, lambda frame: frame.pressures[2] > 55e3)
         killed_ns = plant.latest().time_ns
         # Detected within 0.3 s and fallen from 60 to 5 kPa in 0.13 s; time of the valves, not of the machine.
         while (frame := plant.receive(5.0)).time_ns < killed_ns + 430_000_000:

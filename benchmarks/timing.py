@@ -24,6 +24,12 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
+def every_core() -> None:
+    """Let this process use them all again: a worker that is started from `one_core` begins with that one."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+
+
 class Clock:
     """Stop watch that knows how much of the core it had."""
 

@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.extremes.measure import Release, energy, scale_of
 from benchmarks.options import Options
 from benchmarks.report import figure, table
+from benchmarks.timing import every_core
 from soro_core import simulate
 from soro_core.integrate.stepper import describe
 from soro_core.model.dynamics import COLLAPSED
@@ -38,7 +39,7 @@ def run(release: Release, seed: int) -> tuple[float | None, float]:
 def text(stopped: Sequence[tuple[str, Release]], options: Options) -> str:
     """Markdown: of each release how many runs crush a link, when, and how well they keep the energy."""
     rows = []
-    with multiprocessing.get_context("spawn").Pool() as pool:
+    with multiprocessing.get_context("spawn").Pool(initializer=every_core) as pool:
         for name, release in stopped:
             options.say(f"in truth: {name}")
             ends = pool.map(partial(run, release), range(options.pick(RUNS, 2)))

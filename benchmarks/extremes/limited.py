@@ -14,6 +14,7 @@ from multiprocessing.context import SpawnProcess
 from queue import SimpleQueue
 
 from benchmarks.extremes.cell import Cell, Must, Outcome, Verdict
+from benchmarks.timing import every_core
 
 # Wall time [s] of a cell that may stop as well, and of one that must finish.
 LIMIT_S, MUST_LIMIT_S = 15.0, 120.0
@@ -74,8 +75,7 @@ class _Runner:
 
 
 def _serve(connection: Connection) -> None:
-    if hasattr(os, "sched_setaffinity"):  # the benchmarks themselves keep to one core
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    every_core()
     while True:
         cell: Cell = connection.recv()
         connection.send(cell.run())

@@ -72,7 +72,7 @@ def run(options: Options) -> str:
         devices.append(_devices_row(name, [devices_killed(name) for _ in range(options.pick(5, 1))]))
     head = ("platform", "what vents", "kills", "median, ms", "slowest, ms", "at most, ms", "target")
     columns = ("platform", "kills", "latched, slowest, ms", "at most, ms", "target", "recovery by reset only")
-    return "\\n\\n".join(
+    return "\n\n".join(
         [
             f"Driver killed (SIGKILL) at {HELD_PA / 1e3:g} kPa: time until the last chamber has begun to "
             "vent (the valves' dead time of 5 ms within).",

@@ -145,7 +145,12 @@ class ChamberInterface:
         self._offer(command, self._now_ns() - age_ns, source)
 
     def _on_array(self, message: Float64MultiArray) -> None:
-        self._offer(np.array(message.data, dtype=np.float64), self._now_ns(), "chambers/commands")
+        # Without a stamp it may have waited since the last cycle; of several the later one is the newer.
+        cycle_ns, source = self._state.cycle_ns, "chambers/commands"
+        stamp_ns = self._now_ns() if cycle_ns is None else cycle_ns
+        if self._state.command_source == source:
+            stamp_ns = max(stamp_ns, self._state.command_stamp_ns + 1)
+        self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source)
 
     def _offer(self, command_pa: Array, stamp_ns: int, source: str) -> None:
         if not self._enabled:

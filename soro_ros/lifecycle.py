@@ -105,7 +105,14 @@ class SoroNode(LifecycleNode, Generic[Config]):
             self.setup(read(self, self.config_model))
             self._configured = True
 
-        return self._transition(configure, "inactive")
+        result = self._transition(configure, "inactive")
+        if result is TransitionCallbackReturn.FAILURE:
+            # Half of it may stand: a port left open would be in the way of the next try.
+            failure = self.failure
+            self.make_safe()
+            self._destroy_interfaces()
+            self.failure = failure
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         super().on_activate(state)

@@ -8,8 +8,12 @@ what breaks the driver does not break it.
 
 It cannot help when the whole machine stops or the cable is out: the arm needs a normally open dump valve.
 
-Standard input is a Unix socket. A message there is ``end`` or a plan, which takes the place of the one
-before: a JSON list with one entry a line, with the descriptors in the same order. An entry has
+It does the same when the driver is silent with pressure in the arm: stopped, or in a call that does not
+return. Then it ends, so that a driver that comes back finds it gone, and vents.
+
+Standard input is a Unix socket. A message there is ``end``, ``+`` (the driver is at work and has asked for
+pressure: silence after it is an end), ``-`` (it has not), or a plan, which takes the place of the one before
+and of ``+``: a JSON list with one entry a line, with the descriptors in the same order. An entry has
 
 - ``name``: the line, for texts;
 - ``begin``: bytes (as Latin-1) that end what the driver has begun, or nothing;
@@ -35,23 +39,30 @@ import time
 from typing import Any
 
 _MESSAGE, _LINES = 1 << 20, 64
-_SETTLE_S = 0.02
+_SETTLE_S, _SILENCE_S = 0.02, 0.3
+_MOST_CHUNKS, _LONGEST_ANSWER = 8, 4096
 
 Entry = dict[str, Any]
 Held = list[tuple[Entry, int]]
 
 
 def await_end(control: socket.socket) -> Held | None:
-    """Wait for the driver's end; the plan to carry out with its descriptors, None after an orderly end."""
+    """Wait for the driver's end or silence; the plan to carry out, None after an orderly end."""
     held: Held = []
     control.send(b"ready")
     while True:
         try:
             message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE, _LINES)
+        except TimeoutError:
+            _say("the driver is silent, taken for dead")
+            return held
         except OSError:
             return held
         if not message:
             return held
+        control.settimeout(_SILENCE_S if message == b"+" else None)
+        if message in (b"+", b"-"):
+            continue
         for _, descriptor in held:
             os.close(descriptor)
         if message == b"end":
@@ -78,7 +89,8 @@ def _vent_line(entry: Entry, descriptor: int) -> bool:
         if entry["begin"]:
             with contextlib.suppress(termios.error):  # what the driver left unsent is not to be sent now
                 termios.tcflush(descriptor, termios.TCIOFLUSH)
-            os.write(descriptor, entry["begin"].encode("latin-1"))
+            with contextlib.suppress(BlockingIOError):
+                os.write(descriptor, entry["begin"].encode("latin-1"))
             time.sleep(_SETTLE_S)  # an answer to it is not one to what follows
         while left and (passed_s := time.monotonic() - started_s) < entry["longest_s"]:
             found = [_ask(descriptor, step, entry["timeout_s"]) for step in left]
@@ -99,17 +111,17 @@ def _ask(descriptor: int, step: dict[str, Any], timeout_s: float) -> bool:
         os.write(descriptor, step["send"].encode("latin-1"))
     heard, end_s = b"", time.monotonic() + timeout_s
     while (left_s := end_s - time.monotonic()) > 0 and select.select([descriptor], [], [], left_s)[0]:
-        heard += _heard(descriptor)
+        heard = (heard + _heard(descriptor))[-_LONGEST_ANSWER:]
         if _confirms(step, heard):
             return True
     return False
 
 
 def _heard(descriptor: int) -> bytes:
-    """Everything that has come."""
+    """Everything that has come, or much of what never ends."""
     heard = b""
     with contextlib.suppress(BlockingIOError):
-        while True:
+        for _ in range(_MOST_CHUNKS):
             chunk = os.read(descriptor, 65536)
             if not chunk:
                 raise OSError("closed by the other side")

@@ -46,7 +46,7 @@ class Supervisor:
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._control.settimeout(START_LIMIT_S)
-        self._is_ready = False
+        self._is_ready = self._pressed = False
         try:
             # Isolated, and in a session of its own: what is sent to the driver's group is not for it.
             self._process: subprocess.Popen[bytes] = subprocess.Popen(
@@ -66,6 +66,19 @@ class Supervisor:
     def is_alive(self) -> bool:
         """Whether it would act."""
         return self._process.poll() is None
+
+    def watches(self, pressed: bool) -> bool:
+        """Tell it that this process is at work, and whether it asks for pressure; whether it would act.
+
+        While pressure is asked for it vents when this is not called for 0.3 s.
+        """
+        try:
+            if pressed or self._pressed:
+                self._control.send(b"+" if pressed else b"-", socket.MSG_DONTWAIT)
+        except OSError:  # gone, or so long asleep that there is no more room
+            return False
+        self._pressed = pressed
+        return self.is_alive
 
     @property
     def pid(self) -> int:
@@ -93,9 +106,20 @@ class Supervisor:
         """Share the descriptor of each line and say what to do there; in place of all before.
 
         When it has gone, `is_alive` says so, not this.
+
+        Raises
+        ------
+        HardwareError
+            If they cannot be handed over: it would be alive and hold nothing.
         """
         self.wait_until_ready()
-        self._say(json.dumps([asdict(line) for line in plan]).encode(), descriptors)
+        message = json.dumps([asdict(line) for line in plan]).encode()
+        try:
+            socket.send_fds(self._control, [message], descriptors)
+        except ConnectionError:
+            pass
+        except OSError as error:
+            raise HardwareError(f"supervisor: cannot be given the ports ({error})") from None
 
     def let_go(self) -> None:
         """Have it close what it holds."""
@@ -113,9 +137,9 @@ class Supervisor:
                 self._process.kill()
                 self._process.wait()
 
-    def _say(self, message: bytes, descriptors: Sequence[int] = ()) -> None:
+    def _say(self, message: bytes) -> None:
         with contextlib.suppress(OSError):
-            socket.send_fds(self._control, [message], descriptors)
+            self._control.send(message)
 
 
 def running(supervisor: Supervisor | None) -> Supervisor:

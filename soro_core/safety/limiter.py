@@ -20,13 +20,15 @@ TYPICAL = RegulatorModel()
 class SafetyState:
     """State of the limiter for `n` chambers; times are nanoseconds of one clock.
 
-    `cause` is None while nothing tripped; a latched state names what did.
+    `command_ns` is when the last good command was made, for its age, `command_stamp_ns` when it says that it
+    was, for its order. `cause` is None while nothing tripped; a latched state names what did.
     """
 
     setpoint_pa: Array
     command_pa: Array
     monitors: MonitorState
     command_ns: int | None = None
+    command_stamp_ns: int = 0
     command_source: str = ""
     reading_ns: Times | None = None
     over_ns: int | None = None
@@ -75,7 +77,9 @@ def offer(
         return replace(state, rejected=counts), refusal
     taken = np.array(command_pa, dtype=np.float64)
     # A clock that runs ahead must not lengthen the watchdog: a command is never younger than now.
-    return replace(state, command_pa=taken, command_ns=min(stamp_ns, now_ns), command_source=source), None
+    made_ns = min(stamp_ns, now_ns)
+    state = replace(state, command_pa=taken, command_ns=made_ns, command_stamp_ns=stamp_ns)
+    return replace(state, command_source=source), None
 
 
 def cycle(
@@ -192,7 +196,7 @@ def _refuse(
     if state.command_ns is not None:
         if source != state.command_source and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s:
             return f"second source: {source} while {state.command_source} is live"
-        if source == state.command_source and stamp_ns <= state.command_ns:
+        if source == state.command_source and stamp_ns <= state.command_stamp_ns:
             return "out of order: not newer than the last command"
     return None
 

@@ -111,7 +111,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._try_tick()
 
     def _try_tick(self) -> None:
-        if not self._lockstep or self._tick_ns is None or not self._pending:
+        if not (self._lockstep and self._active) or self._tick_ns is None or not self._pending:
             return
         if self._tick_ns > 0 and self._chambers.seen_ns < self._tick_ns - self._period_ns:
             return

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from soro_core.errors import HardwareError
 from soro_core.hardware.board import frames, messages
 from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.emulation.line_link import LineLink
 from soro_core.hardware.port import FAULT_CODES
 
 MS = 1_000_000
@@ -123,6 +124,19 @@ def test_a_connection_lost_in_any_call_is_latched(bench, call):
     result = bench.run(3, 60e3)
     assert "link_lost" in codes(result)
     assert not result.sent_pa.any()
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("call", ["vent", "exchange"])
+def test_a_board_that_never_stops_sending_is_given_up(bench, monkeypatch, call):
+    """It vents by itself when its host has gone; to read on for ever would leave it to its watchdog."""
+    with monkeypatch.context() as flood:
+        flood.setattr(LineLink, "receive", lambda link, timeout_s: b"x" * 65536)
+        bench.driver.vent() if call == "vent" else bench.exchange(20e3)
+    result = bench.exchange(20e3)
+    assert codes(result) >= {"link_lost"}
+    assert "without a pause" in result.trouble
+    assert bench.devices.board.state.cause
 
 
 def test_brownout_of_one_port(bench):

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from hardware_bench import driver_process, emulator, frames_until, wait_for
+from hardware_bench import cycles_in_real_time, driver_process, emulator, frames_until, wait_for
 from serial_bench import alicat, itv, platform_file
 
 from soro_core.errors import HardwareError
@@ -38,6 +38,33 @@ def is_running(pid):
     except ProcessLookupError:
         return False
     return True
+
+
+@pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
+def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_path, make):
+    """Stopped, in a call that does not return, or in a program that has forgotten to go on."""
+    path = platform_file(tmp_path, make())
+    with emulator(tmp_path, platform=path) as served:
+        regulator = open_regulator(make(), str(served.device))
+        regulator.configure()
+        link = PlantLinkClient(served.plant)
+        wait_for(
+            lambda: cycles_in_real_time(regulator, 0.1, [30e3] * 3) and link.latest().pressures.max() > 25e3
+        )
+        time.sleep(1.0)
+        assert link.latest().pressures.max() < 5e3
+        faults = {fault.code for fault in cycles_in_real_time(regulator, 0.1, [30e3] * 3)[-1].faults}
+        assert "supervisor_lost" in faults
+        assert link.latest().pressures.max() < 5e3
+        regulator.configure()
+        wait_for(
+            lambda: cycles_in_real_time(regulator, 0.1, [30e3] * 3) and link.latest().pressures.max() > 25e3
+        )
+        regulator.vent()
+        time.sleep(1.0)
+        assert cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].faults == (), "at rest it may be silent"
+        regulator.close()
+        link.close()
 
 
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
@@ -180,11 +207,50 @@ def test_keeps_the_drivers_lock_until_it_has_vented(line, monkeypatch):
     SerialPort(line.path, 9600).close()
 
 
+def test_a_plan_that_cannot_be_handed_over_is_an_error_not_a_hope(line, monkeypatch):
+    """Without it the process waits with nothing in its hands, and is alive all the same."""
+    process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
+    with pytest.raises(HardwareError, match="supervisor: cannot be given the ports"):
+        process.hold([plan_of(send="x" * 2_000_000)], [line.slave])
+    process.dismiss()
+    process._process.stderr.close()
+
+
 def test_lets_go_and_has_nothing_to_do(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
     process.let_go()
     process._control.close()
     assert end_of(process) == (0, "")
+
+
+@pytest.mark.timeout(20)
+def test_a_device_that_never_stops_sending_does_not_keep_it_from_venting(monkeypatch):
+    ours, theirs = socket.socketpair()
+    step = {"send": "\x00", "doubles": 12, "low": 4.75, "high": 5.25}
+    entry = {"name": "x", "begin": "", "steps": [step], "timeout_s": 0.02, "least_s": 0.0, "longest_s": 0.5}
+    with monkeypatch.context() as flood, ours, theirs:
+        flood.setattr(supervisor.os, "read", lambda descriptor, size: b"x" * size)
+        theirs.sendall(b"x")  # readable
+        assert not supervisor._vent_line(entry, ours.fileno())
+        assert len(theirs.recv(1000)) > 5, "sent again and again"
+
+
+def test_a_line_that_takes_no_more_is_tried_again(line, monkeypatch):
+    """What the driver had sent last may still stand in its way."""
+    os.set_blocking(line.master, False)
+    write, refused = os.write, []
+
+    def full_at_first(descriptor, data):
+        if descriptor == line.slave and len(refused) < 3:
+            refused.append(data)
+            raise BlockingIOError
+        return write(descriptor, data)
+
+    write(line.master, b"0\r\n" * 3)
+    monkeypatch.setattr(supervisor.os, "write", full_at_first)
+    entry = {"name": "x", "begin": "\r\n", "least_s": 0.0, "longest_s": 0.3, "timeout_s": 0.02}
+    supervisor._vent_line({**entry, "steps": [{"send": "SET 0\r\n", "line": "0+"}]}, line.slave)
+    assert b"SET 0\r\n" in os.read(line.master, 4096)
 
 
 @pytest.mark.parametrize("lost", range(8))

@@ -433,6 +433,29 @@ def go_off(bench, monkeypatch, off=True):
     monkeypatch.setattr(type(bench.bus), "state", property(lambda self: state))
 
 
+@pytest.mark.timeout(20)
+def test_an_adapter_that_never_stops_giving_frames_is_given_up(lost, monkeypatch):
+    """No bus carries so many; a server of frames, or a broken adapter, can."""
+    bench, clock = lost
+    with monkeypatch.context() as flood:
+        flood.setattr(CanLink, "receive", lambda link, timeout_s: Frame(0x7FF, b"x"))
+        bench.driver.vent()
+        with pytest.raises(HardwareError, match="more frames than a bus can carry"):
+            bench.exchange(20e3)
+    clock.now += 20.0
+    assert codes(bench.exchange(20e3)) == {("connection_lost", "bus")}
+
+
+@pytest.mark.timeout(20)
+def test_frames_of_others_without_end_do_not_lengthen_a_cycle_for_ever(lost, monkeypatch):
+    bench, _ = lost
+    bench.driver.platform = bench.driver.platform.model_copy(update={"lockstep_timeout_s": 0.1})
+    drained = iter([None])
+    with monkeypatch.context() as flood:
+        flood.setattr(CanLink, "receive", lambda link, timeout_s: next(drained, Frame(0x7FF, b"x")))
+        assert not bench.exchange(20e3).fresh.any()
+
+
 def test_bus_off_is_opened_again_after_half_a_second_and_stays_silent(lost, monkeypatch):
     bench, clock = lost
     go_off(bench, monkeypatch)

@@ -248,6 +248,20 @@ def test_out_of_sync_vents_before_the_connection_is_given_up(bench):
     assert bench.run(10, 60e3).faults == ()
 
 
+@pytest.mark.timeout(20)
+def test_a_server_that_never_stops_sending_holds_nothing_up(bench, monkeypatch):
+    """Whoever sends faster than it can be read would keep the vent waiting for the end of it."""
+    reading = struct.pack("<12d", *[5.0] * 12)
+    with monkeypatch.context() as flood:
+        flood.setattr(LineLink, "receive", lambda link, timeout_s: reading)
+        bench.driver.vent()
+        result = bench.exchange(20e3)
+        assert codes(result) == {"out_of_sync"}
+        assert "without a pause" in result.trouble
+        assert not result.sent_pa.any()
+    bench.driver.close()
+
+
 @pytest.mark.parametrize("period_ms", [1, 20])
 def test_the_server_has_time_to_write_before_the_connection_is_given_up(period_ms):
     """Its rounds of 4 ms are its own, at any rate of ours."""

@@ -15,9 +15,11 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from soro_core.errors import HardwareError
 from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig, load_scene
 from soro_core.twin import TwinConfig
 from soro_ros import lifecycle, messages, middleware, parameters, qos
+from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.supervisor import Supervisor
 from tests.ros.running import SORO, end, wait_until
@@ -155,6 +157,39 @@ def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
             if valves is not None:
                 end(valves)
     assert status == 0, err
+
+
+class Unwilling:
+    """Regulators whose start-up fails after something has been opened."""
+
+    n_chambers, is_closed = 3, False
+
+    def configure(self):
+        raise HardwareError("valves: no answer")
+
+    def vent(self):
+        pass
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_a_start_up_that_fails_lets_go_of_what_it_has_opened(domain, monkeypatch):
+    """Else a second try finds the port in use, by this very node."""
+    made = []
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: made.append(Unwilling()) or made[-1])
+    middleware.init(["--ros-args", "-p", "device:=x", "-p", "autostart:=false"])
+    try:
+        node = regulator.RegulatorNode()
+        before = len(list(node.services))
+        for tries in (1, 2):
+            node.trigger_configure()
+            assert "valves: no answer" in str(node.failure)
+            assert [it.is_closed for it in made] == [True] * tries
+            assert len(list(node.services)) == before
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
 
 
 class Person:

@@ -210,6 +210,31 @@ def test_of_commands_that_waited_the_newest_counts_in_real_time_and_each_in_lock
         rclpy.shutdown()
 
 
+def test_a_command_without_a_stamp_is_as_old_as_the_last_cycle(domain):
+    """What has waited while the node was held up says nothing of when it was made."""
+    middleware.init()
+    try:
+        node, now = Node("holder"), [10**9]
+        chambers = ChamberInterface(node, NAMES, Limits(), lambda: now[0], lambda: now[0])
+        command = Float64MultiArray(data=[1e3, 2e3, 3e3])
+        chambers.judge(np.zeros(3), True)
+        now[0] += 1_000_000
+        for _ in range(3):  # faster than the cycles
+            chambers._on_array(command)
+        assert chambers.rejected == {}
+        now[0] += 99_000_000  # a person presses ~/reset, and the devices take their time
+        chambers._on_array(command)
+        assert chambers.rejected == {}
+        now[0] += 1_000_000
+        chambers._on_array(command)
+        assert chambers.rejected == {"stale": 1}
+        chambers.judge(np.zeros(3), True)
+        assert "command lost" in chambers.cause
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
 @pytest.mark.timeout(120)
 def test_vent_service_and_a_second_source(bench):
     bench.send([30e3] * 3, 0.5)

@@ -85,6 +85,16 @@ def test_reordered_and_repeated_commands_are_refused():
     assert state.command_pa[0] == 1e3
 
 
+def test_reordered_commands_are_refused_when_their_clock_runs_ahead_too():
+    state, _ = offer(LIMITS, initial_state(3), np.full(3, 1e3), 90 * MS, 0)
+    state, refusal = offer(LIMITS, state, np.full(3, 2e3), 80 * MS, 1 * MS)
+    assert refusal is not None
+    assert refusal.startswith("out of order")
+    state, refusal = offer(LIMITS, state, np.full(3, 3e3), 91 * MS, 1 * MS)
+    assert refusal is None
+    assert state.command_pa[0] == 3e3
+
+
 def test_one_live_source_at_a_time():
     state, _ = commanded([1e3] * 3, 0, source="controller")
     state, refusal = commanded([2e3] * 3, 50, state, source="joystick")

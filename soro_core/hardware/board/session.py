@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from soro_core.errors import HardwareError
 from soro_core.hardware.board import frames, messages
 from soro_core.hardware.board.frames import Frame, Kind
 from soro_core.hardware.board.messages import Refusal, State, Welcome
-from soro_core.hardware.transport.tcp import ByteLink
+from soro_core.hardware.transport.tcp import ByteLink, drain
 
 
 class Session:
@@ -91,9 +92,10 @@ class Session:
         return bool(chunk)
 
     def drain(self) -> None:
-        """Take what has come, without waiting."""
-        while self.receive(0.0):
-            pass
+        """Take what has come, without waiting; without an end to it the connection is given up."""
+        if not drain(self.receive):
+            self.link.close()
+            raise HardwareError("the board sends without a pause")
 
     def _send(self, frame: Frame) -> None:
         self.link.send(frames.encode(frame))

@@ -271,8 +271,9 @@ class CanopenRegulator(Regulator):
         self._link.send([*signs, *rpdos(due), frames.SYNC])
         start = self.clock()
         while waiting := [node for node in self._nodes if node.awaited and not node.gone]:
-            frame = self._link.receive(max(start + self._budget_s(waiting) - self.clock(), 0.0))
-            if frame is None:
+            left = start + self._budget_s(waiting) - self.clock()
+            # Frames of others without end; every reading is stale by then.
+            if left < -self.platform.canopen.stale_s or (frame := self._link.receive(max(left, 0.0))) is None:
                 return
             self._on_frame(frame, in_cycle=True)
 
@@ -283,7 +284,7 @@ class CanopenRegulator(Regulator):
         return self.platform.cycle_budget_s
 
     def _drain(self) -> None:
-        while (frame := self._link.receive(0.0)) is not None:
+        for frame in self._link.waiting():
             self._on_frame(frame, in_cycle=False)
 
     def _on_frame(self, frame: Frame, in_cycle: bool) -> None:

@@ -69,8 +69,7 @@ class SerialRegulator(Regulator):
         self._channels: list[Channel] = []
         self._closed_counts: Counter[str] = Counter()
         self._configured = self._closed = False
-        self._cycles = 0
-        self._last_ns = 0
+        self._cycles = self._last_ns = 0
         self._supervisor: Supervisor | None = None
         self._vent_plan: list[VentPlan] = []
 
@@ -137,7 +136,7 @@ class SerialRegulator(Regulator):
         self._cycles += 1
         refused = checks.refused(self.platform.range, self._names, setpoint)
         dt = self._since_last()
-        lost = [] if self._supervisor is None or self._supervisor.is_alive else [LOST]
+        lost = [] if self._watched() else [LOST]
         for channel, target in zip(self._channels, setpoint.tolist(), strict=True):
             channel.fresh = False
             channel.vent() if refused or lost or self.latched else channel.follow(target, dt)
@@ -165,6 +164,7 @@ class SerialRegulator(Regulator):
                     self._tick()
                 return
             left_s = end_s - self._clock()
+            self._watched()
             if left_s <= 0 or all(c.at_zero or not c.urgent for e in working for c in e.channels):
                 return
             self._await_bytes(working, min(left_s, 0.005))
@@ -249,11 +249,17 @@ class SerialRegulator(Regulator):
         fall_pa = self.platform.shutdown_ramp_pa_s * self._period_ns * 1e-9
         ramp_down(self._rest_cycle, sent, fall_pa, 1, round(LONGEST_WAIT_S * 1e9 / self._period_ns))
 
+    def _watched(self) -> bool:
+        """Tell the supervisor whether it would have to vent; false if it has gone."""
+        rests = all(channel.at_zero for channel in self._channels)
+        return self._supervisor is None or self._supervisor.watches(not rests)
+
     def _rest_cycle(self, setpoint_pa: Array) -> Array:
         """One cycle of the shutdown, paced; pressures, NaN while a device has not confirmed 0."""
         start_ns, dt = self.now_ns(), self._since_last()
         for channel, target in zip(self._channels, setpoint_pa.tolist(), strict=True):
             channel.follow(target, dt)
+        self._watched()
         self._cycle()
         left_s = (start_ns + self._period_ns - self.now_ns()) * 1e-9
         if not self.lockstep and left_s > 0:

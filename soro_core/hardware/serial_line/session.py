@@ -85,7 +85,10 @@ class Session:
         self._engine.port.write(question)
         lines: list[bytes] = []
         splitter = LineSplitter(b"\r\n")
-        while found := self._lines(splitter, self._options.answer_timeout_s + len(question) * 0.005):
+        timeout_s = self._options.answer_timeout_s + len(question) * 0.005
+        end_ns = self.now_ns() + round(1e9 * self._options.boot_timeout_s)
+        # On a line that is never quiet there is no end of an answer.
+        while self.now_ns() < end_ns and (found := self._lines(splitter, timeout_s)):
             lines += found
         return lines
 
@@ -141,14 +144,15 @@ class Session:
         return HardwareError(f"{self.source}: {step}: {text}")
 
     def _lines(self, splitter: LineSplitter, timeout_s: float) -> list[bytes]:
-        """Lines up to the first pause; none after `timeout_s` without a byte."""
+        """Lines up to the first pause; none after `timeout_s` without a byte, or of bytes without an end."""
         end_ns = self.now_ns() + round(1e9 * timeout_s)
+        last_ns = self.now_ns() + round(1e9 * self._options.boot_timeout_s)
         while True:
             lines = splitter.feed(chunk) if (chunk := self._engine.port.read()) else []
             if lines:
                 return lines
             if chunk:
-                end_ns = self.now_ns() + round(1e9 * timeout_s)
+                end_ns = min(self.now_ns() + round(1e9 * timeout_s), last_ns)
             left_s = (end_ns - self.now_ns()) * 1e-9
             if left_s <= 0:
                 return []

@@ -19,6 +19,8 @@ from soro_core.errors import HardwareError
 
 _CHUNK = 65536
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 2.0
+# More than any device has sent when its host comes back after seconds.
+_MOST_CHUNKS = 8
 
 
 class TcpTransport(Strict):
@@ -200,6 +202,19 @@ class TcpLink:
         self.close()
         self._back_off(self._clock())
         return HardwareError(f"{self.address}: the connection is gone ({why})")
+
+
+def drain(take: Callable[[float], bool]) -> bool:
+    """Take what has come, without waiting; whether there is an end to it.
+
+    Who sends faster than it is read would keep the caller, and its vent, for ever.
+
+    Parameters
+    ----------
+    take : callable
+        Takes a chunk, given a time to wait; whether one came.
+    """
+    return any(not take(0.0) for _ in range(_MOST_CHUNKS))
 
 
 def link_to(address: str | None, who: str, connect_timeout_s: float, clock: Callable[[], float]) -> TcpLink:

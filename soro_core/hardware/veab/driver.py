@@ -117,12 +117,12 @@ class VeabRegulator(Regulator):
         setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
         if self._keeper is not None and not self._keeper.is_alive:
             self._latch("device_error", "the thread that keeps the server alive has died")
-        if self._stream.supervisor is not None and not self._stream.supervisor.is_alive:
-            self._latched.setdefault(LOST.code, LOST)
         with self._lock:
             self._now_ns = now_ns
             self._cycles += 1
             refused = checks.refused(self.platform.range, self._names, setpoint)
+            if not self._stream.watched:
+                self._latched.setdefault(LOST.code, LOST)
             usable = not refused and not self._latched
             fresh = self._cycle(setpoint if usable else self._zeros)
             faults = (*refused, *self._judge(fresh, now_ns))

@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import Array
 from soro_core.hardware.supervisor_client import Supervisor, VentPlan, running
-from soro_core.hardware.transport.tcp import ByteLink
+from soro_core.hardware.transport.tcp import ByteLink, drain
 from soro_core.hardware.veab import protocol
 from soro_core.hardware.veab.config import VeabPlatform
 
@@ -40,7 +40,7 @@ class Stream:
         self._platform, self._link, self._clock = platform, link, clock
         self._ports = [valve.port for valve in platform.valves]
         self._decoder = protocol.Decoder(platform.ports)
-        self._sent_s = 0.0
+        self._sent_s, self._is_heard = 0.0, True
         self._taken = 0
         self.pressure_pa: Array = np.full(len(self._ports), np.nan)
         self.sent_pa: Array = np.zeros(len(self._ports))
@@ -49,6 +49,11 @@ class Stream:
     def is_open(self) -> bool:
         """Whether there is a connection; it may have failed since."""
         return self._link.is_open
+
+    @property
+    def watched(self) -> bool:
+        """Whether the process that vents when this one dies is there, where there has to be one."""
+        return self.supervisor is None or (self._is_heard and self.supervisor.is_alive)
 
     @property
     def broken(self) -> str | None:
@@ -76,7 +81,7 @@ class Stream:
 
     def supervise(self) -> None:
         """Start the process that vents when this one dies, unless it is there."""
-        self.supervisor = running(self.supervisor)
+        self.supervisor, self._is_heard = running(self.supervisor), True
         self.supervisor.wait_until_ready()  # before there is a connection: the server waits 0.5 s at most
         if self.is_open:
             self._share()
@@ -120,6 +125,8 @@ class Stream:
         self._sent_s = self._clock()
         self._link.send(protocol.encode(values))
         self.sent += 1
+        if self.supervisor is not None:
+            self._is_heard = self.supervisor.watches(bool(self.sent_pa.any()))
 
     def receive(self, timeout_s: float) -> bool:
         """Take what has come, waiting for it at most so long; whether anything came."""
@@ -130,9 +137,9 @@ class Stream:
         return bool(chunk)
 
     def drain(self) -> None:
-        """Take what has come, without waiting."""
-        while self.receive(0.0):
-            pass
+        """Take what has come, without waiting; without an end to it the stream makes no sense."""
+        if not drain(self.receive):
+            self._decoder.broken = self._decoder.broken or "readings without a pause"
 
     def _begin(self) -> None:
         self._decoder.reset()

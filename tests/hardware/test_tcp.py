@@ -271,7 +271,7 @@ def test_host_stopped_of_the_published_server(tmp_path):
     path = file_of(tmp_path, VEAB, **PATIENT["veab_tcp"])
     with emulator(tmp_path, platform=path) as served, driver_process(path, served.device) as host:
         plant = PlantLinkClient(served.plant)
-        wait_for(lambda: plant.receive(5.0).pressures[2] > 55e3)
+        frames_until(plant, lambda frame: frame.pressures[2] > 55e3)
         host.send_signal(signal.SIGSTOP)
         stopped_ns = plant.latest().time_ns
         while (frame := plant.receive(5.0)).time_ns < stopped_ns + 700_000_000:

@@ -180,7 +180,7 @@ class SerialRegulator(Regulator):
         self._configured = False
         self._close_ports()
         if self._supervisor is not None:
-            self._supervisor.dismiss()
+            self._supervisor.dismiss(all(channel.at_zero for channel in self._channels))
 
     # -- for start-up ------------------------------------------------------------------------------
 

@@ -17,8 +17,7 @@ from soro_core.robot import Discretisation
 from soro_core.safety import Limits, Rating, check_rating
 from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
-from soro_core.twin.config import TwinConfig
-from soro_core.twin.shadow import ShadowConfig
+from soro_core.twin.config import ShadowConfig, TwinConfig
 
 
 class RecorderSection(Strict):

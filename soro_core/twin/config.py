@@ -89,3 +89,11 @@ class TwinConfig(Strict):
         if self.air == "lag" and self.valve != ValveModel():
             raise ValueError("no valve beside air: lag, only beside air: states")
         return self
+
+
+class ShadowConfig(TwinConfig):
+    """Parameters of the shadow: those of a twin, and how far the arm may be from it."""
+
+    tolerance_m: float = Field(
+        0.02, gt=0, le=10, description="distance between measured and simulated pose that is warned of"
+    )

@@ -9,12 +9,11 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from soro_core.errors import ModelError
 from soro_core.estimation.rotation import matrix_from_quaternion, rotation_exp, rotation_log
 from soro_core.robot import Robot
-from soro_core.twin.config import TwinConfig
+from soro_core.twin.config import ShadowConfig
 from soro_core.twin.twin import Twin, TwinState
 
 Array: TypeAlias = NDArray[np.float64]
@@ -24,14 +23,6 @@ REMEMBERED_S = 0.5
 # After a longer gap between pressures the shadow starts anew, at rest under the present ones.
 GAP_S = 0.5
 DIFFERENCES = ("distance", "x", "y", "z", "rotation", "bending")
-
-
-class ShadowConfig(TwinConfig):
-    """Parameters of the shadow: those of a twin, and how far the arm may be from it."""
-
-    tolerance_m: float = Field(
-        0.02, gt=0, le=10, description="distance between measured and simulated pose that is warned of"
-    )
 
 
 @dataclass(frozen=True)

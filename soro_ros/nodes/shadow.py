@@ -12,7 +12,8 @@ from sensor_msgs.msg import JointState
 from soro_core.config import find_config
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
-from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowConfig, ShadowState
+from soro_core.twin.config import ShadowConfig
+from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.lifecycle import SoroNode, run_node

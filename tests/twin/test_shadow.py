@@ -9,7 +9,8 @@ from soro_core.estimation.rotation import quaternion_from_matrix, rotation_exp, 
 from soro_core.robot import load_robot
 from soro_core.scene import load_scene
 from soro_core.twin import Twin, TwinConfig
-from soro_core.twin.shadow import DIFFERENCES, Shadow, ShadowConfig, ShadowState, beginning, between
+from soro_core.twin.config import ShadowConfig
+from soro_core.twin.shadow import DIFFERENCES, Shadow, ShadowState, beginning, between
 
 PERIOD_NS = 5_000_000
 START_NS = 1_700_000_000_000_000_000  # stamps of a wall clock

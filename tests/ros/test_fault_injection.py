@@ -9,6 +9,8 @@ import pytest
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -93,6 +95,19 @@ def test_topic_and_service(domain, tmp_path):
         publisher.publish(String(data="fault: gremlin"))
         publisher.publish(String(data="{fault: leak, chamber: link0/chamber0, rate_1_s: 3.0}"))
         until(lambda: [str(f) for f in served.faults.active] == ["leak of link0/chamber0 (rate_1_s 3)"])
+        parameters = AsyncParameterClient(node, "twin")
+        until(parameters.services_are_ready)
+
+        def inject(text):
+            future = parameters.set_parameters([Parameter("fault", value=text)])
+            until(future.done)
+            return future.result().results[0]
+
+        assert inject("fault: leak, chamber: link0/chamber0, rate_1_s: 5.0").successful
+        assert [fault.value for fault in served.faults.active] == [3.0, 5.0]
+        refused = inject("fault: gremlin")
+        assert not refused.successful
+        assert "gremlin" in refused.reason
         future = client.call_async(Trigger.Request())
         until(future.done)
         assert future.result().success

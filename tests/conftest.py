@@ -56,3 +56,17 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.section("figures measured")
         for line in lines:
             terminalreporter.write_line(line)
+
+
+# Whole runs of nodes wait more than they compute, and only one at a time may use real time: one worker takes
+# them all, first what compiles their kernels, while the others compute.
+_ONE_WORKER = ("loop", "twin", "ros")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Group and order the folders of tests (`pytest --dist loadgroup`)."""
+    folders = {item: item.path.parent.name for item in items}
+    items.sort(key=lambda item: _ONE_WORKER.index(folders[item]) if folders[item] in _ONE_WORKER else 9)
+    for item in items:
+        if folders[item] in _ONE_WORKER:
+            item.add_marker(pytest.mark.xdist_group("nodes"))

@@ -63,6 +63,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 _ONE_WORKER = ("loop", "twin", "ros")
 
 
+@pytest.hookimpl(tryfirst=True)  # the marks must stand before xdist reads them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Group and order the folders of tests (`pytest --dist loadgroup`)."""
     folders = {item: item.path.parent.name for item in items}

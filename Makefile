@@ -10,7 +10,7 @@ run: $(VENV)/.installed
 	@$(BIN)/soro run config/scenes/track_circle.yaml
 
 test: $(VENV)/.installed-test lint
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -63,11 +64,19 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 _ONE_WORKER = ("loop", "twin", "ros")
 
 
-@pytest.hookimpl(tryfirst=True)  # the marks must stand before xdist reads them
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Group and order the folders of tests (`pytest --dist loadgroup`)."""
+    """Put the kernels' compilation before the runs of nodes."""
     folders = {item: item.path.parent.name for item in items}
     items.sort(key=lambda item: _ONE_WORKER.index(folders[item]) if folders[item] in _ONE_WORKER else 9)
-    for item in items:
-        if folders[item] in _ONE_WORKER:
-            item.add_marker(pytest.mark.xdist_group("nodes"))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give those folders to one worker, and the other tests one by one."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFolder(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return "nodes" if nodeid.startswith(tuple(f"tests/{one}/" for one in _ONE_WORKER)) else nodeid
+
+    return ByFolder(config, log)

@@ -29,6 +29,7 @@ CASES = {
     "emulated_canopen": ("the valves' own watchdogs", 150.0),
     "soro_board": ("the board's own watchdog", 150.0),
     "veab_tcp": ("the process beside the driver", 300.0),
+    "vtem_modbus": ("the process beside the driver", 300.0),
     "itv_serial": ("the process beside the driver", 300.0),
     "alicat_serial": ("the process beside the driver", 300.0),
 }

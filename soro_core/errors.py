@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+# Characters of what was found that stand in an error.
+LONGEST = 80
+
 
 class SoroError(Exception):
     """Base of all errors that a user can cause or mend."""
@@ -25,7 +28,10 @@ class ConfigError(SoroError):
     def __init__(self, where: str, key: str, got: object, allowed: str) -> None:
         self.where, self.key, self.got, self.allowed = where, key, got, allowed
         at = f"{where}: {key}" if key else where
-        super().__init__(f"{at}: got {short(got)}; allowed: {allowed}")
+        # A rule across keys is broken by a whole mapping, and the beginning of a long one says nothing.
+        is_whole = not key and isinstance(got, dict) and len(repr(got)) > LONGEST
+        found = "" if is_whole else f"got {short(got)}; "
+        super().__init__(f"{at}: {found}allowed: {allowed}")
 
 
 class ModelError(SoroError):
@@ -40,7 +46,7 @@ class BagError(SoroError):
     """A recording cannot be read or written."""
 
 
-def short(value: object, limit: int = 80) -> str:
+def short(value: object, limit: int = LONGEST) -> str:
     """Return what was found as part of one line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -69,7 +69,6 @@ class ChamberInterface:
         self._stamp_now_ns = stamp_now_ns
         self._on_command, self._recover = on_command, recover
         self._state = safety.initial_state(len(self._names), self._names)
-        self._enabled = True
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
@@ -153,9 +152,6 @@ class ChamberInterface:
         self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source)
 
     def _offer(self, command_pa: Array, stamp_ns: int, source: str) -> None:
-        if not self._enabled:
-            self._refused("commands are not enabled: call ~/enable")
-            return
         self._state, refusal = safety.offer(
             self._limits, self._state, command_pa, stamp_ns, self._now_ns(), source
         )
@@ -166,9 +162,9 @@ class ChamberInterface:
         self._node.get_logger().warning(f"command refused: {reason}", throttle_duration_sec=1.0)
 
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._enabled = self._state.cause is None
-        response.success = self._enabled
-        response.message = "enabled" if self._enabled else f"vented ({self._state.cause}): call ~/reset first"
+        is_open = self._state.cause is None
+        response.success = is_open
+        response.message = "enabled" if is_open else f"vented ({self._state.cause}): call ~/reset first"
         return response
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -28,7 +28,7 @@ def _application() -> typer.Typer:
     """Import every command, which takes a good part of a second."""
     import typer
 
-    from soro_ros.commands import bag, fit, hil
+    from soro_ros.commands import bag, fit, hil, services
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
@@ -40,6 +40,8 @@ def _application() -> typer.Typer:
         help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
         no_args_is_help=True,
         add_completion=False,
+        # Otherwise lines of docstrings stay as they are broken, and units in brackets are taken for styles.
+        rich_markup_mode="markdown",
         pretty_exceptions_enable=False,
     )
     app.command()(run)
@@ -48,6 +50,8 @@ def _application() -> typer.Typer:
     app.command()(doctor)
     app.command()(trade)
     app.command()(board)
+    for service in (services.vent, services.reset, services.enable, services.fault):
+        app.command()(service)
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     app.add_typer(hil.app, name="hil", help="Hardware in the loop: first pressurisation, latency.")

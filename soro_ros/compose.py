@@ -75,6 +75,7 @@ class Run:
         # What holds the air: it vents when it ends.
         self._holder = "regulator" if scene.platform else "twin"
         self._begun = False
+        self._told: set[str] = set()
         self._status: dict[str, int] = {}
 
     @property
@@ -113,6 +114,8 @@ class Run:
         if scene.arm == "real":
             self._hear_arm(supervisor, cancelled)
         self.check()
+        # Controllers of two runs would command the valves of both.
+        supervisor.check_alone({name: self._children[name].process.pid for name in self.nodes})
 
     def begin(self, supervisor: Supervisor) -> None:
         """Let time and control begin."""
@@ -146,11 +149,12 @@ class Run:
     def outcome(self) -> str:
         """What has become of valves and bag, in one line; after `end`."""
         if not self._begun:
-            air = "ended before the valves were opened"
+            air = "ended before control began"
         elif self._status.get(self._holder) == 0:
             air = "vented"
         else:
-            air = f"the {self._holder} ended without venting (valves vent when their host falls silent)"
+            others = "valves with a watchdog vent by themselves, others by the second process"
+            air = f"the {self._holder} ended without venting ({others})"
         if not self.bag.exists():
             return air
         if self._status.get("recorder") == 0:
@@ -175,7 +179,9 @@ class Run:
                 told = True
                 self._say("the first start compiles the model's kernels: half a minute, cached afterwards")
 
-        self._say(f"starting {', '.join(names)}")
+        new = [name for name in names if name not in self._told]
+        self._told.update(new)
+        self._say(f"starting {', '.join(new)}")
         supervisor.wait("answer of all nodes", ready, check, START_LIMIT_S)
 
     def _hear_arm(self, supervisor: Supervisor, cancelled: Callable[[], bool]) -> None:

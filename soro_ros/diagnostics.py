@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
@@ -45,7 +47,7 @@ class Diagnostics:
 
     def publish(self) -> None:
         """Publish the latest status."""
-        values = {"lifecycle": self._lifecycle, **self._values}
+        values = {"lifecycle": self._lifecycle, "pid": os.getpid(), **self._values}
         self._status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[self._status])
         array.header.stamp = self._node.get_clock().now().to_msg()

@@ -15,7 +15,7 @@ _STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 
 def show(title: str, findings: Sequence[Finding]) -> None:
     """Print a table, a line a finding, and how many there are of each kind."""
-    table = Table(title=title, title_justify="left", show_lines=False)
+    table = Table(title=Text(title), title_justify="left", show_lines=False)
     for heading in ("", "what", "found", "what to do"):
         table.add_column(heading, overflow="fold")
     for name, level, found, do in findings:
@@ -28,9 +28,10 @@ def show(title: str, findings: Sequence[Finding]) -> None:
 
 def show_rows(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table of texts."""
-    table = Table(title=title, title_justify="left")
-    for heading in head:
-        table.add_column(heading, overflow="fold")
+    table = Table(title=Text(title), title_justify="left")
+    for n, heading in enumerate(head):
+        # A unit in brackets is no style, and a chamber's name is not broken.
+        table.add_column(Text(heading), overflow="fold", no_wrap=n == 0)
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     Console().print(table)

@@ -78,7 +78,14 @@ class SoroNode(LifecycleNode, Generic[Config]):
     # What a node uses ----------------------------------------------------------------------------
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call back on the steady clock until the node is deactivated (lifecycle does not stop timers)."""
-        timer = self.create_timer(period_s, callback, clock=self.steady_clock)
+
+        def guarded() -> None:
+            try:
+                callback()
+            except SoroError as error:  # the executor would print a traceback
+                self.fail(error)
+
+        timer = self.create_timer(period_s, guarded, clock=self.steady_clock)
         self._timers_active.append(timer)
         return timer
 
@@ -97,6 +104,12 @@ class SoroNode(LifecycleNode, Generic[Config]):
     def finish(self) -> None:
         """End the process cleanly: the node's work is done."""
         self.finished = True
+
+    def fail(self, error: SoroError) -> None:
+        """End the process with an error: the node cannot go on."""
+        self.failure, self.finished = error, True
+        self.get_logger().error(str(error))
+        self.diagnostics.update(ERROR, str(error))
 
     # Lifecycle -----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -258,10 +271,8 @@ def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
     try:
         while not stopping and not node.finished:
             executor.spin_once(timeout_sec=SPIN_WAIT_S)
-    except SoroError as error:  # raised in a callback: the node cannot go on
-        node.failure = error
-        node.get_logger().error(str(error))
-        node.diagnostics.update(ERROR, str(error))
+    except SoroError as error:  # raised in a callback
+        node.fail(error)
 
 
 def _priority(node: SoroNode[Config]) -> int:

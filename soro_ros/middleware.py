@@ -23,6 +23,16 @@ def init(args: list[str] | None = None) -> None:
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 
 
+def may_stall() -> str | None:
+    """Why messages can be held up for a third of a second in this environment, or None (ADR 0007)."""
+    if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() != "LOCALHOST":
+        return None
+    return (
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST: a message can be held up for 0.3 s, at which valves vent: "
+        "better unset in real time (docs/real_time.md)"
+    )
+
+
 def deliver(node: Node) -> None:
     """Wait until every reader has what the node published: what is on its way is lost with its writer."""
     deadline = time.monotonic() + DELIVERY_S

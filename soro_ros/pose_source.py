@@ -7,10 +7,12 @@ import time
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.validate_topic_name import validate_topic_name
 
-from soro_core.errors import SoroError
+from soro_core.errors import ConfigError, SoroError
 from soro_ros import messages, middleware, qos
 
 FIRST_S = 10.0
@@ -21,11 +23,18 @@ class PoseSource:
 
     Raises
     ------
+    ConfigError
+        If that cannot be a topic.
     SoroError
         If no pose comes in the first seconds.
     """
 
     def __init__(self, topic: str) -> None:
+        try:
+            validate_topic_name(topic)
+        except InvalidTopicNameException:
+            allowed = "the name of a topic, /arm/sensors/pose0 or so"
+            raise ConfigError("soro hil", "--pose", topic, allowed) from None
         middleware.init()
         self._node = Node("hil")
         self._node.create_subscription(PoseStamped, topic, self._on_pose, qos.SENSOR)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,6 +23,9 @@ from soro_ros.parameters import overrides
 _PR_SET_PDEATHSIG = 1
 _PRCTL = ctypes.CDLL(None).prctl
 
+
+# A line of a ROS log: level, time, logger, text.
+_LOGGED = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)")
 
 # So often a process is asked to end: one that still imports does not hear it.
 REPEAT_S = 0.3
@@ -45,12 +49,17 @@ class Child:
 
     def obituary(self) -> str:
         """Status and last words of a process that has ended."""
-        return f"{self.name} ended with status {self.process.poll()}: {self.last_words()}"
+        status = self.process.poll()
+        killed = status == -signal.SIGKILL  # its last words were of something else
+        said = "killed (SIGKILL: by hand, or out of memory)" if killed else self.last_words()
+        return f"{self.name} ended with status {status}: {said}"
 
     def last_words(self, lines: int = 5) -> str:
-        """The end of its log, in one line."""
+        """The end of its log, in one line; where a node has logged errors, these alone."""
         text = self.log.read_text(errors="replace").strip().splitlines()[-lines:]
-        return " | ".join(line.strip() for line in text) or "it said nothing"
+        logged = [found for line in text if (found := _LOGGED.match(line))]
+        errors = [line[2].strip() for line in logged if line[1] in ("ERROR", "FATAL")]
+        return " | ".join(errors or (line.strip() for line in text)) or "it said nothing"
 
 
 def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Child:

@@ -122,6 +122,8 @@ def _take_diagnostics(
     message: DiagnosticArray, prefix: str, diagnostics: dict[str, dict[str, str]], faults: list[str]
 ) -> None:
     for status in message.status:
+        if not status.name.startswith(prefix):  # another arm's, on the same topic
+            continue
         name = status.name.removeprefix(prefix)
         diagnostics[name] = {pair.key: pair.value for pair in status.values}
         fault = f"{name}: {status.message}"

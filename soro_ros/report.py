@@ -74,13 +74,14 @@ def summarise(bag: Path, scene: Scene) -> Summary | None:
     limits = scene.limits
     at_bound = (command <= limits.minimum_pa + 1.0) | (command >= limits.maximum_pa - 1.0)
     reading = _during(recording.reading, scene.duration_s)
+    settled = settling_time(t, error, SETTLED_PART_OF_LENGTH * length)
     return Summary(
         duration_s=float(t[-1]),
         tip_error_first_rms_m=_rms(error[first]),
         tip_error_last_rms_m=_rms(error[last]),
         tip_error_last_max_m=float(error[last].max()) if last.any() else float("nan"),
         estimator_error_last_rms_m=_rms(estimator_error[last]),
-        settling_s=settling_time(t, error, SETTLED_PART_OF_LENGTH * length),
+        settling_s=settled if _is_complete(float(t[-1]), recording.faults, scene) else float("nan"),
         pressure_min_pa=float(reading.min()) if reading.size else float("nan"),
         pressure_max_pa=float(reading.max()) if reading.size else float("nan"),
         saturated_part=float(at_bound.mean()) if at_bound.size else 0.0,
@@ -126,6 +127,11 @@ def settling_time(t: Array, error: Array, bound: float) -> float:
     return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else float("nan")
 
 
+def _is_complete(lasted_s: float, faults: tuple[str, ...], scene: Scene) -> bool:
+    """Whether a run went to its end in order: of what was cut short nobody knows that it stays."""
+    return not faults and lasted_s >= scene.duration_s - LACK_S
+
+
 def table(summary: Summary, scene: Scene) -> Table:
     """The figures as a table for people."""
     real = "real " if scene.arm == "real" else ""
@@ -134,7 +140,6 @@ def table(summary: Summary, scene: Scene) -> Table:
         show_header=False,
     )
     start = scene.controller.reference.start_s
-    settled = summary.settling_s
     adapting = " (while adapting)" if scene.controller.adapt else ""
     for name, value in (
         ("adaptation", "on" if scene.controller.adapt else "off"),
@@ -143,10 +148,7 @@ def table(summary: Summary, scene: Scene) -> Table:
         (f"tip error RMS, last {WINDOW_S:g} s", _mm(summary.tip_error_last_rms_m)),
         (f"tip error max, last {WINDOW_S:g} s", _mm(summary.tip_error_last_max_m)),
         (f"estimator's tip error RMS, last {WINDOW_S:g} s", _mm(summary.estimator_error_last_rms_m)),
-        (
-            f"settling to {SETTLED_PART_OF_LENGTH:.0%} of the length",
-            f"{settled:.2f} s" if np.isfinite(settled) else "not within the run",
-        ),
+        (f"settling to {SETTLED_PART_OF_LENGTH:.0%} of the length", _settling(summary, scene)),
         (
             "measured pressures",
             _or_dash(f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa"),
@@ -159,6 +161,13 @@ def table(summary: Summary, scene: Scene) -> Table:
     ):
         rows.add_row(name, value)
     return rows
+
+
+def _settling(summary: Summary, scene: Scene) -> str:
+    """Settling time; none of a run that was vented or interrupted."""
+    if not _is_complete(summary.duration_s, summary.faults, scene):
+        return "- (not run to its end)"
+    return f"{summary.settling_s:.2f} s" if np.isfinite(summary.settling_s) else "not within the run"
 
 
 def _punctuality(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
@@ -181,7 +190,7 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     kind = "measured" if scene.arm == "real" else "true"
     beside = recording.shadow.t.size > 0
     rows = 3 if beside else 2
-    figure, axes = plt.subplots(rows, 2, figsize=(12, 4.5 * rows), layout="constrained")
+    figure, axes = plt.subplots(rows, 2, figsize=(12, 5 * rows), layout="constrained")
     _draw_path(axes[0, 0], recording, scene.duration_s, kind)
     _draw_error(axes[0, 1], t, error, recording, kind)
     _draw_pressures(axes[1, 0], recording, scene)
@@ -192,6 +201,9 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
         axis.set_xlabel("time [s]")
         axis.set_xlim(0, scene.duration_s)
         axis.grid(alpha=0.3)
+    for axis in axes.flat:
+        if axis.get_legend_handles_labels()[0]:  # below, where it lies over no data
+            axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize="small")
     adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {scene.twin.payload_kg * 1e3:g} g"
     figure.suptitle(f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}")
@@ -204,10 +216,11 @@ def _draw_path(axis: object, recording: Recording, duration_s: float, kind: str)
     axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
     axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{kind} tip")
     late = true.t >= duration_s - WINDOW_S
-    axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=f"{kind} tip, last {WINDOW_S:g} s")
+    if late.any():
+        label = f"{kind} tip, last {WINDOW_S:g} s"
+        axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=label)
     axis.set(xlabel="x [mm]", ylabel="y [mm]", title="tip path, seen along the base's axis", aspect="equal")
     axis.grid(alpha=0.3)
-    axis.legend(loc="center")
 
 
 def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
@@ -216,7 +229,6 @@ def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind
         off = np.linalg.norm(recording.estimated_tip.at(t) - recording.true_tip.at(t), axis=1)
         axis.plot(t, off * 1e3, color="C2", lw=0.8, label=f"estimated tip to {kind} tip")
     axis.set(ylabel="distance [mm]", title="tip error", ylim=(0, None))
-    axis.legend(loc="upper right")
 
 
 def _draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
@@ -233,7 +245,6 @@ def _draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
     for bound in (scene.limits.minimum_pa, scene.limits.maximum_pa):
         axis.axhline(bound / 1e3, color="0.3", ls="--", lw=0.8)
     axis.set(ylabel="gauge pressure [kPa]", title="pressures (pale: set points; dashed: limits)")
-    axis.legend(loc="upper right")
 
 
 def _draw_estimates(axis: object, recording: Recording) -> None:
@@ -246,8 +257,6 @@ def _draw_estimates(axis: object, recording: Recording) -> None:
         label = f"{name} / {scale:.3g} ({what}), end {values[-1]:.3g}"
         axis.plot(series.t, values / scale, lw=1.0, label=label)
     axis.set(ylabel="estimate, scaled", title="parameter estimates", ylim=(0, None))
-    if series.names:
-        axis.legend(loc="best")
 
 
 def _within(series: Series, duration_s: float) -> Series:

@@ -55,9 +55,7 @@ def draw(axes: object, series: Series, tolerance_m: float) -> None:
     axes[0].plot(series.t, distance, color="C4", lw=0.8, label="measured tip to shadow's")
     axes[0].axhline(tolerance_m * 1e3, color="0.3", ls="--", lw=0.8, label="warned of")
     axes[0].set(ylabel="distance [mm]", title="real arm and its shadow: tip", ylim=(0, None))
-    axes[0].legend(loc="upper right")
     for name, colour in (("bending", "C4"), ("rotation", "0.6")):
         angle = np.degrees(series.value[:, DIFFERENCES.index(name)])
         axes[1].plot(series.t, angle, color=colour, lw=0.8, label=f"{name}, measured less shadow")
     axes[1].set(ylabel="angle [deg]", title="real arm and its shadow: orientation")
-    axes[1].legend(loc="upper right")

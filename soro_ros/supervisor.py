@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
-from soro_ros import messages, middleware, qos
+from soro_ros import messages, middleware, qos, services
 from soro_ros.diagnostics import ERROR
 from soro_ros.processes import NodeError
 
@@ -42,6 +42,7 @@ class Supervisor:
         self._executor.add_node(self._node)
         self.clock_s = 0.0
         self.status: dict[str, DiagnosticStatus] = {}
+        self._heard: dict[str, set[str]] = {}  # processes that call themselves by a name
 
     def __enter__(self) -> Supervisor:
         return self
@@ -78,6 +79,21 @@ class Supervisor:
             if status.level == ERROR:
                 raise NodeError(name, f"{name}: {status.message}")
 
+    def check_alone(self, own: Mapping[str, int]) -> None:
+        """Raise SoroError if another process has the name of one's own, as where two runs meet.
+
+        Parameters
+        ----------
+        own : mapping of str to int
+            Process ids by name of node.
+        """
+        for name, pid in own.items():
+            if others := self._heard.get(name, set()) - {str(pid)}:
+                raise SoroError(
+                    f"another {self._prefix}{name} (process {', '.join(others)}) is in "
+                    f"{services.domain(self._node)}: end that run, or set a ROS_DOMAIN_ID of one's own"
+                )
+
     def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
         """Spin until `ready`; `check` may raise what went wrong meanwhile.
 
@@ -102,19 +118,7 @@ class Supervisor:
         SoroError
             If it is not there, does not answer, or refuses.
         """
-        client = self._node.create_client(Trigger, service)
-        deadline = time.monotonic() + limit_s
-        while not client.service_is_ready():
-            self.spin(0.05)
-            if time.monotonic() > deadline:
-                raise SoroError(f"service {service} is not there")
-        future = client.call_async(Trigger.Request())
-        while not future.done():
-            self.spin(0.02)
-            if time.monotonic() > deadline:
-                raise SoroError(f"service {service} did not answer")
-        response = future.result()
-        self._node.destroy_client(client)
+        response = services.call(self._node, self.spin, Trigger, service, Trigger.Request(), limit_s)
         if not response.success:
             raise SoroError(f"{service}: {response.message}")
         return str(response.message)
@@ -122,7 +126,9 @@ class Supervisor:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(self._prefix):
-                self.status[status.name.removeprefix(self._prefix)] = status
+                name = status.name.removeprefix(self._prefix)
+                self.status[name] = status
+                self._heard.setdefault(name, set()).add(self.values(name).get("pid", "unknown"))
 
     def _on_wanted(self, message: PoseStamped) -> None:
         if self._control_began is None:

@@ -60,23 +60,30 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 # Whole runs of nodes wait more than they compute, and only one at a time may use real time: one worker takes
-# them all, first what compiles their kernels, while the others compute.
-_ONE_WORKER = ("loop", "twin", "ros")
+# them all, first what compiles their kernels, while the others compute. Others that need them are last.
+_COMPILES = "tests/loop/test_closed_loop.py::test_the_main_job"
+_NODES = (_COMPILES, "tests/twin/", "tests/ros/")
+_LAST = "tests/loop/"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the kernels' compilation before the runs of nodes."""
-    folders = {item: item.path.parent.name for item in items}
-    items.sort(key=lambda item: _ONE_WORKER.index(folders[item]) if folders[item] in _ONE_WORKER else 9)
+
+    def rank(item: pytest.Item) -> int:
+        beginnings = (*_NODES, "", _LAST)
+        first = (n for n, one in enumerate(beginnings) if one and item.nodeid.startswith(one))
+        return next(first, beginnings.index(""))
+
+    items.sort(key=rank)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give those folders to one worker, and the other tests one by one."""
+    """Give the runs of nodes to one worker, and the other tests one by one."""
     from xdist.scheduler import LoadScopeScheduling
 
-    class ByFolder(LoadScopeScheduling):
+    class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return "nodes" if nodeid.startswith(tuple(f"tests/{one}/" for one in _ONE_WORKER)) else nodeid
+            return "nodes" if nodeid.startswith(_NODES) else nodeid
 
-    return ByFolder(config, log)
+    return Scheduling(config, log)

@@ -57,9 +57,10 @@ Every fault is injected into a running arm (chambers on a circle of 25 kPa, 2 s 
 limits as shipped. *Trip*: time from the injection to the vent command, then to all chambers below 5 kPa (of
 those that the fault does not block), the cause matched, the latch held while commands go on and the fault
 goes away, a reset refused while pressure is commanded and granted with a zero command; an arm on another bus
-goes on beside it. A bound is the family's own (CANopen and our board 100 ms, published VEAB server 150 ms,
-serial lines 0.2 s and a round of the line), after the time in which the fault becomes visible: 300 or 500 ms
-of a monitor and the motion that it needs (benchmarks/faults/matrix.py says which)."""
+goes on beside it. A bound is the family's own (CANopen, our board and the VTEM 100 ms, published VEAB server
+150 ms, serial lines the age at which a reading is lost and a round of the line: 236 ms ITV, 213 ms Alicat),
+after the time in which the fault becomes visible: 300 or 500 ms of a monitor and the motion that it needs
+(benchmarks/faults/matrix.py says which, ADR 0013 why)."""
 
 
 def _without_a_fault(hours: dict[str, int], options: Options) -> Iterator[tuple[str, str]]:
@@ -82,12 +83,12 @@ def healthy(family: str, seconds: float) -> str:
         rig.regulator.configure()
         for _ in range(round(seconds / rig.period_s)):
             loop.cycle(healthy_command(loop.cycles * rig.period_s, rig.regulator.n_chambers))
-            if loop.state.vented:
+            if loop.vented:
                 break
     finally:
         rig.close()
     ran_s = loop.cycles * rig.period_s
-    end = f"**tripped** after {ran_s:.1f} s: {loop.state.cause}" if loop.state.vented else "no trip"
+    end = f"**tripped** after {ran_s:.1f} s: {loop.cause}" if loop.vented else "no trip"
     return f"Without a fault for {ran_s / 60:.1f} minutes of circles and steps of full scale: {end}."
 
 

@@ -50,9 +50,9 @@ def run(family: str, row: Row, real: bool = False, beside: Loop | None = None) -
         result = _judge(row, _Pair(rig, beside))
     finally:
         rig.close()
-    if beside is None or not (beside.state.vented or beside.rig.devices.pressure_pa.max() < 15e3):
+    if beside is None or not (beside.vented or beside.rig.devices.pressure_pa.max() < 15e3):
         return result
-    return replace(result, problems=(*result.problems, f"the other arm too: {beside.state.cause}"))
+    return replace(result, problems=(*result.problems, f"the other arm too: {beside.cause}"))
 
 
 class _Pair(Loop):
@@ -71,13 +71,13 @@ class _Pair(Loop):
 def _judge(row: Row, loop: Loop) -> Result:
     rig, problems = loop.rig, []
     _spin(loop, row, BEFORE_S)
-    if loop.state.vented:
-        return Result(row, loop.state.cause or "", None, None, 0, ("tripped before the fault",))
+    if loop.vented:
+        return Result(row, loop.cause or "", None, None, 0, ("tripped before the fault",))
     before, start = rig.regulator.statistics, loop.cycles
     for injection in row.injections():
         rig.at_devices(lambda injection=injection: rig.devices.faults.add(injection))  # type: ignore[misc]
-    _spin(loop, row, AFTER_S, until=lambda: loop.state.vented)
-    cause = loop.state.cause or ""
+    _spin(loop, row, AFTER_S, until=lambda: loop.vented)
+    cause = loop.cause or ""
     trip_ms = None if loop.vented_at is None else (loop.vented_at - start + 1) * rig.period_s * 1e3
     empty_ms = None
     if row.must == "trip":
@@ -132,10 +132,10 @@ def _vents(row: Row, loop: Loop, problems: list[str]) -> float | None:
 
 def _stays_vented_until_reset(row: Row, loop: Loop, problems: list[str]) -> None:
     """Latched while commands go on, whatever becomes of the fault; a reset needs a zero command."""
-    cause = loop.state.cause
+    cause = loop.cause
     loop.rig.at_devices(loop.rig.devices.faults.clear)
     _spin(loop, row, 0.15)
-    if not loop.state.vented or loop.state.cause != cause:
+    if not loop.vented or loop.cause != cause:
         problems.append("the latch opened by itself, or changed its cause")
     if loop.reset() is None:
         problems.append("reset while pressure was commanded")
@@ -146,7 +146,7 @@ def _stays_vented_until_reset(row: Row, loop: Loop, problems: list[str]) -> None
         problems.append(f"reset refused: {refusal}")
         return
     _spin(loop, row, 0.6)
-    if loop.state.vented:
-        problems.append(f"tripped again after reset: {loop.state.cause}")
+    if loop.vented:
+        problems.append(f"tripped again after reset: {loop.cause}")
     elif loop.rig.devices.pressure_pa.max() < 30e3:
         problems.append("no pressure after reset")

@@ -1,49 +1,40 @@
 """What must happen for every fault on every family, stated beforehand.
 
-The bound of a trip is the family's own, from the moment at which the fault can be known: 100 ms for CANopen
-and our board, 150 ms for the published VEAB server. A serial line says nothing of itself and its answers come
-one after another, so there it is the age of a reading that trips (0.2 s, as their platform files ask for) and
-a round of the line. Where a monitor must see that a reading is wrong, its own time (docs/safety.md: 300 ms
+The bound of a trip is the family's own, from the moment at which the fault can be known: 100 ms for CANopen,
+our board and the VTEM, 150 ms for the published VEAB server. A serial line says nothing of itself and its
+answers come one after another, so there it is the age at which the driver knows a reading to be lost, and a
+round of the line. Where a monitor must see that a reading is wrong, its own time (docs/safety.md: 300 ms
 against the model, 500 ms for equal readings) and the motion that shows it come before that.
 """
 
 from __future__ import annotations
 
+from benchmarks.faults.bounds import (
+    AT_ONCE_MS,
+    DRIFT_MS,
+    FAMILY_MS,
+    FOUR,
+    FROZEN_MS,
+    GROWTH_MS,
+    HIGH,
+    IGNORED,
+    MODEL_MS,
+    MOTION_MS,
+    SLOW,
+    SUPPLY_EVENT_MS,
+    SUPPLY_MS,
+    TOP_MS,
+    WRONG,
+)
 from benchmarks.faults.rows import CHAMBER, Row
-
-FOUR = "canopen_408, 4 channels"
-FAMILY_MS = {
-    "canopen_408": 100.0,
-    FOUR: 100.0,
-    "itv_rs232": 200.0 + 24.0,  # a set point and a reading at 9600 baud
-    "alicat": 200.0 + 16.0,  # set points and readings of three units at 115200 baud
-    "veab_tcp": 150.0,
-    "soro_board": 100.0,
-}
-SLOW = ("itv_rs232", "alicat")
-# What is in the very next exchange.
-AT_ONCE_MS = 10.0
-# Faults begin on the rising flank of the circle, which leads 8 kPa away in less than 0.3 s; the monitor then
-# looks on for 0.3 s. Readings that are off by a factor show it as the pressure grows, in another 0.6 s.
-MOTION_MS, MODEL_MS, GROWTH_MS = 300.0, 300.0, 600.0
-# Equal readings are a fault after 0.5 s, of which the first 0.3 s may hold no motion.
-FROZEN_MS = 500.0
-# What shows only while the set point falls has to wait for the top: half a circle, 1 s, at most.
-TOP_MS = 1000.0
-# A supply is told every 0.1 s, and may be low for as long.
-SUPPLY_EVENT_MS, SUPPLY_MS = 100.0, 100.0
-# A drift at rest: 0.5 s of rest and three windows of a third of a second, the first of which may have begun.
-DRIFT_MS = 1700.0
-
-_WRONG = rf"(implausible|stuck valve|frozen sensor): {CHAMBER} "
-_HIGH = rf"(over-pressure|short circuit|spike): {CHAMBER} "
+from benchmarks.faults.tcp import board, veab, vtem
 
 
 def _supply(family: str, model_ms: float) -> Row:
     """Where the devices report their supply it names itself; else a chamber shows that it is not filled."""
     fault = "supply_drop, supply_pa: 20e3"
     if not family.startswith("canopen"):
-        return Row(fault, "trip", _WRONG, model_ms)
+        return Row(fault, "trip", WRONG, model_ms)
     return Row(
         fault, "trip", r"supply low: link\d/chamber\d ", SUPPLY_EVENT_MS + SUPPLY_MS + FAMILY_MS[family]
     )
@@ -57,13 +48,13 @@ def air(family: str) -> tuple[Row, ...]:
     rises = rf"(over-pressure|implausible{'|spike' if family in SLOW else ''}): {CHAMBER} "
     return (
         Row("stuck_open", "trip", rises, model, blocked="chamber"),
-        Row("stuck_closed", "trip", _WRONG, model, blocked="chamber"),
-        Row("stuck_at, pressure_pa: 30e3", "trip", _WRONG, model, blocked="chamber"),
+        Row("stuck_closed", "trip", WRONG, model, blocked="chamber"),
+        Row("stuck_at, pressure_pa: 30e3", "trip", WRONG, model, blocked="chamber"),
         # Vented by a set point of 0, which such a valve follows as slowly as any other.
-        Row("slow_valve, factor: 20", "trip", _WRONG, model, slower=20.0),
+        Row("slow_valve, factor: 20", "trip", WRONG, model, slower=20.0),
         Row("slow_valve, factor: 1.3", "tolerate"),
         Row("leak, rate_1_s: 1.0", "tolerate"),
-        Row("leak, rate_1_s: 20", "trip", _WRONG, model),
+        Row("leak, rate_1_s: 20", "trip", WRONG, model),
         Row(
             "stuck_closed; leak, rate_1_s: 0.1",
             "trip",
@@ -72,24 +63,21 @@ def air(family: str) -> tuple[Row, ...]:
             blocked="chamber",
             motion="hold",
         ),
-        Row("burst", "trip", _WRONG, model),
-        Row("kinked_line, factor: 20", "trip", _WRONG, model, slower=20.0),
+        Row("burst", "trip", WRONG, model),
+        Row("kinked_line, factor: 20", "trip", WRONG, model, slower=20.0),
         _supply(family, model),
-        Row("vent_blocked", "trip", _WRONG, TOP_MS + model, blocked="chamber"),
-        Row("sensor_offset, offset_pa: 15e3", "trip", _WRONG, model),
+        Row("vent_blocked", "trip", WRONG, TOP_MS + model, blocked="chamber"),
+        Row("sensor_offset, offset_pa: 15e3", "trip", WRONG, model),
         Row("sensor_offset, offset_pa: 5e3", "tolerate"),
-        Row("sensor_scale, factor: 1.5", "trip", _WRONG, GROWTH_MS + model),
+        Row("sensor_scale, factor: 1.5", "trip", WRONG, GROWTH_MS + model),
         Row("sensor_scale, factor: 1.05", "tolerate"),
         Row("sensor_noise, sigma_pa: 1e3", "tolerate"),
         # One reading in three jumps by more than 50 kPa: ten of them are within every family's bound.
-        Row("sensor_noise, sigma_pa: 40e3", "trip", _HIGH, own),
+        Row("sensor_noise, sigma_pa: 40e3", "trip", HIGH, own),
         Row("sensor_stuck", "trip", rf"frozen sensor: {CHAMBER} ", frozen),
-        Row("sensor_saturate, most_pa: 20e3", "trip", _WRONG, GROWTH_MS + model),
+        Row("sensor_saturate, most_pa: 20e3", "trip", WRONG, GROWTH_MS + model),
         Row("sensor_quantise, step_pa: 2e3", "tolerate"),
     )
-
-
-_IGNORED = "setpoint_ignored"
 
 
 def _broken_wire(at_once: bool, own_ms: float) -> tuple[Row, ...]:
@@ -131,7 +119,7 @@ def _canopen(own: float) -> tuple[Row, ...]:
         # Nothing of the loop goes by SDO; what they do at the start-up is another test.
         Row("sdo_abort", "tolerate"),
         Row("sdo_timeout", "tolerate"),
-        Row(_IGNORED, "trip", _WRONG, MOTION_MS + MODEL_MS + own, blocked="chamber"),
+        Row(IGNORED, "trip", WRONG, MOTION_MS + MODEL_MS + own, blocked="chamber"),
     )
 
 
@@ -177,56 +165,12 @@ def _serial(family: str, own: float) -> tuple[Row, ...]:
         Row("mute", "trip", f"(device_silent: {device}|{lost})", own),
         # An Alicat shows the set point that it has in every answer, an ITV is asked for it every 0.2 s.
         Row(
-            _IGNORED,
+            IGNORED,
             "trip",
             rf"(setpoint_ignored|rebooted): {device}",
             own if family == "alicat" else 200.0 + own,
             blocked="chamber",
         ),
-    )
-
-
-def _veab(own: float) -> tuple[Row, ...]:
-    """A published server that ends at the first trouble, and then holds every pressure.
-
-    Its messages have neither a frame nor a checksum; what TCP's own does not find is a wrong pressure.
-    """
-    ended = "(link_lost|out_of_sync)"
-    return (
-        Row("drop, p: 0.02", "tolerate", counts="frames_lost"),
-        Row(
-            "corrupt_bits, p: 0.3", "trip", f"({ended}|spike|over-pressure|short circuit)", own, blocked="arm"
-        ),
-        Row("truncate, p: 0.3", "trip", ended, own, blocked="arm"),
-        Row("garbage_line, p: 0.3", "trip", ended, own, blocked="arm"),
-        Row("duplicate, p: 0.3", "tolerate"),
-        Row("delay, delay_s: 0.02", "tolerate"),
-        Row("reorder, p: 0.05", "tolerate"),
-        Row("adapter_unplug", "trip", "link_lost", AT_ONCE_MS, blocked="arm"),
-        Row("reboot", "trip", "link_lost", AT_ONCE_MS, blocked="arm"),
-        Row("mute", "trip", "stale_reading", own),
-        Row(_IGNORED, "trip", _WRONG, MOTION_MS + MODEL_MS + own, blocked="chamber"),
-    )
-
-
-def _board(own: float) -> tuple[Row, ...]:
-    """A connection loses nothing by itself; what its ends lose or damage is seen by the CRC of the frames."""
-    return (
-        Row("drop, p: 0.02", "tolerate", counts="frames_lost"),
-        Row("drop, p: 0.95", "trip", "(stale_reading|heartbeat_lost)", own, counts="frames_lost"),
-        Row("corrupt_bits, p: 0.02", "tolerate", counts="frames_lost"),
-        Row("corrupt_bits, p: 1.0", "trip", "(stale_reading|heartbeat_lost)", own, counts="frames_lost"),
-        Row("truncate, p: 0.02", "tolerate", counts="frames_lost"),
-        Row("garbage_line, p: 0.1", "tolerate", counts="frames_garbled"),
-        Row("duplicate, p: 0.3", "tolerate", counts="frames_refused"),
-        Row("delay, delay_s: 0.02", "tolerate", counts="frames_lost"),
-        Row("delay, delay_s: 0.2", "trip", "(stale_reading|watchdog_vented)", own),
-        Row("reorder, p: 0.05", "tolerate"),
-        Row("adapter_unplug", "trip", "link_lost", AT_ONCE_MS),
-        Row("reboot", "trip", "(link_lost|rebooted)", AT_ONCE_MS),
-        Row("brownout, duration_s: 0.05", "trip", "(device_error|rebooted): board: .*port 1", own),
-        Row("mute", "trip", "(stale_reading|heartbeat_lost)", own),
-        Row(_IGNORED, "trip", _WRONG, MOTION_MS + MODEL_MS + own, blocked="chamber"),
     )
 
 
@@ -260,10 +204,15 @@ MATRIX: dict[str, tuple[Row, ...]] = {
         *air("alicat"),
         *_broken_wire(False, _OWN["alicat"]),
     ),
-    "veab_tcp": (*_veab(_OWN["veab_tcp"]), *air("veab_tcp"), *_broken_wire(False, _OWN["veab_tcp"])),
+    "veab_tcp": (*veab(_OWN["veab_tcp"]), *air("veab_tcp"), *_broken_wire(False, _OWN["veab_tcp"])),
     "soro_board": (
-        *_board(_OWN["soro_board"]),
+        *board(_OWN["soro_board"]),
         *air("soro_board"),
         *_broken_wire(False, _OWN["soro_board"]),
+    ),
+    "vtem_modbus": (
+        *vtem(_OWN["vtem_modbus"]),
+        *air("vtem_modbus"),
+        *_broken_wire(True, _OWN["vtem_modbus"]),
     ),
 }

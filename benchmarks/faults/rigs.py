@@ -14,7 +14,6 @@ import numpy as np
 
 from benchmarks.faults.rows import Row
 from soro_core import safety
-from soro_core.errors import HardwareError
 from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.driver import BoardRegulator
@@ -24,11 +23,13 @@ from soro_core.hardware.emulation.inprocess import HubBus
 from soro_core.hardware.emulation.line_link import LineLink, LinePort
 from soro_core.hardware.emulation.process import Emulator
 from soro_core.hardware.families import FAMILIES
+from soro_core.hardware.guarded import GuardedRegulator
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.serial_line.config import SerialPlatform
 from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
 from soro_core.hardware.veab.driver import VeabRegulator
 from soro_core.hardware.veab.emulated import EmulatedVeabServer
+from soro_core.hardware.vtem.driver import VtemRegulator
 
 
 @dataclass
@@ -103,7 +104,8 @@ def in_process(platform: PlatformBase, seed: int = 1) -> Rig:
     if isinstance(platform, SerialPlatform):
         return _on_ports(platform, devices)
     (line,) = devices.lines
-    kind = {"veab_tcp": VeabRegulator, "soro_board": BoardRegulator}[platform.family]
+    kinds = {"veab_tcp": VeabRegulator, "soro_board": BoardRegulator, "vtem_modbus": VtemRegulator}
+    kind = kinds[platform.family]
     regulator: Regulator = kind(platform, LineLink(line), time.monotonic, lockstep=True)  # type: ignore[arg-type]
 
     def plug(is_in: bool) -> None:
@@ -165,19 +167,16 @@ PLATFORMS = {
     "alicat": "alicat_serial",
     "veab_tcp": "veab_tcp",
     "soro_board": "soro_board",
+    "vtem_modbus": "vtem_modbus",
 }
-# Slow lines: a reading may be some updates old, as their platform files say.
-LIMITS = dict.fromkeys(("itv_rs232", "alicat"), safety.Limits(reading_age_s=0.2))
 
 
 class Loop:
-    """What the regulator node does, without ROS: exchange, judge, vent when the latch closes."""
+    """What the regulator node does, without ROS, in lockstep and with the limits as shipped."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
-        self.limits = LIMITS.get(rig.platform.family, safety.Limits())
-        names = rig.regulator.chamber_names
-        self.state = safety.initial_state(len(names), names)
+        self.guarded = GuardedRegulator(rig.platform, rig.regulator, safety.Limits())
         self.cycles = 0
         self.vented_at: int | None = None
         self.exchange: Exchange | None = None
@@ -187,29 +186,26 @@ class Loop:
         """Time of the present cycle."""
         return round(self.cycles * self.rig.period_s * 1e9)
 
+    @property
+    def vented(self) -> bool:
+        """Whether the latch is closed."""
+        return self.guarded.state.vented
+
+    @property
+    def cause(self) -> str | None:
+        """Why the limiter has vented, or None."""
+        return self.guarded.cause
+
     def cycle(self, command_pa: np.ndarray | None) -> None:
         """One cycle; None for a controller that has stopped."""
-        rig, now, devices_ns = self.rig, self.now_ns, self.rig.devices.now_ns
+        now, devices_ns = self.now_ns, self.rig.devices.now_ns
         if command_pa is not None:
-            self.state, _ = safety.offer(self.limits, self.state, command_pa, now, now)
-        try:
-            exchange = rig.regulator.exchange(self.state.setpoint_pa, now)
-        except HardwareError as error:
-            self.state = safety.request_vent(self.state, str(error))
-        else:
-            self.exchange = exchange
-            fault = "; ".join(f"{f.code}: {f.source}: {f.message}" for f in exchange.faults) or None
-            known = exchange.fresh | np.isfinite(exchange.pressure_pa)
-            reading = np.where(known, exchange.pressure_pa, 0.0)
-            response = rig.platform.emulation.regulator
-            self.state = safety.cycle(
-                self.limits, self.state, reading, exchange.fresh, now, fault, exchange.supply_pa, response
-            )
-        if self.state.vented and self.vented_at is None:
+            self.guarded.offer(command_pa, now, now)
+        self.exchange = self.guarded.cycle(now) or self.exchange
+        if self.vented and self.vented_at is None:
             self.vented_at = self.cycles
-            rig.regulator.vent()
         # Where nothing reaches the devices that they take for a cycle, their time goes on all the same.
-        rig.at_devices(lambda: self._let_time_go_on(devices_ns))
+        self.rig.at_devices(lambda: self._let_time_go_on(devices_ns))
         self.cycles += 1
 
     def _let_time_go_on(self, devices_ns: int) -> None:
@@ -218,12 +214,8 @@ class Loop:
             devices.tick(devices_ns + round(self.rig.period_s * 1e9))
 
     def reset(self) -> str | None:
-        """What ~/reset does; the refusal."""
-        opened, refusal = safety.reset(self.limits, self.state, self.now_ns)
+        """What ~/reset does; the refusal, or None."""
+        refusal = self.guarded.reset(self.now_ns)
         if refusal is None:
-            try:
-                self.rig.regulator.configure()
-            except HardwareError as error:
-                return str(error)
-            self.state, self.vented_at = opened, None
+            self.vented_at = None
         return refusal

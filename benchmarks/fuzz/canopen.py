@@ -51,26 +51,12 @@ _FROM_SERVER = [
 
 def lines_to_the_driver(pieces: int, seed: int) -> Counted:
     """Every line of an adapter is one event or one count."""
-    rng, decoder, counted = random.Random(seed), slcan_codec.Decoder(), Counted()
-    for _ in range(pieces):
-        line = damaged(rng, _FROM_ADAPTER).replace(b"\r", b"").replace(b"\x07", b"")
-        before = decoder.garbled
-        counted.sent += 1
-        counted.good += len(decoder.feed(line + b"\r"))
-        counted.bad += decoder.garbled - before
-    return counted
+    return _decoded(pieces, seed, slcan_codec.Decoder(), _FROM_ADAPTER, (b"", b"\r"), b"\r\x07")
 
 
 def words_to_the_driver(pieces: int, seed: int) -> Counted:
     """Every pair of brackets of a socketcand server is one message or one count."""
-    rng, decoder, counted = random.Random(seed), socketcand_codec.Decoder(), Counted()
-    for _ in range(pieces):
-        inner = damaged(rng, _FROM_SERVER).replace(b"<", b"").replace(b">", b"")
-        before = decoder.garbled
-        counted.sent += 1
-        counted.good += len(decoder.feed(b"<" + inner + b">"))
-        counted.bad += decoder.garbled - before
-    return counted
+    return _decoded(pieces, seed, socketcand_codec.Decoder(), _FROM_SERVER, (b"<", b">"), b"<>")
 
 
 def frames_to_the_driver(pieces: int, seed: int) -> Counted:
@@ -132,6 +118,25 @@ def alive(driver: object, cycle: int, period_ns: int = 5_000_000) -> None:
             raise AssertionError(f"after it: {found.faults[0]}")
     if not np.allclose(found.pressure_pa, 40e3, atol=4e3):
         raise AssertionError(f"after it: {found.pressure_pa}")
+
+
+def _decoded(
+    pieces: int,
+    seed: int,
+    decoder: slcan_codec.Decoder | socketcand_codec.Decoder,
+    messages: list[bytes],
+    around: tuple[bytes, bytes],
+    ends: bytes,
+) -> Counted:
+    """Pieces without the bytes that end one, each between those that make it one."""
+    rng, counted = random.Random(seed), Counted()
+    for _ in range(pieces):
+        piece = damaged(rng, messages).translate(None, ends)
+        before = decoder.garbled
+        counted.sent += 1
+        counted.good += len(decoder.feed(piece.join(around)))
+        counted.bad += decoder.garbled - before
+    return counted
 
 
 def _frame(rng: random.Random) -> Frame:

@@ -88,4 +88,9 @@ FAMILIES = {
         driver="board.driver:open_driver",
         emulator="board.emulated:emulate",
     ),
+    "vtem_modbus": Family(
+        config="vtem.config:VtemPlatform",
+        driver="vtem.driver:open_driver",
+        emulator="vtem.emulated:emulate",
+    ),
 }

@@ -19,6 +19,7 @@ import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import Array
+from soro_core.hardware.reason import reason
 
 _HEADER = struct.Struct("<4sIQq")
 _MAGIC = b"SPL1"
@@ -49,7 +50,7 @@ class PlantLinkServer:
             self._listener.listen()
         except OSError as error:
             self._listener.close()
-            raise HardwareError(f"{path}: cannot listen for plant link clients ({error})") from None
+            raise HardwareError(f"{path}: cannot listen for plant link clients ({reason(error)})") from None
         self._listener.setblocking(False)
 
     def fileno(self) -> int:
@@ -110,7 +111,7 @@ class PlantLinkClient:
             self._socket.connect(self._path)
         except OSError as error:
             self._socket.close()
-            raise HardwareError(f"{path}: no emulator serves this plant link ({error})") from None
+            raise HardwareError(f"{path}: no emulator serves this plant link ({reason(error)})") from None
         self._socket.setblocking(False)
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
@@ -160,7 +161,7 @@ class PlantLinkClient:
         except BlockingIOError:
             return
         except OSError as error:
-            raise HardwareError(f"{self._path}: plant link broken ({error})") from None
+            raise HardwareError(f"{self._path}: plant link broken ({reason(error)})") from None
         if not chunk:
             raise HardwareError(f"{self._path}: the emulator has gone")
         self._buffer += chunk

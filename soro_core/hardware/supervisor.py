@@ -11,14 +11,15 @@ It cannot help when the whole machine stops or the cable is out: the arm needs a
 It does the same when the driver is silent with pressure in the arm: stopped, or in a call that does not
 return. Then it ends, so that a driver that comes back finds it gone, and vents.
 
-Standard input is a Unix socket. A message there is ``end``, ``+`` (the driver is at work and has asked for
+Standard input is a Unix socket. A message there is ``end``, ``left`` (the driver ends in order, and has not
+seen the arm empty), ``+`` (the driver is at work and has asked for
 pressure: silence after it is an end), ``-`` (it has not), or a plan, which takes the place of the one before
 and of ``+``: a JSON list with one entry a line, with the descriptors in the same order. An entry has
 
 - ``name``: the line, for texts;
 - ``begin``: bytes (as Latin-1) that end what the driver has begun, or nothing;
 - ``steps``: what to ``send`` (the same) and the answer that confirms it: a regular expression for a ``line``
-  of text, or so many consecutive ``doubles`` between ``low`` and ``high``;
+  of text, the ``bytes`` themselves, or so many consecutive ``doubles`` between ``low`` and ``high``;
 - ``timeout_s``: for one answer; ``least_s``: time before which no answer counts; ``longest_s``: for all.
 """
 
@@ -46,27 +47,28 @@ Entry = dict[str, Any]
 Held = list[tuple[Entry, int]]
 
 
-def await_end(control: socket.socket) -> Held | None:
-    """Wait for the driver's end or silence; the plan to carry out, None after an orderly end."""
+def await_end(control: socket.socket) -> tuple[Held, str]:
+    """Wait for the driver's end or silence; the plan to carry out, none after an orderly end, and why."""
     held: Held = []
     control.send(b"ready")
     while True:
         try:
             message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE, _LINES)
         except TimeoutError:
-            _say("the driver is silent, taken for dead")
-            return held
+            return held, f"no set points for {_SILENCE_S:g} s"
         except OSError:
-            return held
+            message = b""
         if not message:
-            return held
+            return held, "the driver died"
+        if message == b"left":
+            return held, "the driver ended and has not seen the arm empty"
         control.settimeout(_SILENCE_S if message == b"+" else None)
         if message in (b"+", b"-"):
             continue
         for _, descriptor in held:
             os.close(descriptor)
         if message == b"end":
-            return None
+            return [], ""
         held = list(zip(json.loads(message), descriptors, strict=True))
 
 
@@ -97,7 +99,7 @@ def _vent_line(entry: Entry, descriptor: int) -> bool:
             if passed_s >= entry["least_s"]:
                 left = [step for step, is_confirmed in zip(left, found, strict=True) if not is_confirmed]
     except OSError as error:
-        _say(f"{entry['name']}: {error}")
+        _say(f"{entry['name']}: {error.strerror or error}")
         return False
     if left:
         _say(f"{entry['name']}: not confirmed: {', '.join(repr(step['send']) for step in left)}")
@@ -133,6 +135,8 @@ def _confirms(step: dict[str, Any], heard: bytes) -> bool:
     if "line" in step:
         lines = re.split(r"[\r\n]+", heard.decode("latin-1"))[:-1]
         return any(re.fullmatch(step["line"], line.strip()) for line in lines)
+    if "bytes" in step:
+        return step["bytes"].encode("latin-1") in heard
     # The driver may have read a part of a message, so the numbers may begin at any byte.
     count = step["doubles"]
     starts = range(max(len(heard) - 8 * count + 1, 0))
@@ -153,14 +157,14 @@ def main() -> int:
     # Ends with the driver only: a Ctrl-C is for both, and the driver shuts down in order.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    held = await_end(socket.socket(fileno=sys.stdin.fileno()))
+    held, why = await_end(socket.socket(fileno=sys.stdin.fileno()))
     if not held:
         return 0
     started_s = time.monotonic()
     is_vented = carry_out(held)
     took_ms = 1e3 * (time.monotonic() - started_s)
     outcome = "vented" if is_vented else "NOT ALL VENTED: open the dump valve"
-    _say(f"the driver died; {outcome} ({took_ms:.0f} ms)")
+    _say(f"{why}; {outcome} ({took_ms:.0f} ms)")
     return 0 if is_vented else 1
 
 

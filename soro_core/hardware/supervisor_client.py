@@ -14,6 +14,7 @@ from typing import Any
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import Fault
+from soro_core.hardware.reason import reason
 
 SCRIPT = Path(__file__).with_name("supervisor.py")
 START_LIMIT_S = 10.0
@@ -58,7 +59,7 @@ class Supervisor:
             )
         except OSError as error:
             self._control.close()
-            raise HardwareError(f"supervisor: cannot start ({error})") from None
+            raise HardwareError(f"supervisor: cannot start ({reason(error)})") from None
         finally:
             theirs.close()
 
@@ -119,7 +120,7 @@ class Supervisor:
         except ConnectionError:
             pass
         except OSError as error:
-            raise HardwareError(f"supervisor: cannot be given the ports ({error})") from None
+            raise HardwareError(f"supervisor: cannot be given the ports ({reason(error)})") from None
 
     def let_go(self) -> None:
         """Have it close what it holds."""
@@ -127,8 +128,7 @@ class Supervisor:
 
     def dismiss(self, vented: bool = True) -> None:
         """End it: at once, or, where the arm is not known to be empty, by itself after it has tried."""
-        if vented:
-            self._say(b"end")
+        self._say(b"end" if vented else b"left")
         self._control.close()
         try:
             self._process.wait(_END_LIMIT_S)

@@ -14,15 +14,16 @@ import numpy as np
 from soro_core.hardware.finding import Finding
 from soro_core.hardware.port import Array
 from soro_core.hil import measured
-from soro_core.hil.guarded import Sample
 from soro_core.hil.judge import judge_holds, judge_rest, judge_trip, judge_vent
-from soro_core.hil.plan import Order, Plan, State
+from soro_core.hil.paced import Sample
+from soro_core.hil.plan import NOT_EXAMINED, Order, Plan, State
 
 # What counts as empty after a vent: this, or this part of the pressure before.
 EMPTY_PA, EMPTY_PART = 1e3, 0.1
 # Rest before the first step of a chamber.
 PAUSE_S = 0.5
 YES, NO = ("y", "yes"), ("n", "no")
+INTERRUPTED = "interrupted"
 
 
 def advance(plan: Plan, state: State, sample: Sample, answer: str | None = None) -> tuple[State, Order]:
@@ -49,9 +50,10 @@ def advance(plan: Plan, state: State, sample: Sample, answer: str | None = None)
     return _PHASES[state.phase](plan, state, answer)
 
 
-def interrupted(plan: Plan, state: State) -> State:
+def interrupted(plan: Plan, state: State, why: str = INTERRUPTED) -> State:
     """End it where it is; the loop has vented."""
-    return _over(plan, replace(state, findings=(*state.findings, *_of_chamber(plan, state))), "interrupted")
+    state = replace(state, findings=(*state.findings, *_of_chamber(plan, state)))
+    return _over(plan, state, why, "begin again")
 
 
 def _rest(plan: Plan, state: State, _: str | None) -> tuple[State, Order]:
@@ -153,19 +155,22 @@ _PHASES = {
 def _next_chamber(plan: Plan, state: State, reset: bool) -> tuple[State, Order]:
     if state.chamber + 1 < len(plan.expected.names):
         return _begin(plan, state, state.chamber + 1, reset)
-    if state.skipped:
-        told = Finding(
-            "not examined", "warn", f"{', '.join(state.skipped)}: left out", "examine them before use"
-        )
-        state = replace(state, findings=(*state.findings, told))
-    return replace(state, phase="done", samples=()), _zeros(plan)
+    return replace(_left_out(state), phase="done", samples=()), _zeros(plan)
+
+
+def _left_out(state: State) -> State:
+    """Name the chambers that the person who watches has said no to."""
+    if not state.skipped:
+        return state
+    told = Finding(NOT_EXAMINED, "warn", f"{', '.join(state.skipped)}: left out", "examine them before use")
+    return replace(state, findings=(*state.findings, told))
 
 
 def _begin(plan: Plan, state: State, chamber: int, reset: bool) -> tuple[State, Order]:
     state = replace(state, phase="confirm", chamber=chamber, samples=(), before=None, answer=None)
     state = replace(state, asks=plan.confirm)
-    most = plan.config.steps_pa[-1] / 1e3
-    question = f"pressurise {plan.expected.names[chamber]} up to {most:g} kPa? [y/n]" if plan.confirm else ""
+    question = f"pressurise {plan.expected.names[chamber]} up to {plan.config.steps_pa[-1] / 1e3:g} kPa"
+    question += "? [y/n]" if plan.confirm else ""  # without one it says what happens now
     return state, replace(_zeros(plan), do="reset" if reset else "hold", question=question)
 
 
@@ -190,15 +195,17 @@ def _tripped(plan: Plan, state: State, cause: str) -> tuple[State, Order]:
     return _vent_now(plan, replace(state, findings=(*state.findings, told), tripped=True))
 
 
-def _over(plan: Plan, state: State, why: str) -> State:
+def _over(plan: Plan, state: State, why: str, advice: str = "mend that, then begin again") -> State:
     seen = {hold.chamber for hold in state.holds} | (
         {state.chamber} if state.tripped and state.rest else set()
     )
+    if why == INTERRUPTED and state.phase in ("settle", "hold", "direction", "vent"):
+        seen.discard(state.chamber)  # not to its end
     left = [name for n, name in enumerate(plan.expected.names) if n not in seen and name not in state.skipped]
     if left:
-        told = Finding("not examined", "fail", f"{', '.join(left)}: {why}", "mend that, then begin again")
+        told = Finding(NOT_EXAMINED, "fail", f"{', '.join(left)}: {why}", advice)
         state = replace(state, findings=(*state.findings, told))
-    return replace(state, phase="done", samples=())
+    return replace(_left_out(state), phase="done", samples=())
 
 
 def _of_chamber(plan: Plan, state: State) -> list[Finding]:

@@ -148,20 +148,21 @@ def _follows(expected: Expectation, holds: Sequence[Hold]) -> Finding:
 
 
 def _speed(expected: Expectation, holds: Sequence[Hold]) -> Finding:
-    """Time to 63 % of each step."""
+    """Time to 63 % of the step that is slowest, measured by what is expected of it."""
     name = f"{expected.names[holds[0].chamber]}: speed"
-    before, slowest = 0.0, (0.0, 0.0, 0.0)
+    before, slowest = 0.0, (0.0, 0.0, 0.0, 0.0)
     for hold in holds:
         usual = expected.rise_s(hold.setpoint_pa - before)
-        before = hold.setpoint_pa
+        begun, before = before, hold.setpoint_pa
         took = math.inf if math.isnan(hold.t63_s) else hold.t63_s
-        slowest = max(slowest, (took / usual, took, usual))
-    ratio, took, usual = slowest
-    found = f"63 % of a step in at most {took * 1e3:.0f} ms"
+        slowest = max(slowest, (took / usual, took, usual, begun))
+    ratio, took, usual, begun = slowest
+    found = f"63 % of the step from {begun / 1e3:g} kPa after {took * 1e3:.0f} ms"
+    found += f", expected {usual * 1e3:.0f} ms"
     last = holds[-1]
     rising = _drifts(last) and last.drift_pa_s > 0 and last.level_pa[last.chamber] < last.setpoint_pa
     if ratio > SLOWER or rising:
-        text = f"slow: {found}, expected {usual * 1e3:.0f} ms"
+        text = f"slow: {found}"
         text += f"; still rising by {last.drift_pa_s / 1e3:.2f} kPa/s" if rising else ""
         return Finding(name, "fail", text, "the line is kinked or narrow, or the valve slow")
     return Finding(name, "ok", found)
@@ -221,7 +222,12 @@ def _bends(expected: Expectation, bending: Bending, holds: Sequence[Hold]) -> Fi
     last, k = holds[-1], holds[-1].chamber
     name = f"{expected.names[k]}: bends"
     if last.moved_m is None:
-        return Finding(name, "warn", "no pose of the tip has come", "start the pose sensor, or give --ask")
+        return Finding(
+            name,
+            "warn",
+            "no pose of the tip has come",
+            "give --pose TOPIC, or --ask",
+        )
     m = expected.steps_pa.index(last.setpoint_pa)
     moved, model = bending.across @ last.moved_m, bending.expected_m[:, m]
     way, wanted = float(np.linalg.norm(moved)), float(np.linalg.norm(model[k]))

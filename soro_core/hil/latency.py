@@ -20,8 +20,8 @@ from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.finding import Finding
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.port import Array
-from soro_core.hil.guarded import GuardedRegulator, Sample, small_limits
 from soro_core.hil.measured import T63
+from soro_core.hil.paced import PacedRegulator, Sample, small_limits
 from soro_core.pneumatics.regulator import RegulatorModel
 
 # The limiter's steepest slew: what a step within one cycle may be at most.
@@ -112,7 +112,7 @@ def latency_limits(platform: PlatformBase, config: LatencyConfig) -> safety.Limi
 
 
 def measure(
-    config: LatencyConfig, guarded: GuardedRegulator, stopped: Callable[[], bool] = lambda: False
+    config: LatencyConfig, guarded: PacedRegulator, stopped: Callable[[], bool] = lambda: False
 ) -> list[list[Sample]]:
     """Make the steps; returns the samples of each chamber.
 
@@ -121,7 +121,7 @@ def measure(
     HardwareError
         When the limiter vents, or `stopped` says so; the chambers are vented then.
     """
-    n = guarded.regulator.n_chambers
+    n = guarded.n_chambers
     cycles = max(round(config.hold_s / guarded.period_s), 1)
     found = []
     for chamber in range(n):
@@ -153,15 +153,21 @@ def evaluate(
     return Latency(cycle_hz, _times(took), chambers)
 
 
-def compare(latency: Latency, response: RegulatorModel) -> list[Finding]:
-    """What was measured against the platform's model, which the monitors of the limiter believe."""
+def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> list[Finding]:
+    """What was measured against the platform's model, which the monitors of the limiter believe.
+
+    Parameters
+    ----------
+    update_hz : float
+        How often a chamber is served; on a slow line its model has an update of delay more.
+    """
     findings = []
-    period_s = 1.0 / latency.cycle_hz
+    period_s = 1.0 / update_hz
     for chamber in latency.chambers:
         found = f"dead time {chamber.dead_s * 1e3:.1f} ms, lag {chamber.lag_s * 1e3:.1f} ms"
         known = f"{response.delay_s * 1e3:.1f} and {response.tau_s * 1e3:.1f} ms"
         off = abs(chamber.lag_s - response.tau_s) > LAG_PART * response.tau_s
-        # Set points and readings may wait a cycle each for the bus.
+        # Set points and readings may wait an update each for the bus.
         off |= not -DEAD_S < chamber.dead_s - response.delay_s < DEAD_S + 2 * period_s
         advice = "put delay_s and tau_s into emulation.regulator of the platform: the monitors use them"
         text = f"{found}; platform: {known}"

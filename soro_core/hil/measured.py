@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.hardware.port import Array
-from soro_core.hil.guarded import Sample
+from soro_core.hil.paced import Sample
 
 # A mean is taken of this last part of a phase, a drift of this one.
 SETTLED_PART, DRIFT_PART = 1 / 3, 1 / 2

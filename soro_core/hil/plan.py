@@ -10,12 +10,14 @@ from pydantic import Field, field_validator
 from soro_core.config import Floats, Strict
 from soro_core.hardware.finding import Finding
 from soro_core.hardware.port import Array
-from soro_core.hil.guarded import Sample
 from soro_core.hil.judge import Expectation
 from soro_core.hil.measured import Hold, Rest, Vent
+from soro_core.hil.paced import Sample
 
 Phase: TypeAlias = Literal["rest", "confirm", "settle", "hold", "direction", "vent", "done"]
 Do: TypeAlias = Literal["hold", "vent", "reset"]
+# The finding that names chambers of which nothing is known, or not all.
+NOT_EXAMINED = "not examined"
 
 
 class FirstPressureConfig(Strict):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from soro_core.errors import ConfigError
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.port import Array
 from soro_core.hil.first_pressure import advance, interrupted
-from soro_core.hil.guarded import GuardedRegulator, Sample
-from soro_core.hil.judge import Bending, Expectation
+from soro_core.hil.judge import Bending, Expectation, judge_trip
+from soro_core.hil.paced import PacedRegulator, Sample
 from soro_core.hil.plan import FirstPressureConfig, Order, Plan, State
 from soro_core.robot import Robot
 
@@ -49,7 +50,7 @@ def directions(expected: Expectation) -> tuple[str, ...]:
 
 def pressurise(
     plan: Plan,
-    guarded: GuardedRegulator,
+    guarded: PacedRegulator,
     record: Callable[[Sample], None] = lambda sample: None,
     ask: Callable[[str], None] = lambda question: None,
     answers: Callable[[], str | None] = lambda: None,
@@ -79,10 +80,15 @@ def pressurise(
         if order.do == "vent":
             guarded.vent(f"vent of {plan.expected.names[state.chamber]}")
         elif order.do == "reset":
-            guarded.reset()
+            refusal = guarded.reset()
+            if refusal is not None:
+                state = interrupted(plan, state, f"the limiter stays vented: {refusal}")
         if order.question:
             ask(order.question)
-    return state
+    if guarded.lost is None or state.tripped:
+        return state
+    # In a vent that the procedure asked for no trip tells of it.
+    return replace(state, findings=(*state.findings, judge_trip("devices", guarded.lost)))
 
 
 def _bending(robot: Robot, names: tuple[str, ...], steps_pa: tuple[float, ...]) -> Bending:

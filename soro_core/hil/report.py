@@ -13,20 +13,27 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from soro_core.hardware.finding import Finding
-from soro_core.hil.guarded import Sample
 from soro_core.hil.latency import Latency, Times, response
-from soro_core.hil.plan import Plan, State
+from soro_core.hil.paced import Sample
+from soro_core.hil.plan import NOT_EXAMINED, Plan, State
 
 
-def passed(findings: Sequence[Finding]) -> bool:
-    """Whether nothing failed."""
-    return all(finding.level != "fail" for finding in findings)
+def verdict(findings: Sequence[Finding]) -> str:
+    """FAILED, INCOMPLETE where a chamber was left out, else passed."""
+    if any(finding.level == "fail" for finding in findings):
+        return "FAILED"
+    return "INCOMPLETE" if any(finding.name == NOT_EXAMINED for finding in findings) else "passed"
 
 
 def markdown(title: str, about: Mapping[str, str], plan: Plan, state: State) -> str:
     """The report of a first pressurisation, to read and to keep."""
-    verdict = "passed" if passed(state.findings) else "FAILED"
-    lines = [f"# {title}", "", f"**{verdict}**", "", *(f"- {key}: {value}" for key, value in about.items())]
+    lines = [
+        f"# {title}",
+        "",
+        f"**{verdict(state.findings)}**",
+        "",
+        *(f"- {key}: {value}" for key, value in about.items()),
+    ]
     rows = [(f.level, f.name, f.found, f.do) for f in state.findings]
     lines += ["", *table(("", "what", "found", "what to do"), rows)]
     head = (
@@ -53,7 +60,7 @@ def markdown(title: str, about: Mapping[str, str], plan: Plan, state: State) -> 
 
 LATENCY_HEAD = (
     "chamber",
-    "steps",
+    "steps up and down",
     "first moved p50 / p99 / max [ms]",
     "63 % up / down [ms]",
     "dead time [ms]",
@@ -116,7 +123,7 @@ def first_pressure_json(about: Mapping[str, str], plan: Plan, state: State) -> s
     """The report of a first pressurisation, to compare."""
     return as_json(
         {
-            "passed": passed(state.findings),
+            "passed": verdict(state.findings) == "passed",
             **about,
             "chambers": plan.expected.names,
             "config": plan.config.model_dump(),
@@ -145,7 +152,7 @@ def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sa
         first = first or axes
         axes.plot(t, read[:, k], color=f"C{k}", lw=0.9, label="reading")
         axes.plot(t, sent[:, k], color="0.25", lw=0.9, ls="--", label="set point sent")
-        axes.set(ylabel="[kPa]", title=name)
+        axes.set(ylabel="pressure [kPa]", title=name)
         axes.grid(alpha=0.3)
         if k == 0:
             axes.legend(loc="upper right", fontsize="small")
@@ -160,10 +167,12 @@ def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sa
 def draw_latency(file: Path, title: str, latency: Latency) -> None:
     """Draw all steps up of each chamber over one another, with the response that fits them."""
     n = len(latency.chambers)
-    figure = Figure(figsize=(4.4 * n, 4.4), layout="constrained")
+    columns = min(n, 4)
+    rows = -(-n // columns)
+    figure = Figure(figsize=(4.4 * columns, 4.4 * rows), layout="constrained")
     first = None
     for k, chamber in enumerate(latency.chambers):
-        axes = figure.add_subplot(1, n, k + 1, sharex=first, sharey=first)
+        axes = figure.add_subplot(rows, columns, k + 1, sharex=first, sharey=first)
         first = first or axes
         axes.plot(chamber.time_s * 1e3, chamber.change, ".", color=f"C{k}", ms=3, alpha=0.5, label="readings")
         t = np.linspace(0.0, float(chamber.time_s.max(initial=0.1)), 400)
@@ -176,8 +185,8 @@ def draw_latency(file: Path, title: str, latency: Latency) -> None:
         )
         axes.grid(alpha=0.3)
         axes.legend(loc="lower right", fontsize="small")
-    if first is not None:
-        first.set_ylabel("change of the reading, part of the step")
+        if k % columns == 0:
+            axes.set_ylabel("change of the reading, part of the step")
     figure.suptitle(f"{title}; exchange p50 / p99 / max {milliseconds(latency.exchange)} ms")
     figure.savefig(file, dpi=110)
 

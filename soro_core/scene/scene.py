@@ -19,6 +19,25 @@ from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
 from soro_core.twin.config import ShadowConfig, TwinConfig
 
+# Keys of the twin that a scene states at its top, or decides by itself.
+STATED_ONCE = frozenset(
+    (
+        "robot",
+        "mode",
+        "rate_hz",
+        "seed",
+        "limits",
+        "pressures",
+        "plant_link",
+        "fault_link",
+        "autostart",
+        "duration_s",
+        "paused",
+        "priority",
+        "model",
+    )
+)
+
 
 class RecorderSection(Strict):
     """What is recorded."""
@@ -72,19 +91,7 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _stated_once(self) -> Scene:
-        shared = {
-            "robot",
-            "mode",
-            "rate_hz",
-            "seed",
-            "limits",
-            "pressures",
-            "plant_link",
-            "fault_link",
-            "autostart",
-        }
-        shared |= {"duration_s", "paused", "priority", "model"}
-        twice = sorted(shared & self.twin.model_fields_set)
+        twice = sorted(STATED_ONCE & self.twin.model_fields_set)
         if twice:
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
         if self.faults and not self.platform:
@@ -113,6 +120,10 @@ class Scene(Strict):
             raise ValueError("no device with valves: emulated, only with real ones")
         elif self.arm == "real":
             raise ValueError("no arm: real without valves: real, for emulated ones do not feed it")
+
+    def to_dict(self) -> dict[str, Any]:
+        """All keys with their values, defaults too, as a scene file has them."""
+        return self.model_dump(mode="json", exclude={"twin": set(STATED_ONCE)})
 
     @property
     def discretisation(self) -> Discretisation:

@@ -24,15 +24,10 @@ def doctor(
     No pressure is ever commanded. Needs no ROS. The exit status is 0 when nothing fails, else 1.
     """
     # Imported here so that `soro --help` stays quick.
-    from soro_core.errors import ConfigError, SoroError
     from soro_core.hardware.doctor import examine
     from soro_core.hardware.platform import load_platform
 
-    try:
-        findings = list(examine(load_platform(platform), device, seconds))
-    except SoroError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
+    findings = list(examine(load_platform(platform), device, seconds))
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:

@@ -24,7 +24,8 @@ def emulate(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of chance faults.")] = 0,
     control: Annotated[
-        Path | None, typer.Option(help="Unix socket on which faults are taken, a line of YAML each.")
+        Path | None,
+        typer.Option(help="Unix socket on which faults are taken, a line of YAML each; `list` asks."),
     ] = None,
     fault: Annotated[
         list[str] | None,
@@ -43,23 +44,18 @@ def emulate(
     with all of them.
     """
     # Imported here so that `soro --help` stays quick.
-    from soro_core.errors import ConfigError, SoroError
     from soro_core.hardware.emulation.faults import read_injection
     from soro_core.hardware.emulation.process import serve
     from soro_core.hardware.platform import load_platform
 
-    try:
-        serve(
-            load_platform(platform),
-            clock=time.monotonic_ns,
-            announce=lambda path: typer.echo(f"ready: {path}"),
-            lockstep=lockstep,
-            device_link=device_link,
-            plant_link=plant_link,
-            seed=seed,
-            control=control,
-            faults=[read_injection(text, "--fault") for text in fault or ()],
-        )
-    except SoroError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
+    serve(
+        load_platform(platform),
+        clock=time.monotonic_ns,
+        announce=lambda path: typer.echo(f"ready: {path}"),
+        lockstep=lockstep,
+        device_link=device_link,
+        plant_link=plant_link,
+        seed=seed,
+        control=control,
+        faults=[read_injection(text, "--fault") for text in fault or ()],
+    )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import io
+import itertools
 import select
 import sys
 import time
@@ -44,8 +46,12 @@ def first_pressure(
     ] = "",
     ask: Annotated[bool, typer.Option("--ask", help="Ask which way the tip has gone, with --robot.")] = False,
     steps_kpa: Annotated[str, typer.Option(help="Set points of each chamber [kPa gauge].")] = "5,10,20",
-    hold_s: Annotated[float, typer.Option(help="Time for which each step is held.")] = 2.0,
-    rise_kpa_s: Annotated[float, typer.Option(help="Fastest rise of a set point.")] = 50.0,
+    hold_s: Annotated[
+        float, typer.Option(min=0.5, max=600.0, help="Time for which each step is held [s].")
+    ] = 2.0,
+    rise_kpa_s: Annotated[
+        float, typer.Option(min=1.0, max=200.0, help="Fastest rise of a set point [kPa/s].")
+    ] = 50.0,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before each chamber.")] = False,
     lockstep: Annotated[bool, _LOCKSTEP] = False,
     folder: Annotated[Path, _FOLDER] = Path("runs"),
@@ -54,23 +60,27 @@ def first_pressure(
 
     Looks at offset, sign, level, speed, leak, the other chambers, the way the arm bends, and the vent. A step
     that fails is the chamber's last. Everything passes the limiter, whose limits end just above the highest
-    step. Ctrl-C vents. Ends with a table and a report in FOLDER; exit status 0 when nothing failed.
+    step. Ctrl-C vents. Ends with a table and a report in FOLDER; exit status 0 when every chamber was
+    examined and nothing failed.
     """
     from soro_core.errors import ConfigError
     from soro_core.hardware.platform import load_platform
     from soro_core.hil import report
-    from soro_core.hil.guarded import GuardedRegulator, Sample, small_limits
+    from soro_core.hil.paced import PacedRegulator, Sample, small_limits
     from soro_core.hil.plan import FirstPressureConfig, Plan
     from soro_core.hil.pressurise import directions, expectation, pressurise
 
     if (pose or ask) and not robot:
         raise ConfigError("soro hil", "--robot", "", "a robot file or name, which --pose and --ask need")
+    if robot and not (pose or ask):
+        raise ConfigError("soro hil", "--robot", robot, "with --pose TOPIC or --ask, which say how it bends")
+    if pose and ask:
+        raise ConfigError("soro hil", "--ask", "--pose", "one of them: the pose answers what --ask asks")
     if ask and yes:
         raise ConfigError("soro hil", "--yes", "--ask", "one of them: --ask needs somebody to answer")
-    config = FirstPressureConfig(
-        steps_pa=_kpa(steps_kpa, "--steps-kpa"), hold_s=hold_s, rise_pa_s=rise_kpa_s * 1e3
-    )
     loaded = load_platform(platform)
+    steps_pa = _steps_pa(steps_kpa, loaded.range.maximum_pa)
+    config = FirstPressureConfig(steps_pa=steps_pa, hold_s=hold_s, rise_pa_s=rise_kpa_s * 1e3)
     regulator = _regulator(loaded, platform, device, lockstep)
     limits = small_limits(loaded, config.steps_pa[-1], config.rise_pa_s)
     expected = expectation(loaded, regulator.update_hz, config, _robot(robot))
@@ -78,9 +88,10 @@ def first_pressure(
     samples: list[Sample] = []
     most, trip = limits.maximum_pa / 1e3, limits.over_pressure_pa / 1e3
     typer.echo(f"limits: set points up to {most:g} kPa, trip above {trip:g} kPa; Ctrl-C vents", err=True)
-    with signals.noted() as stopped, _tip_of(pose) as tip, contextlib.closing(regulator):
+    # A Ctrl-C while nothing moves yet, at the wait for a first pose, ends it at once.
+    with _tip_of(pose) as tip, signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
-        guarded = GuardedRegulator(loaded, regulator, limits, lockstep, tip)
+        guarded = PacedRegulator(loaded, regulator, limits, lockstep, tip)
         with punctual():
             state = pressurise(
                 plan,
@@ -98,17 +109,21 @@ def first_pressure(
     report.draw_first_pressure(target / "report.png", title, plan, samples)
     show(title, state.findings)
     typer.echo(f"report: {target / 'report.md'}", err=True)
-    raise typer.Exit(130 if stopped else 0 if report.passed(state.findings) else 1)
+    raise typer.Exit(130 if stopped else 0 if report.verdict(state.findings) == "passed" else 1)
 
 
 @app.command()
 def latency(
     platform: Annotated[str, _PLATFORM],
     device: Annotated[str | None, _DEVICE] = None,
-    low_kpa: Annotated[float, typer.Option(help="Set point that steps begin from.")] = 5.0,
-    step_kpa: Annotated[float, typer.Option(help="Height of a step.")] = 4.0,
-    repeat: Annotated[int, typer.Option(help="Steps up, and as many down, of each chamber.")] = 10,
-    hold_s: Annotated[float, typer.Option(help="Time between steps.")] = 0.5,
+    low_kpa: Annotated[
+        float, typer.Option(min=2.0, max=500.0, help="Set point that steps begin from [kPa gauge].")
+    ] = 5.0,
+    step_kpa: Annotated[float, typer.Option(min=1.0, max=20.0, help="Height of a step [kPa].")] = 4.0,
+    repeat: Annotated[
+        int, typer.Option(min=2, max=200, help="Steps up, and as many down, of each chamber.")
+    ] = 10,
+    hold_s: Annotated[float, typer.Option(min=0.1, max=20.0, help="Time between steps [s].")] = 0.5,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before the first pressure.")] = False,
     lockstep: Annotated[bool, _LOCKSTEP] = False,
     folder: Annotated[Path, _FOLDER] = Path("runs"),
@@ -118,10 +133,11 @@ def latency(
     From the set point sent: to readings exchanged, to the first that moves beyond its noise, to 63 %; dead
     time and lag by a fit of all steps, beside what the platform file says. Ctrl-C vents.
     """
+    from soro_core.errors import HardwareError
     from soro_core.hardware.platform import load_platform
     from soro_core.hil import report
-    from soro_core.hil.guarded import GuardedRegulator
     from soro_core.hil.latency import LatencyConfig, compare, evaluate, latency_limits, measure
+    from soro_core.hil.paced import PacedRegulator
 
     loaded = load_platform(platform)
     regulator = _regulator(loaded, platform, device, lockstep)
@@ -139,11 +155,17 @@ def latency(
         raise typer.Exit(1)
     with signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
-        guarded = GuardedRegulator(loaded, regulator, limits, lockstep)
+        guarded = PacedRegulator(loaded, regulator, limits, lockstep)
         with punctual():
-            runs = measure(config, guarded, lambda: bool(stopped))
+            try:
+                runs = measure(config, guarded, lambda: bool(stopped))
+            except HardwareError as error:
+                if not stopped:
+                    raise
+                typer.echo(f"soro: {error}", err=True)
+                raise typer.Exit(130) from None
     found = evaluate(config, regulator.chamber_names, loaded.cycle_hz, runs)
-    findings = compare(found, loaded.emulation.regulator)
+    findings = compare(found, loaded.emulation.regulator, min(loaded.cycle_hz, regulator.update_hz))
     about, title = _about(platform, device or loaded.device), f"Latency of {platform}"
     target = new_folder(folder, "latency")
     (target / "report.md").write_text(report.latency_markdown(title, about, found, findings))
@@ -184,28 +206,37 @@ def _robot(name: str) -> Robot | None:
     return load_robot(find_config(name, "robots")) if name else None
 
 
-def _kpa(text: str, key: str) -> tuple[float, ...]:
-    """Pressures [Pa] of a list in kPa."""
+def _steps_pa(text: str, most_pa: float) -> tuple[float, ...]:
+    """Set points [Pa] of a list in kPa; refused in the words and the unit of the command line."""
     from soro_core.errors import ConfigError
 
     try:
-        return tuple(float(part) * 1e3 for part in text.split(","))
+        steps = tuple(float(part) * 1e3 for part in text.split(","))
     except ValueError:
-        raise ConfigError("soro hil", key, text, "numbers in kPa with commas between them") from None
+        steps = ()
+    if not steps or not all(a < b <= most_pa for a, b in itertools.pairwise((0.0, *steps))):
+        allowed = f"rising set points above 0, up to the platform's {most_pa / 1e3:g}, in kPa with commas"
+        raise ConfigError("soro hil", "--steps-kpa", text, allowed)
+    return steps
+
+
+def _typed() -> bool:
+    """Whether there is something to read; nothing where the standard input is no file."""
+    with contextlib.suppress(io.UnsupportedOperation):
+        return bool(select.select([sys.stdin], [], [], 0)[0])
+    return False
 
 
 def _ask(question: str) -> None:
     """Show a question; what was typed before it is no answer to it."""
-    while select.select([sys.stdin], [], [], 0)[0] and sys.stdin.readline():
+    while _typed() and sys.stdin.readline():
         pass
     typer.echo(question, err=True)
 
 
 def _answer() -> str | None:
     """A line that somebody has typed, without waiting for it; nobody there says no."""
-    if not select.select([sys.stdin], [], [], 0)[0]:
-        return None
-    return sys.stdin.readline() or "n"
+    return (sys.stdin.readline() or "n") if _typed() else None
 
 
 @contextlib.contextmanager

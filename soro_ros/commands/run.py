@@ -56,14 +56,19 @@ def run(
     with signals.noted() as interrupted:
         loaded = load_scene(scene, {**_changes(change or []), **_hardware(valves, device, arm)})
         robot = _check_files(loaded)
+        for fault in loaded.faults:
+            if fault.at >= loaded.duration_s:
+                late = f"{fault} at {fault.at:g} s: the run ends at {loaded.duration_s:g} s"
+                console.print(f"[yellow]{escape(late)}[/yellow]")
         if loaded.model is not None and loaded.model.auto:
             from soro_core.trade import with_chosen_model
 
             loaded = with_chosen_model(loaded, called=scene)
         check_model(loaded, robot, str(find_config(scene, "scenes")))
+        _warn_of_stalls(loaded, console)
         target = new_folder(folder, loaded.name)
         shutil.copy(find_config(scene, "scenes"), target / "scene.yaml")
-        used = yaml.safe_dump(loaded.model_dump(mode="json"), sort_keys=False)
+        used = yaml.safe_dump(loaded.to_dict(), sort_keys=False)
         (target / "scene_used.yaml").write_text(used)
         status = _execute(loaded, target, interrupted, console)
     bag = target / "bag"
@@ -81,6 +86,13 @@ def run(
                 console.print(f"picture: {target / 'run.png'}")
         console.print(f"bag:     {bag}")
     raise typer.Exit(status)
+
+
+def _warn_of_stalls(scene: Scene, console: Console) -> None:
+    from soro_ros.middleware import may_stall
+
+    if scene.mode == "real_time" and scene.platform and (warning := may_stall()):
+        console.print(f"[yellow]{escape(warning)}[/yellow]", soft_wrap=True)
 
 
 def _execute(scene: Scene, folder: Path, interrupted: list[int], console: Console) -> int:
@@ -151,6 +163,9 @@ def _check_files(scene: Scene) -> Robot:
     if not scene.platform:
         return robot
     platform = load_platform(scene.platform).at_rate(scene.rate_hz)
+    if scene.valves == "real" and not (scene.device or platform.device):
+        allowed = f"--device, or {platform.where_device} in the platform file: where the valves are"
+        raise ConfigError(scene.platform, "device", "", allowed)
     fed, has = platform.chamber_names, robot.chamber_names
     if set(fed) != set(has):
         other = [f"{name}, which the robot has not" for name in fed if name not in has]
@@ -162,6 +177,8 @@ def _check_files(scene: Scene) -> Robot:
 
 def _hardware(valves: str | None, device: str | None, arm: str | None) -> dict[str, Any]:
     """What the options change in the scene."""
+    if device == "":  # of a shell variable that is not set: the run would be on emulated valves
+        raise ConfigError("soro run", "--device", device, "the path or address of the valves")
     given = {"valves": valves or ("real" if device else None), "device": device, "arm": arm}
     return {key: value for key, value in given.items() if value is not None}
 

@@ -138,10 +138,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._obey(True)
             return
         self._lost = self._lost or any(fault.latched for fault in exchange.faults)
-        fault = "; ".join(f"{f.code}: {f.source}: {f.message}" for f in exchange.faults) or None
-        # A chamber that has not reported yet is not known to be bad; silence trips by its age.
-        reading = np.where(exchange.fresh | np.isfinite(exchange.pressure_pa), exchange.pressure_pa, 0.0)
-        self._obey(self._chambers.judge(reading, exchange.fresh, fault, exchange.supply_pa))
+        reading = exchange.known_pa
+        self._obey(self._chambers.judge(reading, exchange.fresh, exchange.trouble, exchange.supply_pa))
         # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
         is_due = self._in_turn or self._lockstep or bool(exchange.fresh.all())
         if is_due and np.all(np.isfinite(exchange.pressure_pa)):

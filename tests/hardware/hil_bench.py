@@ -13,8 +13,8 @@ from soro_core.hardware import BusStatistics, Exchange, PlatformBase, Regulator
 from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.emulation.air import Air
 from soro_core.hardware.emulation.faults import Faults, read_injection
-from soro_core.hil.guarded import GuardedRegulator, Sample, small_limits
 from soro_core.hil.judge import Bending
+from soro_core.hil.paced import PacedRegulator, Sample, small_limits
 from soro_core.hil.plan import FirstPressureConfig, Plan, State
 from soro_core.hil.pressurise import expectation, pressurise
 
@@ -108,7 +108,7 @@ class Pressurised:
             steps = np.array(config.steps_pa)[:, None]
             ways = Bending(np.array([way[:2] * steps for way in WAYS]), np.eye(3)[:2])
             expected = replace(expected, bending=ways)
-        guarded = GuardedRegulator(described, driver, limits, lockstep=True, tip=self._tip)
+        guarded = PacedRegulator(described, driver, limits, lockstep=True, tip=self._tip)
         self.guarded, self._waiting = guarded, []
         self.plan = Plan(config, expected, self.confirm, self.directions)
         return pressurise(

@@ -14,10 +14,10 @@ from soro_core.hardware.families import FAMILIES
 
 
 @contextlib.contextmanager
-def served(platform: Platform) -> Iterator[tuple[Any, str]]:
-    """Devices in real time, and the address to open."""
-    devices = FAMILIES[platform.family].emulate(platform, lockstep=False, seed=0)
-    with Emulator(devices, lockstep=False) as emulator:
+def served(platform: Platform, lockstep: bool = False) -> Iterator[tuple[Any, str]]:
+    """Devices in real time, or in the host's, and the address to open."""
+    devices = FAMILIES[platform.family].emulate(platform, lockstep, seed=0)
+    with Emulator(devices, lockstep) as emulator:
         thread = threading.Thread(target=emulator.run, args=(time.monotonic_ns,))
         thread.start()
         try:

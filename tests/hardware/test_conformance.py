@@ -14,6 +14,7 @@ import pytest
 from board_bench import BoardBench, VeabBench, board_platform, veab_platform
 from hardware_bench import PERIOD_NS, Bench, platform
 from serial_bench import AIR, COMMON, SerialBench, alicat, itv
+from vtem_bench import VtemBench, vtem_platform
 
 from examples.line_family import LinePlatform, LineRegulator, emulate
 from soro_core.config import parse
@@ -138,6 +139,11 @@ def board() -> Rig:
     return Rig(bench.driver, lambda: bench.devices.pressure_pa, bench.devices.power_cycle, 1.0)
 
 
+def vtem(**registers) -> Rig:
+    bench = VtemBench(vtem_platform(registers=registers))
+    return Rig(bench.driver, lambda: bench.devices.pressure_pa, bench.devices.reboot, 100.0)
+
+
 def serial(platform, resolution_pa, cycles_an_update) -> Rig:
     bench = SerialBench(platform)
     return Rig(
@@ -170,6 +176,8 @@ FAMILIES = {
     "veab_tcp": veab,
     "soro_board": board,
     "itv_rs232": lambda: serial(itv(), 1e5 / 1023, 10),
+    "vtem_modbus": vtem,
+    "vtem_modbus by one message a cycle": lambda: vtem(one_transaction=True),
     "line": line,
     "alicat": lambda: serial(alicat(), 10.0, 8),
     "alicat at 19200 with firmware 5": lambda: serial(

@@ -11,6 +11,7 @@ import typer
 from hardware_bench import Bench, emulator, platform, platform_file, single
 from typer.testing import CliRunner
 
+from soro_core.errors import ConfigError
 from soro_core.hardware import doctor, load_platform
 from soro_core.hardware.canopen import frames, probe
 from soro_core.hardware.canopen.budget import cycle_bits, highest_rate_hz, serial_rate_hz
@@ -155,6 +156,19 @@ def examine(bench):
     )
 
 
+@pytest.mark.parametrize("where", ["probe", "configure", "exchange"])
+def test_the_devices_are_closed_when_the_examination_is_interrupted(monkeypatch, where):
+    bench = Bench(platform())
+    closed = []
+    monkeypatch.setattr(doctor, "open_regulator", lambda *_: bench.driver)
+    monkeypatch.setattr(bench.driver, "probe", lambda: iter(()))
+    monkeypatch.setattr(bench.driver, "close", lambda: closed.append(True))
+    monkeypatch.setattr(bench.driver, where, lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        list(doctor.examine(platform(), "can0", 0.02))
+    assert closed == [True]
+
+
 def test_healthy_bus():
     findings = examine(Bench(platform()))
     assert {finding.level for finding in findings.values()} == {"ok"}
@@ -274,8 +288,8 @@ def test_doctor_without_an_adapter(run, tmp_path):
     assert "does not exist" in done.output
     assert "/dev/serial/by-id" in done.output
     bad = run("nowhere")
-    assert bad.exit_code == 2
-    assert len(bad.output.splitlines()) == 1
+    assert isinstance(bad.exception, ConfigError)  # which `soro` tells as it tells all
+    assert len(str(bad.exception).splitlines()) == 1
 
 
 def test_two_programs_on_one_adapter(tmp_path):
@@ -286,3 +300,4 @@ def test_two_programs_on_one_adapter(tmp_path):
         findings = by_name(doctor.examine(load_platform("emulated_canopen"), str(Path(served.device)), 0.0))
     assert findings["adapter"].level == "fail"
     assert "in use by another program" in findings["adapter"].found
+    assert findings["adapter"].do == "end that program"

@@ -94,6 +94,7 @@ def test_the_published_server_is_not_touched_by_looking():
         ("alicat_serial", "`port`"),
         ("veab_tcp", "transport.host"),
         ("soro_board", "transport.host"),
+        ("vtem_modbus", "transport.host"),
     ],
 )
 def test_no_device_named(name, key):

@@ -22,8 +22,10 @@ from hardware_bench import (
 )
 from typer.testing import CliRunner
 
-from soro_core.errors import HardwareError
-from soro_core.hardware import open_regulator
+from soro_core.errors import ConfigError, HardwareError
+from soro_core.hardware import load_platform, open_regulator
+from soro_core.hardware.emulation.process import Emulator
+from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.plant_link import PlantLinkClient
 from soro_ros.commands.emulate import emulate
 
@@ -210,5 +212,15 @@ def test_command(tmp_path):
     path = tmp_path / "bad.yaml"
     path.write_text("family: canopen_408\n")
     failed = runner.invoke(app, [str(path)])
-    assert failed.exit_code == 2
-    assert f"{path}: valves: got " in failed.output
+    assert isinstance(failed.exception, ConfigError)
+    assert f"{path}: valves: got " in str(failed.exception)
+
+
+def test_the_link_of_a_killed_emulator_of_one_line_gives_way_to_a_folder(tmp_path):
+    link = tmp_path / "valves"
+    link.symlink_to("/dev/pts/none")
+    loaded = load_platform("itv_serial")
+    devices = FAMILIES[loaded.family].emulate(loaded, True, 0)
+    with Emulator(devices, lockstep=True, device_link=link):
+        assert sorted(path.name for path in link.iterdir()) == ["0", "1", "2"]
+    assert not link.exists()

@@ -35,7 +35,7 @@ def test_cell(family, row):
     assert run(family, row).problems == ()
 
 
-@pytest.mark.parametrize("family", ["itv_rs232", "alicat", "veab_tcp", "soro_board"])
+@pytest.mark.parametrize("family", ["itv_rs232", "alicat", "veab_tcp", "soro_board", "vtem_modbus"])
 def test_over_a_real_line(family):
     """Pulled out and put back: the ports of the operating system go and come with it."""
     row = next(row for row in MATRIX[family] if row.fault == "adapter_unplug")
@@ -83,7 +83,13 @@ def test_a_device_that_lets_nobody_at_its_parameters_does_not_start(fault):
 
 @pytest.mark.parametrize(
     ("family", "fault"),
-    list(zip(FAMILIES, ["bus_off", "adapter_unplug", "mute", "stuck_open", "reboot"], strict=True)),
+    list(
+        zip(
+            FAMILIES,
+            ["bus_off", "adapter_unplug", "mute", "stuck_open", "reboot", "brownout, duration_s: 0.3"],
+            strict=True,
+        )
+    ),
 )
 def test_an_arm_on_another_bus_goes_on(family, fault):
     """All on other buses but in one process: nothing that they share may carry a trip over."""

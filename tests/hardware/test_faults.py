@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from soro_core.errors import ConfigError
 from soro_core.hardware.emulation.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
+from soro_core.hardware.emulation.control import answer_to
 from soro_core.hardware.emulation.devices import Line
 from soro_core.hardware.emulation.faults import KINDS, Faults, Injection, read_injection
 from soro_core.hardware.emulation.hub import Hub
@@ -66,8 +67,10 @@ def test_defaults_of_parameters_are_within_their_bounds():
         ("fault: drop, at: -1", "greater than or equal to 0"),
         ("fault: drop, p: .nan", "finite"),
         ("fault: drop, rate_1_s: 1", "at, fault, chamber, duration_s, value"),
-        ("at: 1", "required"),
-        ("drop", "required"),
+        ("fault: drop, p: much", "drop: p is a number"),
+        ("fault: drop, p: true", "drop: p is a number"),
+        ("at: 1", "got 'at: 1'; allowed: 'fault: leak, chamber: link0/chamber0' or so; words: drop, "),
+        ("drop", "got 'drop'; allowed: 'fault: leak, "),
         ("[1]", "no name"),
         ("fault: [drop]", "string"),
         ("{", "YAML"),
@@ -120,6 +123,14 @@ def test_injected_later_counts_from_then():
     assert it.value("drop") is None
     it.advance(11 * S)
     assert it.value("drop") == 0.2
+
+
+def test_what_waits_is_listed_with_what_is_active():
+    it = faults("fault: leak, chamber: link0/chamber1", "fault: drop, at: 5")
+    it.advance(2 * S)
+    assert answer_to(it, "list") == "ok: leak of link0/chamber1 (rate_1_s 2); drop (p 0.2) in 3.0 s"
+    assert answer_to(it, "fault: clear") == "ok: clear"
+    assert answer_to(it, "list") == "ok: no faults"
 
 
 def test_clear_of_a_chamber_and_of_all():

@@ -1,5 +1,6 @@
 """The first pressurisation: a healthy platform passes, and every fault is found and named."""
 
+import itertools
 import json
 
 import numpy as np
@@ -12,9 +13,9 @@ from soro_core.errors import ConfigError
 from soro_core.hardware.emulation.faults import read_injection
 from soro_core.hil import report
 from soro_core.hil.first_pressure import advance
-from soro_core.hil.guarded import GuardedRegulator, Sample, small_limits
 from soro_core.hil.judge import Expectation, judge_holds
 from soro_core.hil.measured import Hold
+from soro_core.hil.paced import PacedRegulator, Sample, small_limits
 from soro_core.hil.plan import FirstPressureConfig, Plan, State
 from soro_core.hil.pressurise import directions, expectation
 from soro_core.pneumatics import RegulatorModel
@@ -125,6 +126,7 @@ def test_the_person_who_watches_is_asked_and_may_leave_a_chamber_out():
     assert len(rig.questions) == 3
     assert {hold.chamber for hold in state.holds} == {0, 2}
     assert [f.found for f in state.findings if f.name == "not examined"] == ["link0/chamber1: left out"]
+    assert report.verdict(state.findings) == "INCOMPLETE"
 
 
 def test_nothing_is_pressurised_before_the_answer():
@@ -145,19 +147,35 @@ def test_a_wrong_direction_seen_by_the_person_fails():
     assert found == {"link0/chamber1: bends": "not towards right, says the person who watches"}
 
 
+@pytest.mark.parametrize("chamber", [0, 2])
+def test_a_device_that_restarts_while_it_vents_ends_it(healthy, chamber):
+    """In the last vent too, after which nothing is reset."""
+    at_s = [vent.t_s for vent in cause_begins(healthy[0].samples)][chamber] + 0.1
+    rig = Pressurised(can=True, fault=f"fault: reboot, chamber: link0/chamber1, at: {at_s}")
+    state = rig.run()
+    assert "rebooted: link0/chamber1" in failed(state)["devices: limiter"]
+    assert not any(sample.sent_pa.any() for sample in rig.samples if sample.t_s > at_s)
+
+
 def test_an_interrupt_vents_at_once():
     rig = Pressurised(stop_at=300)
-    rig.run()
+    state = rig.run()
     assert rig.samples[-1].sent_pa.any()
+    # The chamber that was not taken to its end is named as well.
+    assert state.findings[-1][2:] == (f"{', '.join(NAMES)}: interrupted", "begin again")
     for _ in range(60):
         rig.guarded.cycle(np.full(3, TOP_PA))  # nothing gets past the latch
     assert rig.devices.pressure_pa.max() < 1e3
 
 
+def cause_begins(samples):
+    return [b for a, b in itertools.pairwise(samples) if a.cause is None and b.cause is not None]
+
+
 def guarded():
     devices = OnAir(platform())
     limits = small_limits(platform(), 20e3, 50e3)
-    return devices, GuardedRegulator(platform(), devices, limits, lockstep=True)
+    return devices, PacedRegulator(platform(), devices, limits, lockstep=True)
 
 
 def test_a_trip_vents_within_its_cycle():

@@ -1,9 +1,13 @@
 """20 000 random and damaged pieces a family, in both directions: nothing breaks, bad ones are counted."""
 
+from pathlib import Path
+
 import pytest
 
+from benchmarks import fuzz as fuzzing
 from benchmarks.fuzz import FAMILIES, fuzz
 from benchmarks.fuzz.pieces import Counted
+from benchmarks.options import Options
 from soro_core.hardware.families import FAMILIES as ALL
 
 TARGETS = [
@@ -23,6 +27,13 @@ def test_every_family_has_the_whole_number():
     assert set(FAMILIES) == set(ALL)
     for targets in FAMILIES.values():
         assert sum(part for _, part in targets.values()) == pytest.approx(1.0)
+
+
+def test_the_text_explains_the_columns_of_the_table(monkeypatch):
+    monkeypatch.setattr(fuzzing, "FAMILIES", {})
+    text, head = fuzzing.run(Options(False, True, Path(), print)).split("\n\n")
+    assert "*Untold*" in text
+    assert "untold" in head
 
 
 def test_what_is_not_counted_shows():

@@ -66,6 +66,7 @@ def test_latency_ends_in_a_report(device, tmp_path):
     assert chamber["dead_s"] == pytest.approx(0.005, abs=0.002)
     assert chamber["lag_s"] == pytest.approx(0.052, rel=0.1)
     assert "dead time" in output
+    assert "[ms]" in output
 
 
 @pytest.mark.parametrize(
@@ -81,9 +82,29 @@ def test_latency_ends_in_a_report(device, tmp_path):
         (["first-pressure", "emulated_canopen", "--steps-kpa", "5;10"], "--steps-kpa: got '5;10'"),
         (
             ["first-pressure", "emulated_canopen", "--device", "/x", "--steps-kpa", "95"],
-            "steps_pa: got 95000",
+            "--steps-kpa: got '95'; allowed: rising set points above 0, up to the platform's 90, in kPa",
         ),
-        (["first-pressure", "emulated_canopen", "--device", "/x", "--robot", "six_link"], "chambers: got"),
+        (["first-pressure", "emulated_canopen", "--steps-kpa", "10,5"], "--steps-kpa: got '10,5'"),
+        (["first-pressure", "emulated_canopen", "--steps-kpa", "nan"], "--steps-kpa: got 'nan'"),
+        (
+            ["first-pressure", "emulated_canopen", "--device", "/x", "--robot", "six_link", "--pose", "/x"],
+            "chambers: got",
+        ),
+        (
+            ["first-pressure", "emulated_canopen", "--robot", "tue_three_bellow"],
+            "--robot: got 'tue_three_bellow'; allowed: with --pose TOPIC or --ask",
+        ),
+        (
+            ["first-pressure", "emulated_canopen", "--robot", "six_link", "--ask", "--pose", "/x"],
+            "--ask: got '--pose'",
+        ),
+        (
+            [
+                *("first-pressure", "emulated_canopen", "--device", "/x"),
+                *("--robot", "tue_three_bellow", "--pose", "/a b"),
+            ],
+            "--pose: got '/a b'; allowed: the name of a topic",
+        ),
     ],
 )
 def test_wrong_use_is_one_line(arguments, says, tmp_path):

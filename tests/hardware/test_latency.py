@@ -9,8 +9,8 @@ from hil_bench import NAMES, OnAir, OnCan, platform
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.emulation.faults import read_injection
 from soro_core.hil import latency, report
-from soro_core.hil.guarded import GuardedRegulator, Sample
 from soro_core.hil.latency import LatencyConfig, compare, evaluate, latency_limits, measure
+from soro_core.hil.paced import PacedRegulator, Sample
 from soro_core.pneumatics import RegulatorModel
 
 CONFIG = LatencyConfig(repeat=6, hold_s=0.4)
@@ -19,7 +19,7 @@ CONFIG = LatencyConfig(repeat=6, hold_s=0.4)
 def guarded(driver, config=CONFIG):
     driver.configure()
     limits = latency_limits(platform(), config)
-    return GuardedRegulator(platform(), driver, limits, lockstep=True)
+    return PacedRegulator(platform(), driver, limits, lockstep=True)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_dead_time_and_lag_are_those_of_the_emulated_valves(on_can, figure):
         assert 0.010 <= chamber.moved.p50_s <= 0.020
         assert chamber.t63_up_s == pytest.approx(0.0575, abs=0.0076)
         assert chamber.t63_down_s == pytest.approx(0.0575, abs=0.0076)
-    assert all(finding.level == "ok" for finding in compare(found, platform().emulation.regulator))
+    assert all(finding.level == "ok" for finding in compare(found, platform().emulation.regulator, 200.0))
 
 
 def test_steps_are_small_one_at_a_time_and_within_one_cycle(on_can):
@@ -60,11 +60,19 @@ def test_steps_are_small_one_at_a_time_and_within_one_cycle(on_can):
 
 def test_a_model_that_is_wrong_is_told(on_can):
     _, found = on_can
-    slower = compare(found, RegulatorModel(delay_s=0.005, tau_s=0.1))
+    slower = compare(found, RegulatorModel(delay_s=0.005, tau_s=0.1), 200.0)
     assert [finding.level for finding in slower] == ["warn"] * 3
     assert "lag 5" in slower[0].found
-    later = compare(found, RegulatorModel(delay_s=0.05, tau_s=0.052))
+    later = compare(found, RegulatorModel(delay_s=0.05, tau_s=0.052), 200.0)
     assert [finding.level for finding in later] == ["warn"] * 3
+
+
+def test_the_delay_of_a_slow_line_is_none_of_its_valves():
+    times, none = latency.Times(0.045, 0.050, 0.055), np.zeros(1)
+    chamber = latency.ChamberLatency("a", 9, times, 0.085, 0.085, 0.029, 0.052, 1.0, none, none)
+    found = latency.Latency(200.0, times, (chamber,))
+    model = RegulatorModel(delay_s=0.005, tau_s=0.052)
+    assert [f.level for hz in (200.0, 36.0) for f in compare(found, model, hz)] == ["warn", "ok"]
 
 
 def test_the_time_that_an_exchange_takes_counts():
@@ -110,7 +118,9 @@ def test_a_trip_or_an_interrupt_ends_it_vented():
 
 def test_the_report(on_can, tmp_path):
     _, found = on_can
-    text = report.latency_markdown("Latency", {"device": "here"}, found, compare(found, RegulatorModel()))
+    text = report.latency_markdown(
+        "Latency", {"device": "here"}, found, compare(found, RegulatorModel(), 200.0)
+    )
     assert text.count("| link0/chamber") == 6
     read = json.loads(report.latency_json({"device": "here"}, found))
     assert [chamber["name"] for chamber in read["chambers"]] == list(NAMES)

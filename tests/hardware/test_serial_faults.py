@@ -88,19 +88,23 @@ def test_a_dead_line_is_a_silent_device_on_it(bench):
 def disturbed(bench, number, late):
     """Let an answer of the devices get lost, or come with the next one on its line; how many there were."""
     count = 0
-    for line in bench.devices.lines:
 
-        def to_host(message, held=[]):  # noqa: B006 - one for each line
-            nonlocal count
+    def way():
+        held = b""
+
+        def to_host(message):
+            nonlocal count, held
             count += 1
             if count - 1 == number:
-                held[:] = [message] if late else []
+                held = message if late else b""
                 return b""
-            message = b"".join(held) + message
-            held.clear()
+            message, held = held + message, b""
             return message
 
-        line.to_host = to_host
+        return to_host
+
+    for line in bench.devices.lines:
+        line.to_host = way()
     return lambda: count
 
 

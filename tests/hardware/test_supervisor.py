@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from hardware_bench import cycles_in_real_time, driver_process, emulator, frames_until, wait_for
 from serial_bench import alicat, itv, platform_file
+from served_bench import served
 
 from soro_core.errors import HardwareError
 from soro_core.hardware import load_platform, open_regulator, supervisor
@@ -29,6 +30,7 @@ SHIPPED = {
     "alicat": "alicat_serial",
     "veab_tcp": "veab_tcp",
     "soro_board": "soro_board",
+    "vtem_modbus": "vtem_modbus",
 }
 
 
@@ -51,8 +53,8 @@ def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_p
         wait_for(
             lambda: cycles_in_real_time(regulator, 0.1, [30e3] * 3) and link.latest().pressures.max() > 25e3
         )
-        time.sleep(1.0)
-        assert link.latest().pressures.max() < 5e3
+        frames_until(link, lambda frame: frame.pressures.max() < 5e3)
+        wait_for(lambda: not regulator._supervisor.is_alive)
         faults = {fault.code for fault in cycles_in_real_time(regulator, 0.1, [30e3] * 3)[-1].faults}
         assert "supervisor_lost" in faults
         assert link.latest().pressures.max() < 5e3
@@ -61,7 +63,7 @@ def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_p
             lambda: cycles_in_real_time(regulator, 0.1, [30e3] * 3) and link.latest().pressures.max() > 25e3
         )
         regulator.vent()
-        time.sleep(1.0)
+        time.sleep(2 * supervisor._SILENCE_S)  # nothing comes of it that could be waited for
         assert cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].faults == (), "at rest it may be silent"
         regulator.close()
         link.close()
@@ -95,6 +97,28 @@ def test_orderly_end_leaves_nothing_to_do(tmp_path):
         process = regulator._supervisor._process
         regulator.close()
         assert process.returncode == 0
+
+
+NOT_EMPTY = "the driver ended and has not seen the arm empty; NOT ALL VENTED: open the dump valve"
+
+
+@pytest.mark.parametrize("pressure_pa", [0.0, 30e3], ids=["empty", "with pressure"])
+@pytest.mark.parametrize(
+    "make", [itv, alicat, lambda: load_platform("veab_tcp")], ids=["itv", "alicat", "veab"]
+)
+def test_an_orderly_end_after_the_devices_have_gone_tells_what_is_known(make, pressure_pa, capfd):
+    """Nothing of an arm that was seen empty; of another one, that it may hold its pressure."""
+    with served(make()) as (_, address):
+        regulator = open_regulator(make(), address)
+        regulator.configure()
+        target = [pressure_pa] * 3
+        wait_for(
+            lambda: abs(cycles_in_real_time(regulator, 0.1, target)[-1].pressure_pa - pressure_pa).max() < 5e3
+        )
+    regulator.close()
+    said = capfd.readouterr().err
+    assert "died" not in said
+    assert ("NOT ALL VENTED: open the dump valve" in said) == bool(said) == (pressure_pa > 0.0)
 
 
 def test_its_death_is_a_fault(tmp_path):
@@ -180,6 +204,26 @@ def test_says_what_it_could_not_vent(line, monkeypatch):
     assert "NOT ALL VENTED: open the dump valve" in text
 
 
+def test_tells_a_driver_that_has_ended_in_order_from_one_that_died(line, monkeypatch):
+    process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
+    process.dismiss(vented=False)
+    status, text = end_of(process)
+    assert status == 1
+    assert NOT_EMPTY in text
+    assert "died" not in text
+
+
+def test_tells_silence_from_death(line, monkeypatch):
+    """The driver may be alive and have lost its connection: then it sends nothing."""
+    process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
+    process.watches(pressed=True)
+    status, text = end_of(process)
+    process.dismiss()
+    assert status == 1
+    assert "no set points for 0.3 s; NOT ALL VENTED" in text
+    assert "died" not in text
+
+
 def test_a_port_that_has_gone_is_named(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
     os.close(line.master)
@@ -263,6 +307,12 @@ def test_readings_of_numbers_count_wherever_they_begin(lost):
     assert not supervisor._confirms(step, full[lost:] + full)
 
 
+def test_an_answer_of_bytes_counts_whole_and_between_others():
+    step = {"bytes": "\xff\xff\x00\x10"}
+    assert supervisor._confirms(step, b"late\xff\xff\x00\x10and more")
+    assert not supervisor._confirms(step, b"\xff\xff\x00")
+
+
 def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
     """Readings on their way may be older than the set points."""
     ours, theirs = socket.socketpair()
@@ -309,6 +359,6 @@ def test_doctor_asks_for_a_dump_valve_where_the_supervisor_is_the_last_line(fami
     platform = load_platform(SHIPPED[family])
     found = examine(platform, "127.0.0.1:1", run_s=0.0)
     finding = next(finding for finding in found if finding.name == "device watchdog")
-    needs = family in ("itv_rs232", "alicat", "veab_tcp")
+    needs = family in ("itv_rs232", "alicat", "veab_tcp", "vtem_modbus")
     assert finding.level == ("warn" if needs else "ok")
     assert ("a normally open dump valve is needed" in finding.do) is needs

@@ -215,6 +215,13 @@ def test_server_gone(bench):
     bench.driver.close()
 
 
+def test_an_arm_that_was_seen_empty_stays_so_when_the_server_goes_before_the_driver(bench):
+    assert bench.run(60, 0.0).faults == ()
+    bench.devices.end("killed")
+    bench.driver.close()
+    assert bench.driver.vent_confirmed
+
+
 def test_restarted_server_is_given_zeros_until_the_start_up(bench):
     """Coming back by itself is what vents the arm: the DACs have kept their voltages."""
     bench.devices.end("killed")

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from benchmarks.faults.matrix import MATRIX
 from benchmarks.faults.rigs import Loop, rig_of
 from benchmarks.faults.rows import Row
-from soro_core import safety
 
 LOWEST, HIGHEST = 0.0, 90e3
 # Rounding of a set point on its way, up or down: a count of the device [Pa].
@@ -27,6 +26,7 @@ COUNT_PA = {
     "alicat": 10.0,
     "veab_tcp": 1e-6,
     "soro_board": 1.0,
+    "vtem_modbus": 100.0,
 }
 SERIAL_SLEW = 400e3  # of a driver whose messages are fewer than the set points
 
@@ -48,7 +48,7 @@ class Wire:
             line.feed = lambda chunk, n=number, inner=inner: (self._bytes(n, chunk), inner(chunk))[1]
 
     def _note(self, chamber, pressure_pa):
-        self.seen.append((self._now_s(), chamber, pressure_pa, self.loop.state.vented))
+        self.seen.append((self._now_s(), chamber, pressure_pa, self.loop.vented))
 
     def _now_s(self):
         # On serial lines it is the line's time that counts, and it goes on between the exchanges.
@@ -110,6 +110,25 @@ class Wire:
             data = data[14 + length :]
         return data
 
+    def _vtem_modbus(self, line, data):
+        """Slot 0 regulates both valves, slot 1 its first; single registers at the start and the end."""
+        while len(data) >= 12:
+            _, protocol, length, unit, function, address, value = struct.unpack_from(">HHHBBHH", data)
+            assert (protocol, unit) == (0, 255)
+            body, data = data[12 : 6 + length], data[6 + length :]
+            if function == 16:
+                assert (address, value, body[0]) == (40003, 6, 12)
+                first, second = struct.unpack(">Hhh", body[1:7]), struct.unpack(">Hhh", body[7:])
+                assert (first[0], second[0], second[2]) == (3 << 6 | 3, 2 << 6 | 3, 0)
+                for chamber, mbar in enumerate((*first[1:], second[1])):
+                    self._note(chamber, mbar * 100.0)
+            elif function == 6:
+                assert 40003 <= address < 40009
+                assert value == (0 if (address - 40003) % 3 else 61)
+            else:
+                assert (function, address, value) == (3, 45395, 6)
+        return data
+
 
 anything = st.floats(allow_nan=True, allow_infinity=True, width=64)
 pressure = st.one_of(st.floats(LOWEST, HIGHEST), st.sampled_from([0.0, -0.0, HIGHEST, HIGHEST + 1e-3]))
@@ -131,16 +150,14 @@ def play(family, events):
     for command, age_ms, is_fresh, cycles, stall, action in events:
         loop.cycles += stall
         if action == "vent":
-            loop.state, loop.vented_at = safety.request_vent(loop.state, "asked for"), loop.cycles
-            loop.rig.regulator.vent()
-        if action == "reset" and loop.state.vented:
-            zero, now = np.zeros(3), loop.now_ns
-            loop.state, _ = safety.offer(loop.limits, loop.state, zero, now, now)
+            loop.guarded.vent("asked for")
+        if action == "reset" and loop.vented:
+            loop.guarded.offer(np.zeros(3), loop.now_ns, loop.now_ns)
             loop.reset()
         for _ in range(cycles):
             now = loop.now_ns
             stamp = now - (0 if is_fresh else age_ms * 1_000_000)
-            loop.state, _ = safety.offer(loop.limits, loop.state, np.array(command), stamp, now)
+            loop.guarded.offer(np.array(command), stamp, now)
             loop.cycle(None)
     seen = list(wire.seen)
     loop.rig.close()  # brings the pressures down by itself
@@ -150,8 +167,8 @@ def play(family, events):
 def judge(family, loop, seen):
     """In range; and from message to message of a chamber within slew, unless it vents."""
     count, is_serial = COUNT_PA[family], family in ("itv_rs232", "alicat")
-    rise = SERIAL_SLEW if is_serial else loop.limits.rise_pa_s
-    fall = SERIAL_SLEW if is_serial else loop.limits.fall_pa_s
+    rise = SERIAL_SLEW if is_serial else loop.guarded.limits.rise_pa_s
+    fall = SERIAL_SLEW if is_serial else loop.guarded.limits.fall_pa_s
     last = {}
     for t, chamber, pressure_pa, vented in seen:
         assert LOWEST - 1e-6 <= pressure_pa <= HIGHEST + 1e-6
@@ -162,7 +179,7 @@ def judge(family, loop, seen):
             continue
         # What goes out now was computed in the cycle before, from the time since the one before that: after a
         # host that was held up it is what 0.1 s of that time allow.
-        dt = max(t - before_s, min(before_s - before_that_s, loop.limits.command_age_s))
+        dt = max(t - before_s, min(before_s - before_that_s, loop.guarded.limits.command_age_s))
         assert pressure_pa - before_pa <= rise * dt + count
         assert before_pa - pressure_pa <= fall * dt + count
 

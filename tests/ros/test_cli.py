@@ -7,6 +7,7 @@ import pytest
 
 from soro_core.errors import ConfigError
 from soro_ros.commands.run import run
+from soro_ros.processes import Child
 from tests.ros.running import SORO
 
 GOOD = "robot: tue_three_bellow\nrate_hz: 200\n"
@@ -104,6 +105,20 @@ def test_a_wrong_scene_is_one_line(tmp_path, text, says):
             ("run", "track_circle", "--set", "platform=no_such"),
             "no_such: got 'no platforms file of that name'",
         ),
+        (
+            ("run", "track_circle", "--valves", "real"),
+            "emulated_canopen: device: got ''; allowed: --device, or transport.device in the platform file",
+        ),
+        (
+            ("run", "track_circle", "--device", ""),
+            "soro run: --device: got ''; allowed: the path or address of the valves",
+        ),
+        (
+            ("run", "track_circle", "--arm", "real"),
+            "track_circle.yaml: allowed: no arm: real without valves: real",
+        ),
+        (("doctor", "no_such"), "soro: no_such: got 'no platforms file of that name'"),
+        (("emulate", "no_such"), "soro: no_such: got 'no platforms file of that name'"),
     ],
 )
 def test_wrong_use_names_what_is_wrong(tmp_path, arguments, says):
@@ -124,6 +139,24 @@ def test_wrong_use_names_what_is_wrong(tmp_path, arguments, says):
 def test_changes_are_read_as_files_are(change, says):
     with pytest.raises(ConfigError, match=re.escape(says)):
         run("track_circle", [change])
+
+
+def test_help_keeps_units_and_has_no_broken_lines():
+    _, out, _ = soro("hil", "first-pressure", "--help")
+    assert "[kPa gauge]" in out
+    _, out, _ = soro("emulate", "--help")
+    assert "ports stand in it with commas between them. Give that" in out  # a whole line of the terminal
+
+
+def test_of_an_ended_node_its_errors_are_told(tmp_path):
+    log = tmp_path / "node.log"
+    child = Child("node", None, log)
+    log.write_text("[INFO] [1.5] [run.node]: configuring\n[ERROR] [1.6] [run.node]: no device\n")
+    assert child.last_words() == "no device"
+    log.write_text("[INFO] [1.5] [run.node]: configuring\nkilled\n")
+    assert child.last_words() == "[INFO] [1.5] [run.node]: configuring | killed"
+    log.write_text("")
+    assert child.last_words() == "it said nothing"
 
 
 def test_a_platform_for_other_chambers_says_which(tmp_path):

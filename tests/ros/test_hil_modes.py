@@ -94,4 +94,4 @@ def test_without_a_pose_of_the_real_arm_nothing_begins(tmp_path, monkeypatch):
     with pytest.raises(SoroError, match="no pose of the arm on sensors/pose0 within"):
         started._hear_arm(Silent(), lambda: False)
     started.end()
-    assert started.outcome() == "ended before the valves were opened"
+    assert started.outcome() == "ended before control began"

@@ -18,7 +18,7 @@ from soro_ros.compose import Run
 from tests.ros.running import end, start_run, wait_until
 
 HEAVY = {"typing", "contextlib", "typer", "click", "re", "pathlib", "numpy"}
-ENDS = ("ended before the valves were opened", "vented; bag closed", "interrupted before anything was st")
+ENDS = ("ended before control began", "vented; bag closed", "interrupted before anything was st")
 
 
 @pytest.mark.timeout(120)
@@ -112,7 +112,7 @@ def test_ctrl_c_while_kernels_are_compiled_is_one_clean_end(domain, tmp_path, mo
             break
     status, out, err = end(process, limit_s=60)
     assert status == 130, err
-    assert "ended before the valves were opened; bag closed" in err
+    assert "ended before control began; bag closed" in err
     assert "ended with status" not in err
     assert "Traceback" not in out + err
 

@@ -7,6 +7,8 @@ import textwrap
 
 import pytest
 
+from soro_ros import middleware
+
 NODE = textwrap.dedent(
     """
     from pydantic import Field
@@ -100,3 +102,26 @@ def test_a_wrong_parameter_is_one_line_and_exit_status_2(domain, arguments, says
     assert says in err
     assert "Traceback" not in err
     assert "tick" not in out
+
+
+def test_a_node_that_cannot_go_on_says_why_in_one_line(domain):
+    """Its executor printed a traceback besides."""
+    fails = NODE.replace('print("tick", flush=True)', "fails()").replace(
+        "class Inner", "def fails():\n    raise SoroError('the emulator has gone')\n\nclass Inner"
+    )
+    program = f"from soro_core.errors import SoroError\n{fails}"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert done.stdout.rstrip().endswith("safe")
+    (said,) = done.stderr.splitlines()
+    assert said.endswith("the emulator has gone")
+
+
+@pytest.mark.parametrize(
+    ("value", "stalls"), [("LOCALHOST", True), ("localhost", True), ("SUBNET", False), ("", False)]
+)
+def test_an_environment_that_holds_messages_up_is_told(monkeypatch, value, stalls):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", value)
+    assert bool(middleware.may_stall()) is stalls

@@ -4,25 +4,56 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from soro_core.scene import load_scene
-from soro_ros import report
+from soro_ros import recording, report
 from soro_ros.recording import EMPTY, Recording, Series
 
 
-def rows(monkeypatch, ends_s: float, diagnostics=None, **changes) -> dict[str, str]:
+def rows(monkeypatch, ends_s: float, diagnostics=None, faults=(), **changes) -> dict[str, str]:
     """The table of a recording that ends at a time, with a tip error of 2 mm."""
     scene = load_scene("track_circle", {key.replace("__", "."): value for key, value in changes.items()})
     t = np.arange(0.0, ends_s, 0.005)
     wanted, true = Series(t, np.zeros((t.size, 3))), Series(t, np.full((t.size, 3), [2e-3, 0.0, 0.0]))
     half = Series(t, np.full((t.size, 3), [1e-3, 0.0, 0.0]))
     differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
-    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, (), half)
+    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, faults, half)
     if changes.get("arm") == "real":
         recording = replace(recording, shadow=differences)
     monkeypatch.setattr(report, "read", lambda bag, name: recording)
     names, values = report.table(report.summarise("", scene), scene).columns
     return dict(zip(names.cells, values.cells, strict=True))
+
+
+def recorded(t: np.ndarray, true: Series, wanted: Series) -> Recording:
+    """A run with as many lines in its picture as there can be."""
+    chambers = Series(
+        t, np.full((t.size, 12), 40e3), tuple(f"link{n // 3}/chamber{n % 3}" for n in range(12))
+    )
+    estimates = Series(t, np.full((t.size, 3), 0.02), ("tip_mass", "stiffness", "damping"))
+    differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
+    return Recording(true, true, wanted, chambers, chambers, estimates, {}, (), true, differences)
+
+
+@pytest.mark.parametrize("ends_s", [20.0, 5.0], ids=["complete", "vented"])
+def test_legends_of_the_picture_lie_over_no_data(monkeypatch, tmp_path, ends_s):
+    t = np.arange(0.0, ends_s, 0.02)
+    tip = Series(t, 0.02 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
+    monkeypatch.setattr(report, "read", lambda bag, name: recorded(t, tip, tip))
+    pages = []
+    monkeypatch.setattr("matplotlib.pyplot.close", pages.append)
+    report.draw("", load_scene("track_circle"), tmp_path / "run.png")
+    legends = [axis.get_legend() for axis in pages[0].axes]
+    assert len(legends) == 6
+    for axis, legend in zip(pages[0].axes, legends, strict=True):
+        for other in pages[0].axes:
+            assert not legend.get_window_extent().overlaps(other.get_window_extent())
+        assert axis.get_window_extent().height > 200
+        inside = pages[0].bbox
+        assert inside.x0 <= legend.get_window_extent().x0 < legend.get_window_extent().x1 <= inside.x1
+    names = [text.get_text() for text in legends[0].get_texts()]
+    assert ("true tip, last 5 s" in names) == (ends_s == 20.0)
 
 
 FIRST, LAST = "tip error RMS, 3 to 8 s", "tip error RMS, last 5 s"
@@ -44,6 +75,31 @@ def test_a_window_that_the_run_did_not_fill_is_a_dash(monkeypatch, ends_s, durat
     assert found[f"{FIRST} (while adapting)"] == first
     assert found[LAST] == found["tip error max, last 5 s"] == last
     assert found["estimator's tip error RMS, last 5 s"] == ("0.00 mm" if last != "-" else "-")
+
+
+@pytest.mark.parametrize(
+    ("ends_s", "faults", "settling"),
+    [
+        (20.0, (), "0.00 s"),
+        (17.0, (), "- (not run to its end)"),
+        (12.0, ("regulator: vented: stuck",), "- (not run to its end)"),
+        (20.0, ("regulator: vented: stuck",), "- (not run to its end)"),
+    ],
+    ids=["complete", "interrupted", "vented", "vented at the end"],
+)
+def test_what_was_cut_short_has_not_settled(monkeypatch, ends_s, faults, settling):
+    assert rows(monkeypatch, ends_s, faults=faults)["settling to 5% of the length"] == settling
+
+
+def test_faults_of_another_arm_are_not_this_one_s():
+    status = [
+        DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message="vented: stuck")
+        for name in ("/other/regulator", "/regulator", "/arm/regulator")
+    ]
+    diagnostics, faults = {}, []
+    recording._take_diagnostics(DiagnosticArray(status=status), "/arm/", diagnostics, faults)
+    assert faults == ["regulator: vented: stuck"]
+    assert list(diagnostics) == ["regulator"]
 
 
 def test_without_adaptation_nothing_is_said_of_it(monkeypatch):

@@ -296,5 +296,5 @@ def open_driver(
 ) -> CanopenRegulator:
     """Make the driver of a platform; `endpoint` takes the place of the adapter's device."""
     return CanopenRegulator(
-        platform, lambda: open_bus(platform.transport, endpoint), clock, lockstep, endpoint
+        platform, lambda: open_bus(platform.transport, endpoint, lockstep), clock, lockstep, endpoint
     )

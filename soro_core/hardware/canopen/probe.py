@@ -15,6 +15,7 @@ from soro_core.hardware.canopen.device import Device
 from soro_core.hardware.canopen.frames import NmtCommand, NmtState
 from soro_core.hardware.canopen.sdo_client import SdoClient
 from soro_core.hardware.finding import Finding
+from soro_core.hardware.reason import IN_USE
 from soro_core.hardware.transport.config import SlcanTransport, SocketcanTransport
 from soro_core.hardware.transport.link import CanLink
 
@@ -50,7 +51,9 @@ def probe(
     try:
         link.open()
     except HardwareError as error:
-        yield Finding("adapter", "fail", str(error), "plug it in, or correct transport and --device")
+        in_use = IN_USE in str(error)
+        advice = "end that program" if in_use else "plug it in, or correct transport and --device"
+        yield Finding("adapter", "fail", str(error), advice)
         return
     try:
         yield from _listen(platform, link, clock)

@@ -1,6 +1,6 @@
 """Control socket of an emulator: faults come in as lines of YAML, each is answered by one line.
 
-The first word of an answer is ``ok`` or ``error``; ``list`` asks for what is active.
+The first word of an answer is ``ok`` or ``error``; ``list`` asks for what is active or waits.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from pathlib import Path
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.emulation.faults import Faults, Injection, read_injection
+from soro_core.hardware.reason import reason
 
 _LONGEST = 4096
 
@@ -47,7 +48,7 @@ class ControlServer:
             self._listener.listen()
         except OSError as error:
             self._listener.close()
-            raise HardwareError(f"{path}: cannot listen for faults ({error})") from None
+            raise HardwareError(f"{path}: cannot listen for faults ({reason(error)})") from None
         self._listener.setblocking(False)
         selector.register(self._listener, selectors.EVENT_READ, self._accept)
 
@@ -92,7 +93,8 @@ class ControlServer:
 def answer_to(faults: Faults, line: str) -> str:
     """Do what a line asks for."""
     if line.strip() == "list":
-        return f"ok: {'; '.join(map(str, faults.active)) or 'no faults'}"
+        waiting = [f"{injection} in {seconds:.1f} s" for injection, seconds in faults.waiting]
+        return f"ok: {'; '.join([*map(str, faults.active), *waiting]) or 'no faults'}"
     try:
         injection = read_injection(line)
         faults.add(injection)
@@ -118,7 +120,7 @@ class ControlClient:
             self._socket.connect(str(path))
         except OSError as error:
             self._socket.close()
-            raise HardwareError(f"{path}: no emulator listens for faults ({error})") from None
+            raise HardwareError(f"{path}: no emulator listens for faults ({reason(error)})") from None
         self._lines = self._socket.makefile("r", encoding="utf-8")
 
     def inject(self, fault: Injection | str) -> str:
@@ -134,7 +136,7 @@ class ControlClient:
             self._socket.sendall(f"{text}\n".encode())
             answer = self._lines.readline().strip()
         except OSError as error:
-            raise HardwareError(f"{self._path}: the emulator does not answer ({error})") from None
+            raise HardwareError(f"{self._path}: the emulator does not answer ({reason(error)})") from None
         if not answer:
             raise HardwareError(f"{self._path}: the emulator has gone")
         verdict, _, said = answer.partition(": ")

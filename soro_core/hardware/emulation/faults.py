@@ -98,6 +98,8 @@ class Injection(Strict):
         kind = KINDS.get(named) if isinstance(named, str) else None
         if kind is None or not kind.key or kind.key not in data:
             return data
+        if isinstance(data[kind.key], bool) or not isinstance(data[kind.key], int | float):
+            raise ValueError(f"{named}: {kind.key} is a number")
         return {**{key: item for key, item in data.items() if key != kind.key}, "value": data[kind.key]}
 
     @model_validator(mode="after")
@@ -143,6 +145,9 @@ def read_injection(text: str, where: str = "fault") -> Injection:
     """
     text = text.strip()
     data = read_mapping(text if text.startswith("{") else f"{{{text}}}", where)
+    if "fault" not in data:
+        allowed = f"'fault: leak, chamber: link0/chamber0' or so; words: {', '.join([*KINDS, CLEAR])}"
+        raise ConfigError(where, "", text, allowed)
     return parse(data, Injection, where)
 
 
@@ -221,6 +226,11 @@ class Faults:
     def active(self) -> tuple[Injection, ...]:
         """What is active now."""
         return tuple(entry.injection for entry in self._active)
+
+    @property
+    def waiting(self) -> tuple[tuple[Injection, float], ...]:
+        """What is scheduled, and in how many seconds."""
+        return tuple((entry.injection, (entry.start_ns - self.now_ns) * 1e-9) for entry in self._waiting)
 
     @property
     def is_active(self) -> bool:

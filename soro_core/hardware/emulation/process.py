@@ -18,6 +18,7 @@ from soro_core.hardware.emulation.faults import Injection
 from soro_core.hardware.families import FAMILIES
 from soro_core.hardware.plant_link import PlantLinkServer
 from soro_core.hardware.platform import PlatformBase
+from soro_core.hardware.reason import reason
 
 
 class Emulator:
@@ -182,6 +183,8 @@ class Emulator:
         try:
             links = [name]
             if len(self._endpoints) > 1:
+                if name.is_symlink():  # left by an emulator of one line that was killed
+                    name.unlink()
                 name.mkdir(exist_ok=True)
                 links = [name / str(number) for number in range(len(self._endpoints))]
             for link, endpoint in zip(links, self._endpoints, strict=True):
@@ -190,7 +193,7 @@ class Emulator:
                 link.symlink_to(endpoint.address)
                 self._links[link] = endpoint.address
         except OSError as error:
-            raise HardwareError(f"{name}: cannot link to the emulated line ({error})") from None
+            raise HardwareError(f"{name}: cannot link to the emulated line ({reason(error)})") from None
 
 
 def serve(

@@ -178,9 +178,9 @@ class SerialRegulator(Regulator):
                 self._bring_down()
             self.vent()
         self._configured = False
-        self._close_ports()
-        if self._supervisor is not None:
+        if self._supervisor is not None:  # before the ports are closed, which has it let them go
             self._supervisor.dismiss(all(channel.at_zero for channel in self._channels))
+        self._close_ports()
 
     # -- for start-up ------------------------------------------------------------------------------
 

@@ -14,6 +14,7 @@ from typing import Protocol
 import serial
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.reason import reason
 
 _CHUNK = 65536
 _FIRST_RETRY_S = 0.05
@@ -55,7 +56,7 @@ class SerialPort:
         try:
             self._port = serial.Serial(path, baud, timeout=0, exclusive=True)
         except (OSError, serial.SerialException, ValueError, termios.error) as error:
-            raise HardwareError(f"{path}: cannot open the port ({error})") from None
+            raise HardwareError(f"{path}: cannot open the port ({reason(error)})") from None
         self._fd: int = self._port.fileno()
         os.set_blocking(self._fd, False)
         # With VMIN = 1 "nothing yet" is EAGAIN, so that an empty read always means that the port is gone.
@@ -75,7 +76,7 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise HardwareError(f"{self.name}: the port is gone ({error.strerror})") from None
+            raise HardwareError(f"{self.name}: the port is gone ({reason(error)})") from None
         if not chunk:
             raise HardwareError(f"{self.name}: the port is gone (end of file)")
         return chunk
@@ -99,7 +100,7 @@ class SerialPort:
             except BlockingIOError:
                 return
             except OSError as error:
-                raise HardwareError(f"{self.name}: the port is gone ({error.strerror})") from None
+                raise HardwareError(f"{self.name}: the port is gone ({reason(error)})") from None
 
 
 def open_with_retries(path: str, baud: int, limit_s: float, clock: Callable[[], float]) -> SerialPort:

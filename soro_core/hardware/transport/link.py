@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import can
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.reason import reason
 from soro_core.hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
 from soro_core.hardware.transport.frame import Frame
 
@@ -84,7 +85,7 @@ class CanLink:
                 for frame in frames:
                     _send(bus, to_message(frame))
         except (can.CanError, OSError) as error:
-            raise HardwareError(f"{bus.channel_info}: sending failed ({error})") from None
+            raise HardwareError(f"{bus.channel_info}: sending failed ({reason(error)})") from None
         self.sent += len(frames)
 
     def receive(self, timeout_s: float) -> Frame | None:
@@ -100,7 +101,7 @@ class CanLink:
                     message = bus.recv(0.0)
                 frame = None if message is None else from_message(message)
         except (can.CanError, OSError) as error:
-            raise HardwareError(f"{bus.channel_info}: receiving failed ({error})") from None
+            raise HardwareError(f"{bus.channel_info}: receiving failed ({reason(error)})") from None
         self.received += frame is not None
         return frame
 

@@ -17,11 +17,12 @@ from soro_core.hardware.transport.config import (
 )
 from soro_core.hardware.transport.slcan import SlcanBus
 from soro_core.hardware.transport.socketcand import SocketcandBus
+from soro_core.hardware.transport.stream import StreamBus
 
 _ADDRESS = re.compile(r"[\w.-]+:\d+")
 
 
-def open_bus(transport: CanTransport, endpoint: str | None = None) -> can.BusABC:
+def open_bus(transport: CanTransport, endpoint: str | None = None, lockstep: bool = False) -> can.BusABC:
     """Open a bus.
 
     Parameters
@@ -31,6 +32,8 @@ def open_bus(transport: CanTransport, endpoint: str | None = None) -> can.BusABC
     endpoint : str, optional
         What takes the place of its device: the path of a serial port or pseudo-terminal (slcan, whatever the
         platform's transport is), ``host:port`` (socketcand), or the name of a channel.
+    lockstep : bool
+        Whether an emulator in lockstep is there.
 
     Raises
     ------
@@ -39,15 +42,21 @@ def open_bus(transport: CanTransport, endpoint: str | None = None) -> can.BusABC
     """
     if endpoint is not None:
         transport = _replaced(transport, endpoint)
-    if isinstance(transport, SlcanTransport):
-        return SlcanBus.from_transport(transport)
-    if isinstance(transport, SocketcandTransport):
-        return SocketcandBus.from_transport(transport)
+    if isinstance(transport, SlcanTransport | SocketcandTransport):
+        own = _own(transport)
+        own.lockstep = lockstep
+        return own
     if isinstance(transport, SocketcanTransport):
         return _python_can("socketcan", transport.channel, {}, transport.bitrate)
     assert isinstance(transport, PythonCanTransport)
     options = {"bitrate": transport.bitrate, **transport.options}
     return _python_can(transport.interface, transport.channel, options, transport.bitrate)
+
+
+def _own(transport: SlcanTransport | SocketcandTransport) -> StreamBus:
+    if isinstance(transport, SlcanTransport):
+        return SlcanBus.from_transport(transport)
+    return SocketcandBus.from_transport(transport)
 
 
 def _replaced(transport: CanTransport, endpoint: str) -> CanTransport:

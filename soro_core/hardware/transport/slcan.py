@@ -14,6 +14,7 @@ import can
 import serial
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.reason import reason
 from soro_core.hardware.transport.config import SlcanTransport
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.slcan_codec import SPEEDS, BusErrors, Decoder, Health, Reply, encode
@@ -64,8 +65,7 @@ class SlcanBus(StreamBus):
             # A second program on the port would take the adapter off the bus under the first one's feet.
             self._port = serial.Serial(channel, serial_baud, timeout=0, exclusive=True)
         except (OSError, serial.SerialException, ValueError, termios.error) as error:
-            text = "in use by another program" if "lock" in str(error) else str(error)
-            raise HardwareError(f"{channel}: cannot open the adapter's port ({text})") from None
+            raise HardwareError(f"{channel}: cannot open the adapter's port ({reason(error)})") from None
         self.attach(self._port.fileno())
         # With VMIN = 1 "nothing yet" is EAGAIN, so that an empty read always means that the adapter is gone.
         attributes = termios.tcgetattr(self.fileno())
@@ -107,6 +107,7 @@ class SlcanBus(StreamBus):
                 self._frames.append(event)
             elif isinstance(event, Reply):
                 self._replies.append(event)
+                self.acknowledged()
                 self.frames_refused += self._running and not event.ok
             elif isinstance(event, Health):
                 self.health = event

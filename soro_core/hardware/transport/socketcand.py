@@ -14,11 +14,15 @@ from collections import deque
 import can
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.reason import reason
 from soro_core.hardware.transport.config import SocketcandTransport
 from soro_core.hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.socketcand_codec import Decoder, WireError, Word, encode_send
 from soro_core.hardware.transport.stream import StreamBus
+
+# The server answers it, and a frame it does not.
+_ECHO = b"< echo >"
 
 
 class SocketcandBus(StreamBus):
@@ -49,8 +53,9 @@ class SocketcandBus(StreamBus):
         try:
             self._socket = socket.create_connection((host, port), timeout_s)
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise HardwareError(f"{self.channel_info}: no socketcand server answers ({reason})") from None
+            raise HardwareError(
+                f"{self.channel_info}: no socketcand server answers ({reason(error)})"
+            ) from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.attach(self._socket.fileno())
         try:
@@ -86,7 +91,7 @@ class SocketcandBus(StreamBus):
     def encode(self, frame: Frame) -> bytes:
         if frame.remote:
             raise HardwareError(f"{self.channel_info}: socketcand sends no remote frames")
-        return encode_send(frame)
+        return encode_send(frame) + (_ECHO if self.lockstep else b"")
 
     def take(self, chunk: bytes) -> None:
         for message in self._decoder.feed(chunk):
@@ -97,7 +102,10 @@ class SocketcandBus(StreamBus):
                 if message.classes & (BUS_OFF | RESTARTED):
                     self._bus_off = bool(message.classes & BUS_OFF)
             elif isinstance(message, Word):
-                self._words.append(message.text)
+                if message.text == "echo":
+                    self.acknowledged()
+                else:
+                    self._words.append(message.text)
 
     def after_read(self) -> None:
         with contextlib.suppress(OSError):

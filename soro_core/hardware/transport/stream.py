@@ -18,6 +18,7 @@ from collections.abc import Iterable
 import can
 
 from soro_core.errors import HardwareError
+from soro_core.hardware.reason import reason
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.link import from_message, to_message
 
@@ -33,7 +34,15 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         How errors name the adapter.
     timeout_s : float
         Time in which it must answer a command, or take the bytes of a frame.
+
+    Attributes
+    ----------
+    lockstep : bool
+        Whether an emulated adapter in lockstep is behind it. That one acknowledges a frame when everything
+        that comes of it has been given: what has not come by then never comes, and is not waited for.
     """
+
+    lockstep = False
 
     def __init__(self, channel_info: str, timeout_s: float) -> None:
         self.channel_info = channel_info
@@ -41,6 +50,7 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         self.frames_refused = 0
         self._timeout_s = timeout_s
         self._frames: deque[Frame] = deque()
+        self._unacknowledged = 0
         self._poll = select.poll()
         self._fd = -1
 
@@ -57,7 +67,7 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
 
     @abstractmethod
     def encode(self, frame: Frame) -> bytes:
-        """Bytes that send a frame."""
+        """Bytes that send a frame, and have the adapter acknowledge it where it can."""
 
     @abstractmethod
     def take(self, chunk: bytes) -> None:
@@ -66,6 +76,10 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
     @abstractmethod
     def let_go(self) -> None:
         """Close the descriptor; may raise OSError."""
+
+    def acknowledged(self) -> None:
+        """Note that the adapter has acknowledged a frame."""
+        self._unacknowledged = max(self._unacknowledged - 1, 0)
 
     def after_read(self) -> None:
         """Do what the stream needs after bytes have come."""
@@ -80,7 +94,9 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
 
     def send_frames(self, frames: Iterable[Frame]) -> None:
         """Send frames in one write: on USB adapters one transfer in place of many."""
-        self.write(b"".join(map(self.encode, frames)))
+        messages = [self.encode(frame) for frame in frames]
+        self.write(b"".join(messages))
+        self._unacknowledged += len(messages) if self.lockstep else 0
 
     def recv_frame(self, timeout_s: float) -> Frame | None:
         """Take the next frame, waiting at most `timeout_s` (0: only what has already come)."""
@@ -125,13 +141,13 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         except BlockingIOError:
             return
         except OSError as error:
-            raise self.gone(error.strerror) from None
+            raise self.gone(reason(error)) from None
         if not chunk:
             raise self.gone("end of file")
         self.after_read()
         self.take(chunk)
 
-    def gone(self, why: str | None) -> HardwareError:
+    def gone(self, why: str) -> HardwareError:
         """Error of an adapter that is no longer there."""
         return HardwareError(f"{self.channel_info}: the adapter is gone ({why})")
 
@@ -146,10 +162,15 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
                     raise HardwareError(f"{self.channel_info}: the adapter takes no more bytes") from None
                 select.select([], [self._fd], [], 0.01)
             except OSError as error:
-                raise self.gone(error.strerror) from None
+                raise self.gone(reason(error)) from None
 
     def _wait(self, timeout_s: float) -> None:
         deadline = time.monotonic() + timeout_s
-        while not self._frames and (left := deadline - time.monotonic()) > 0:
+        while not self._frames and not (self.lockstep and not self._unacknowledged):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                if timeout_s >= self._timeout_s:  # got lost on its way: it does not come any more
+                    self._unacknowledged = 0
+                return
             self.poll(left)
             self.fill()

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from soro_core.config import Strict
 from soro_core.errors import HardwareError
+from soro_core.hardware.reason import reason
 
 _CHUNK = 65536
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 2.0
@@ -108,7 +109,7 @@ class TcpLink:
             sock.connect(where)
         except OSError as error:
             sock.close()
-            raise HardwareError(f"{self.address}: cannot connect ({error})") from None
+            raise HardwareError(f"{self.address}: cannot connect ({reason(error)})") from None
         self._take(sock)
 
     def close(self) -> None:
@@ -131,7 +132,7 @@ class TcpLink:
                         raise self._lost("the other side takes no more bytes") from None
                     _wait(sock, select.POLLOUT, left)
         except OSError as error:
-            raise self._lost(str(error)) from None
+            raise self._lost(reason(error)) from None
 
     def receive(self, timeout_s: float) -> bytes:
         sock = self._require()
@@ -142,7 +143,7 @@ class TcpLink:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise self._lost(str(error)) from None
+            raise self._lost(reason(error)) from None
         if not chunk:
             raise self._lost("closed by the other side")
         self._delay_s = FIRST_DELAY_S
@@ -243,6 +244,8 @@ def _resolve(address: str) -> tuple[int, Any]:
         target = os.readlink(address) if "/" in address else address
         host, _, port = target.rpartition(":")
         found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)
-    except (OSError, ValueError) as error:
-        raise HardwareError(f"{address}: no such address, expected host:port ({error})") from None
+    except ValueError:
+        raise HardwareError(f"{address}: no such address, expected host:port") from None
+    except OSError as error:
+        raise HardwareError(f"{address}: no such address, expected host:port ({reason(error)})") from None
     return found[0][0], found[0][4]

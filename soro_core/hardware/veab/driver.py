@@ -152,7 +152,9 @@ class VeabRegulator(Regulator):
                     fall_pa = self.platform.shutdown_ramp_pa_s * period_s
                     waits = [round(s / period_s) for s in (_LEAST_S, self.platform.host.vent_timeout_s)]
                     start_pa = self._stream.sent_pa
-                    self.vent_confirmed = rest.ramp_down(self._paced, start_pa, fall_pa, *waits)
+                    is_empty = rest.ramp_down(self._paced, start_pa, fall_pa, *waits)
+                    # A server that has gone meanwhile cannot show again what it has shown before.
+                    self.vent_confirmed = is_empty or (self.vent_confirmed and not self._stream.is_open)
             self._configured = False
             self._stream.close(self.vent_confirmed)
 
@@ -262,7 +264,8 @@ class VeabRegulator(Regulator):
             fresh = not np.isnan(self._paced(self._zeros)).any()
             if not stream.is_open or stream.broken:
                 why = next(iter(self._latched.values())).message
-                raise HardwareError(f"start-up: {why}; is `ports` what the server has?")
+                advice = "is `ports` what the server has, and was it started again after its last client?"
+                raise HardwareError(f"start-up: {why}; {advice}")
             heard = heard or fresh
             if fresh and stream.is_empty(times.vented_pa):
                 self.vent_confirmed = True

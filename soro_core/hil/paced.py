@@ -1,4 +1,4 @@
-"""Regulators behind the limiter, without ROS: the one way in which a procedure gives chambers pressure."""
+"""Regulators behind the limiter at the rate of their platform: how a procedure gives chambers pressure."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core import safety
-from soro_core.errors import HardwareError
-from soro_core.hardware.platform import PlatformBase, watched
+from soro_core.hardware.guarded import GuardedRegulator
+from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.port import Array, Flags, Regulator
 from soro_core.safety.limits import BURST, OVER_PRESSURE
 
@@ -84,7 +84,7 @@ def small_limits(
     return limits
 
 
-class GuardedRegulator:
+class PacedRegulator:
     """A configured regulator that is commanded through the limiter only.
 
     Parameters
@@ -110,18 +110,26 @@ class GuardedRegulator:
         tip: Callable[[], Array | None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.regulator = regulator
-        self.period_s = 1.0 / platform.cycle_hz
-        self.limits, self._response = watched(platform, regulator, limits, platform.cycle_hz, "platform")
+        self._guarded = GuardedRegulator(platform, regulator, limits)
         self._lockstep, self._tip, self._clock = lockstep, tip, clock
+        self.period_s = 1.0 / platform.cycle_hz
         self._cycles = 0
         self._start_s: float | None = None
-        self._state = safety.initial_state(regulator.n_chambers, regulator.chamber_names)
+
+    @property
+    def n_chambers(self) -> int:
+        """Number of chambers."""
+        return self._guarded.regulator.n_chambers
 
     @property
     def cause(self) -> str | None:
         """Why the limiter has vented, or None."""
-        return self._state.cause
+        return self._guarded.cause
+
+    @property
+    def lost(self) -> str | None:
+        """Why the devices cannot be commanded any more, or None."""
+        return self._guarded.lost
 
     def cycle(self, wanted_pa: Array) -> Sample:
         """Wait for the next cycle, exchange, judge; what is wanted (n,) [Pa gauge] is sent in the one after.
@@ -130,40 +138,24 @@ class GuardedRegulator:
         """
         now_s = self._next()
         now_ns = round(now_s * 1e9)
-        self._state, _ = safety.offer(self.limits, self._state, wanted_pa, now_ns, now_ns, "procedure")
+        self._guarded.offer(wanted_pa, now_ns, now_ns)
         began_s = self._clock()
-        try:
-            result = self.regulator.exchange(self._state.setpoint_pa, now_ns)
-        except HardwareError as error:
-            self.vent(str(error))
-            nothing = np.full(self.regulator.n_chambers, np.nan)
-            return Sample(now_s, np.zeros_like(nothing), nothing, np.isfinite(nothing), 0.0, self.cause)
+        result = self._guarded.cycle(now_ns)
         took_s = 0.0 if self._lockstep else self._clock() - began_s
-        before = self._state.cause
-        self._state = safety.cycle(
-            self.limits,
-            self._state,
-            result.known_pa,
-            result.fresh,
-            now_ns,
-            result.trouble,
-            result.supply_pa,
-            self._response,
-        )
-        if self.cause is not None and before is None:
-            self.regulator.vent()
+        if result is None:
+            nothing = np.full(self.n_chambers, np.nan)
+            return Sample(now_s, np.zeros_like(nothing), nothing, np.isfinite(nothing), 0.0, self.cause)
         return Sample(
             now_s, result.sent_pa, result.pressure_pa, result.fresh, took_s, self.cause, self._tip()
         )
 
     def vent(self, cause: str) -> None:
         """Latch, and send zeros at once."""
-        self._state = safety.request_vent(self._state, cause)
-        self.regulator.vent()
+        self._guarded.vent(cause)
 
-    def reset(self) -> None:
-        """Leave the latch, if the limiter allows it."""
-        self._state, _ = safety.reset(self.limits, self._state, round(self._now() * 1e9))
+    def reset(self) -> str | None:
+        """Leave the latch; the refusal, or None. A procedure does not go on with devices that were lost."""
+        return self._guarded.lost or self._guarded.reset(round(self._now() * 1e9))
 
     def _now(self) -> float:
         if self._lockstep or self._start_s is None:

@@ -1,0 +1,225 @@
+"""`soro vent`, `reset`, `enable`, `fault` on running nodes: two that hold air, a controller, a twin."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+import typer
+from rclpy.node import Node
+
+from soro_core.errors import ConfigError, SoroError
+from soro_ros import services
+from soro_ros.commands import services as commands
+from soro_ros.commands.services import enable, fault, reset, vent
+from soro_ros.diagnostics import Diagnostics
+from soro_ros.supervisor import Supervisor
+from tests.ros.running import SORO, end, wait_until
+from tests.ros.test_fault_injection import Served
+
+NODES = textwrap.dedent(
+    """
+    import sys, time
+    import numpy as np
+    from rclpy.experimental.events_executor import EventsExecutor
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+    from soro_core.safety import Limits
+    from soro_ros import messages, middleware, qos
+    from soro_ros.chambers import ChamberInterface
+    from soro_ros.diagnostics import ERROR, OK, Diagnostics
+    from soro_ros.faults import FaultInterface
+
+    NAMES = ("link0/chamber0",)
+    middleware.init()
+    executor = EventsExecutor()
+
+    def holder(namespace):
+        node = Node("regulator", namespace=namespace)
+        stamp_ns = lambda: node.get_clock().now().nanoseconds
+        patient = Limits(command_age_s=0.5)
+        chambers = ChamberInterface(node, NAMES, patient, time.monotonic_ns, stamp_ns)
+        diagnostics = Diagnostics(node)
+
+        def cycle():
+            if chambers.judge(np.zeros(1), True):
+                diagnostics.update(ERROR, f"vented: {chambers.cause}")
+            else:
+                diagnostics.update(OK, "active")
+
+        node.create_timer(0.02, cycle)
+        node.create_timer(0.3, diagnostics.publish)
+        executor.add_node(node)
+
+    def controller(namespace):
+        node, asked_pa = Node("controller", namespace=namespace), [0.0]
+        publisher = node.create_publisher(JointState, "chambers/command", qos.RELIABLE)
+
+        def answer(pressure_pa, text):
+            def callback(request, response):
+                asked_pa[0], response.success, response.message = pressure_pa, True, text
+                return response
+            return callback
+
+        node.create_service(Trigger, "~/enable", answer(1e3, "enabled"))
+        node.create_service(Trigger, "~/vent", answer(0.0, "commanding zero"))
+        node.create_service(Trigger, "~/reset", answer(0.0, "anew"))
+        stamp_ns = lambda: node.get_clock().now().nanoseconds
+        node.create_timer(
+            0.02, lambda: publisher.publish(messages.chambers(NAMES, np.array(asked_pa), stamp_ns()))
+        )
+        executor.add_node(node)
+
+    for namespace in sys.argv[2:]:
+        holder(namespace)
+    controller("left")
+    twin = Node("twin", namespace="left")
+    faults = FaultInterface(twin, sys.argv[1])
+    executor.add_node(twin)
+    print("ready", flush=True)
+    while True:
+        executor.spin_once(timeout_sec=1.0)
+    """
+)
+
+
+class Nodes:
+    """The nodes in a process of their own, and a visitor who knows them: to be found takes up to 3 s."""
+
+    def __init__(self, folder, holders) -> None:
+        self.socket = folder / "faults"
+        self.served = Served(self.socket)
+        command = [sys.executable, "-c", NODES, str(self.socket), *holders]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert self.process.stdout.readline() == b"ready\n"
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+        self.served.close()
+
+
+@pytest.fixture
+def nodes(request, domain, tmp_path, monkeypatch):
+    holders = getattr(request, "param", ("left", "right"))
+    nodes = Nodes(tmp_path, holders)
+    try:
+        with commands._visiting() as visitor:
+            monkeypatch.setattr(commands, "_visiting", lambda: contextlib.nullcontext(visitor))
+            # As long as it takes here, and then as long as it takes at once.
+            wait_until(
+                lambda: visitor.spin(0.1) or len(visitor.offering("vent")) > len(holders), 20, "discovery"
+            )
+            monkeypatch.setattr(services, "FIND_S", 0.2)
+            yield nodes
+    finally:
+        nodes.close()
+
+
+def test_vent_reset_and_enable_say_what_they_do(nodes, capfd):
+    def said(command, *arguments):
+        command(*arguments)
+        return capfd.readouterr().out.splitlines()
+
+    both = r"NODE: got ''; allowed: one of /left/regulator \(active\), /right/regulator \(active\)"
+    with pytest.raises(ConfigError, match=both):
+        reset("")  # the controller, which has no latch, is not one of them
+    assert sorted(said(vent, "")) == [
+        "/left/controller: commanding zero",
+        "/left/regulator: vented until ~/reset",
+        "/right/regulator: vented until ~/reset",
+    ]
+    assert said(enable, "") == ["/left/controller: enabled"]
+    with pytest.raises(SoroError, match=r"/left/regulator refuses: .* the command must be zero: `soro vent`"):
+        reset("/left/regulator")
+    assert capfd.readouterr().out == "/left/regulator: vented: vent requested\n"
+    assert said(vent, "controller") == ["/left/controller: commanding zero"]
+    assert said(reset, "left/regulator")[1:] == ["/left/regulator: reset"]
+    assert said(reset, "left/regulator")[1:] == ["/left/regulator: not latched, nothing to reset"]
+    with pytest.raises(
+        SoroError, match=r"no node middle in ROS domain .*there is /left/controller, /left/reg"
+    ):
+        reset("middle")
+
+
+@pytest.mark.parametrize("nodes", [()], indirect=True)
+def test_a_vent_that_reaches_no_valve_is_no_success(nodes, capfd):
+    """As after the driver was killed: the controller still answers."""
+    with pytest.raises(SoroError, match=r"nobody in ROS domain .* holds the air: no valve was told"):
+        vent("")
+    assert capfd.readouterr().out == "/left/controller: commanding zero\n"
+    with pytest.raises(SoroError, match="no node with a service ~/reset that publishes chambers/state"):
+        reset("")
+
+
+def test_a_node_that_hangs_keeps_no_command_waiting(nodes, capfd):
+    nodes.process.send_signal(signal.SIGSTOP)  # one that was killed stays known, too, for some seconds
+    with pytest.raises(typer.Exit) as left:
+        vent("", 0.5)
+    assert left.value.exit_code == 1
+    said = capfd.readouterr().err
+    assert "/right/regulator: service /right/regulator/vent did not answer within 0.5 s" in said
+    assert said.count("did not answer") == 3
+
+
+def test_a_fault_is_injected_or_refused_with_its_reason(nodes, capfd):
+    fault("/left/twin", "fault: leak, chamber: link0/chamber0, rate_1_s: 3")
+    assert [str(one) for one in nodes.served.faults.active] == ["leak of link0/chamber0 (rate_1_s 3)"]
+    refused = r"/left/twin refuses: .*chamber: got 'link0/chamber7'; allowed: one of link0/chamber0"
+    with pytest.raises(SoroError, match=refused):
+        fault("/left/twin", "fault: leak, chamber: link0/chamber7")
+    fault("twin", clear=True)
+    assert nodes.served.faults.active == ()
+    fault(str(nodes.socket), "fault: drop, duration_s: 5")  # of an emulator that no twin knows
+    assert [str(one) for one in nodes.served.faults.active] == ["drop (p 0.2)"]
+    assert "/left/twin: injected fault: leak" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("arguments", [(None, False), ("fault: drop", True)])
+def test_a_fault_or_clear_and_not_both(arguments):
+    with pytest.raises(ConfigError, match="a fault, or --clear"):
+        fault("twin", *arguments)
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (reset, "no node with a service ~/reset .* in ROS domain {} .*: start soro_regulator"),
+        (vent, "no node with a service ~/vent in ROS domain {} "),
+    ],
+)
+def test_nobody_is_an_error_that_names_the_domain(domain, command, says):
+    with pytest.raises(SoroError, match=says.format(domain)):
+        command("", 0.2)
+
+
+def test_a_domain_that_is_none_is_one_line(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "mine")
+    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID is not an integral number"):
+        reset("", 0.2)
+
+
+def test_ctrl_c_ends_the_search(domain):
+    process = subprocess.Popen([*SORO, "reset"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    time.sleep(1.5)  # amid the search of 4 s, or on a slow machine before it, which ends the same way
+    status, out, err = end(process, signal.SIGINT)
+    assert (status, out) == (130, "")
+    assert "interrupted" in err
+
+
+def test_a_run_hears_of_another_of_its_name(domain):
+    with Supervisor("arm") as supervisor:
+        node = Node("regulator", namespace="arm")
+        diagnostics = Diagnostics(node)
+        wait_until(lambda: diagnostics.publish() or supervisor.spin(0.05) or supervisor.status, 20, "status")
+        supervisor.check_alone({"regulator": os.getpid(), "recorder": 1})
+        with pytest.raises(
+            SoroError, match=rf"another /arm/regulator \(process {os.getpid()}\) is in ROS dom"
+        ):
+            supervisor.check_alone({"regulator": 1})
+        node.destroy_node()

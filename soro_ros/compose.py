@@ -20,6 +20,8 @@ from soro_ros.supervisor import Supervisor
 START_LIMIT_S = 180.0
 # The driver of a real arm's pose sensor is somebody else's, and runs already.
 POSE_LIMIT_S = 20.0
+# Nodes that run find one another within a second or two.
+LOOP_LIMIT_S = 30.0
 # Ended in this order: first what holds the valves, last what they hang on and what records them.
 END_ORDER = ("regulator", "controller", "estimator", "shadow", "twin", "recorder", "valves")
 
@@ -113,9 +115,15 @@ class Run:
             self._ready(supervisor, ["regulator"], cancelled)
         if scene.arm == "real":
             self._hear_arm(supervisor, cancelled)
+        if scene.mode == "real_time":
+            # Control that begins before all have found one another begins with old readings.
+            heard = "command of the controller, which answers readings and estimates"
+            supervisor.wait(heard, lambda: cancelled() or supervisor.commanded, self.check, LOOP_LIMIT_S)
         self.check()
         # Controllers of two runs would command the valves of both.
         supervisor.check_alone({name: self._children[name].process.pid for name in self.nodes})
+        if scene.mode == "lockstep":
+            supervisor.check_clock()
 
     def begin(self, supervisor: Supervisor) -> None:
         """Let time and control begin."""

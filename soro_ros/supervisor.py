@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -11,6 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
@@ -18,9 +20,11 @@ from soro_ros import messages, middleware, qos, services
 from soro_ros.diagnostics import ERROR
 from soro_ros.processes import NodeError
 
+_COMMAND, _WANTED = "chambers/command", "arm/desired/tip"
+
 
 class Supervisor:
-    """Listens to /diagnostics, /clock and for the first tip that the controller wants; a context manager.
+    """Listens to /diagnostics, /clock and for what the controller first says; a context manager.
 
     Parameters
     ----------
@@ -34,10 +38,11 @@ class Supervisor:
         self._prefix = f"/{namespace}/"
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self._node.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
-        self._first = self._node.create_subscription(
-            PoseStamped, "arm/desired/tip", self._on_wanted, qos.NEWEST
-        )
-        self._control_began: float | None = None
+        self._firsts = {
+            topic: self._node.create_subscription(kind, topic, partial(self._on_first, topic), qos.NEWEST)
+            for topic, kind in ((_COMMAND, JointState), (_WANTED, PoseStamped))
+        }
+        self._heard_s: dict[str, float] = {}
         self._executor = EventsExecutor()
         self._executor.add_node(self._node)
         self.clock_s = 0.0
@@ -56,14 +61,20 @@ class Supervisor:
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
-        if self._first is not None and self._control_began is not None:
-            self._node.destroy_subscription(self._first)  # one was enough: they come at the rate of the loop
-            self._first = None
+        for topic in (
+            self._heard_s.keys() & self._firsts.keys()
+        ):  # one was enough: they come at the loop's rate
+            self._node.destroy_subscription(self._firsts.pop(topic))
+
+    @property
+    def commanded(self) -> bool:
+        """Whether the controller has commanded anything, be it zero: then readings and estimates reach it."""
+        return _COMMAND in self._heard_s
 
     @property
     def controlled_s(self) -> float:
         """Wall time [s] since the controller's first set point; 0 before it."""
-        return 0.0 if self._control_began is None else time.monotonic() - self._control_began
+        return time.monotonic() - self._heard_s[_WANTED] if _WANTED in self._heard_s else 0.0
 
     def active(self, name: str) -> bool:
         """Whether a node says that it is active."""
@@ -93,6 +104,16 @@ class Supervisor:
                     f"another {self._prefix}{name} (process {', '.join(others)}) is in "
                     f"{services.domain(self._node)}: end that run, or set a ROS_DOMAIN_ID of one's own"
                 )
+
+    def check_clock(self) -> None:
+        """Raise SoroError if a node of others sets /clock too: nodes in lockstep would follow both."""
+        endpoints = self._node.get_publishers_info_by_topic("/clock")
+        names = {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in endpoints}
+        if others := sorted(names - {f"{self._prefix}twin"}):
+            raise SoroError(
+                f"{', '.join(others)} sets /clock too in {services.domain(self._node)}: end it, or set a "
+                "ROS_DOMAIN_ID of one's own"
+            )
 
     def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
         """Spin until `ready`; `check` may raise what went wrong meanwhile.
@@ -130,9 +151,8 @@ class Supervisor:
                 self.status[name] = status
                 self._heard.setdefault(name, set()).add(self.values(name).get("pid", "unknown"))
 
-    def _on_wanted(self, message: PoseStamped) -> None:
-        if self._control_began is None:
-            self._control_began = time.monotonic()
+    def _on_first(self, topic: str, message: object) -> None:
+        self._heard_s.setdefault(topic, time.monotonic())
 
     def _on_clock(self, message: Clock) -> None:
         self.clock_s = messages.to_ns(message.clock) * 1e-9

@@ -77,8 +77,10 @@ class Recorder(SoroNode[RecorderConfig]):
 
     def make_safe(self) -> None:
         try:
-            self._take_the_rest()
-            self._close()
+            try:
+                self._take_the_rest()
+            finally:  # whatever became of the subscriptions: what is written already stays readable
+                self._close()
         except Exception as error:
             self.failure = error if isinstance(error, SoroError) else SoroError(repr(error))
             self.get_logger().error(str(error))

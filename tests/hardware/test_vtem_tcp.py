@@ -17,6 +17,7 @@ from soro_core.errors import HardwareError
 from soro_core.hardware import doctor, load_platform, open_regulator
 from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.hardware.vtem.modbus import Client
+from soro_core.hardware.vtem.probe import check_speed
 from soro_core.hardware.vtem.registers import State, command
 
 
@@ -145,11 +146,21 @@ def test_doctor_reads_slots_and_speed_and_commands_nothing():
         lost = {finding.name: finding for finding in doctor.examine(wrong, address, run_s=0.0)}
     assert found["link0/chamber0, link0/chamber1 (slot 0)"].level == "ok"
     assert found["link0/chamber2 (slot 2)"].level == "fail"
-    assert found["speed"].level == "ok"
     assert "at most of 50; a cycle has 40.0 ms for 2" in found["speed"].found
     assert "registers.inputs" in lost["motion terminal"].do
     gone = {finding.name: finding for finding in doctor.examine(platform, "127.0.0.1:9", run_s=0.0)}
     assert "address and port" in gone["motion terminal"].do
+
+
+@pytest.mark.parametrize(
+    ("one_transaction", "worst_s", "level"),
+    [(False, 0.019, "ok"), (False, 0.021, "warn"), (True, 0.039, "ok"), (True, 0.041, "warn")],
+)
+def test_an_answer_that_a_cycle_has_no_time_for_is_warned_of(one_transaction, worst_s, level):
+    platform = vtem_platform(
+        cycle_budget_s=0.05, cycle_hz=20.0, registers={"one_transaction": one_transaction}
+    )
+    assert check_speed(platform, [0.001, worst_s, 0.002]).level == level
 
 
 def test_a_vent_is_sent_to_a_peer_that_never_stops():

@@ -345,6 +345,23 @@ def test_what_has_arrived_is_recorded_at_the_end(domain, tmp_path):
     assert [message.data for message in recorded] == [str(number) for number in range(20)]
 
 
+def test_a_recorder_whose_subscription_is_gone_closes_its_bag(domain, tmp_path):
+    words = ["-p", f"folder:={tmp_path / 'bag'}", "-p", "topics:=['early std_msgs/msg/String']"]
+    rclpy.init(args=["--ros-args", *words])
+    try:
+        recorder = Recorder()
+        recorder.trigger_configure()
+        recorder.trigger_activate()
+        for subscription in list(recorder.subscriptions):
+            recorder.destroy_subscription(subscription)
+        recorder.make_safe()
+        assert "InvalidHandle" in str(recorder.failure)
+        recorder.destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert payloads(tmp_path / "bag") == {}
+
+
 def test_simulated_time_is_the_time_of_the_bag(start, node, tmp_path):
     recorder = record(start, tmp_path / "bag", "use_sim_time:=true", "topics:=['/tick']", "flush_s:=0.05")
     clock, tick = node.create_publisher(Clock, "/clock", 10), node.create_publisher(String, "/tick", ALL)

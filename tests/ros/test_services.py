@@ -11,9 +11,10 @@ import time
 import pytest
 import typer
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import ConfigError, SoroError
-from soro_ros import services
+from soro_ros import qos, services
 from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
 from soro_ros.diagnostics import Diagnostics
@@ -27,6 +28,7 @@ NODES = textwrap.dedent(
     import numpy as np
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
     from soro_core.safety import Limits
@@ -223,3 +225,19 @@ def test_a_run_hears_of_another_of_its_name(domain):
         ):
             supervisor.check_alone({"regulator": 1})
         node.destroy_node()
+
+
+def test_a_run_in_lockstep_hears_of_another_clock(domain):
+    with Supervisor("arm") as supervisor:
+        own, other = Node("twin", namespace="arm"), Node("gazebo")
+        own.create_publisher(Clock, "/clock", qos.LOCKSTEP)
+        wait_until(lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 1, 20, "the own clock")
+        supervisor.check_clock()
+        other.create_publisher(Clock, "/clock", 10)
+        wait_until(
+            lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 2, 20, "the other clock"
+        )
+        with pytest.raises(SoroError, match=r"^/gazebo sets /clock too in ROS domain"):
+            supervisor.check_clock()
+        own.destroy_node()
+        other.destroy_node()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.finding import Finding
@@ -23,7 +23,7 @@ def look(
         terminal.client.reset()
         if terminal.read(platform.host.answer_timeout_s):
             yield from _slots(terminal)
-            yield _speed(platform, terminal, clock)
+            yield check_speed(platform, list(_answers(platform, terminal, clock)))
         else:
             why = terminal.client.refusal or "connected, but no answer to a reading"
             advice = (
@@ -50,18 +50,20 @@ def _slots(terminal: Terminal) -> Iterator[Finding]:
             yield Finding(name, "warn", found, "the start-up acknowledges it; look for its cause before")
 
 
-def _speed(platform: VtemPlatform, terminal: Terminal, clock: Callable[[], float]) -> Finding:
-    """How long a transaction takes, against the time that a cycle has for its one or two."""
-    took_s, budget_s = [], platform.budget_s
+def _answers(platform: VtemPlatform, terminal: Terminal, clock: Callable[[], float]) -> Iterator[float]:
     for _ in range(_READINGS):
         begin_s = clock()
         terminal.read(platform.host.answer_timeout_s)
-        took_s.append(clock() - begin_s)
-    each = 1 if platform.registers.one_transaction else 2
+        yield clock() - begin_s
+
+
+def check_speed(platform: VtemPlatform, took_s: Sequence[float]) -> Finding:
+    """How long transactions took [s], against the time that a cycle has for its one or two."""
+    budget_s, each = platform.budget_s, 1 if platform.registers.one_transaction else 2
     middle_s, worst_s = sorted(took_s)[len(took_s) // 2], max(took_s)
     found = (
-        f"answers after {middle_s * 1e3:.1f} ms, {worst_s * 1e3:.1f} ms at most of {_READINGS}; a cycle has "
-        f"{budget_s * 1e3:.1f} ms for {each}"
+        f"answers after {middle_s * 1e3:.1f} ms, {worst_s * 1e3:.1f} ms at most of {len(took_s)}; "
+        f"a cycle has {budget_s * 1e3:.1f} ms for {each}"
     )
     if each * worst_s > budget_s:
         advice = "lower cycle_hz and the scene's rate, raise cycle_budget_s; a cable of its own"

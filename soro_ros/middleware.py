@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+_PROFILES = Path(__file__).with_name("fastdds.xml")
 # Longest wait [s] for readers that have not taken everything when a node ends.
 DELIVERY_S = 3.0
 
 
 def init(args: list[str] | None = None) -> None:
-    """Initialise rclpy without its signal handlers (ADR 0004) and without shared memory (ADR 0007).
+    """Initialise rclpy without its signal handlers (ADR 0004) and shared memory (ADR 0007), and with times of
+    ours (ADR 0014).
 
-    Who sets FASTDDS_BUILTIN_TRANSPORTS has it their way.
+    Who sets FASTDDS_BUILTIN_TRANSPORTS or FASTRTPS_DEFAULT_PROFILES_FILE has it their way.
     """
     os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILES))
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 
 

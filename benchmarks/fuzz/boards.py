@@ -22,7 +22,7 @@ from soro_core.hardware.board.board import Board
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.emulated import EmulatedBoard
 from soro_core.hardware.board.frames import Frame, Kind
-from soro_core.hardware.board.server import Server
+from soro_core.hardware.board.loop import Server
 from soro_core.hardware.board.session import Session
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.veab import protocol

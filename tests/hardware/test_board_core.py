@@ -248,6 +248,8 @@ BAD_BOARDS = {
     "slow converter": ({"board": {"adc_rate_sps": 250}}, r"at least 1\.5 times cycle_hz"),
     "unknown rate": ({"board": {"adc_rate_sps": 500}}, "one of 128, 250, 490"),
     "sensor beyond the converter": ({"board": {"adc_divider": 2.0}}, "at most 4.096 V"),
+    "host by name": ({"board": {"hosts": ["raspberrypi"]}}, "or networks as 192"),
+    "host within its network": ({"board": {"hosts": ["192.168.4.3/24"]}}, "or networks as 192"),
     "address": ({"ports": [{**BOARD["ports"][0], "dac": 0x50}]}, r"ports\[0\]\.dac: got 80"),
 }
 

@@ -5,6 +5,7 @@ The same file goes to the host and to the board: both must agree on ports, scale
 
 from __future__ import annotations
 
+from ipaddress import ip_address, ip_network
 from itertools import pairwise
 from typing import Annotated, ClassVar, Literal
 
@@ -55,6 +56,23 @@ class BoardOptions(Strict):
     adc_full_scale_v: float = Field(2.048, description="range of the ADC's amplifier")
     adc_divider: float = Field(5.0, ge=1, le=20, description="voltage of the sensor over that at the ADC")
     adc_rate_sps: int = Field(490, description="conversions a second")
+    hosts: tuple[str, ...] = Field(
+        (), strict=False, description="addresses and networks whose hosts may connect; empty: every host"
+    )
+
+    def admits(self, address: str) -> bool:
+        """Whether a host of this IP address may connect."""
+        return not self.hosts or any(ip_address(address) in ip_network(host) for host in self.hosts)
+
+    @field_validator("hosts")
+    @classmethod
+    def _networks(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for host in value:
+            try:
+                ip_network(host)
+            except ValueError:
+                raise ValueError("addresses as 192.168.4.3, or networks as 192.168.4.0/24") from None
+        return value
 
     @field_validator("adc_full_scale_v")
     @classmethod

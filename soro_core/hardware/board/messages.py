@@ -44,6 +44,7 @@ class Refusal(enum.IntEnum):
     LATCHED = 4
     OLD = 5
     NO_HELLO = 6
+    STRANGER = 7
 
 
 class Cause(enum.IntEnum):

@@ -18,6 +18,7 @@ _REFUSALS: dict[int, str] = {
     Refusal.RANGE: "refuses a set point as out of its range",
     Refusal.OLD: "refuses a set point as older than the last",
     Refusal.NO_HELLO: "does not know this host",
+    Refusal.STRANGER: "does not admit this host: board.hosts in the platform file on the Pi",
 }
 _FLAGS = {
     PortFlag.DAC_ERROR: "DAC does not answer",

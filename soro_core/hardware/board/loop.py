@@ -1,0 +1,150 @@
+"""The loop of `soro board`: one host at a time over TCP, and the board's own clock."""
+
+from __future__ import annotations
+
+import contextlib
+import selectors
+import socket
+from collections.abc import Callable
+
+from soro_core.hardware.board import frames, messages
+from soro_core.hardware.board.board import Board
+from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.messages import Refusal
+
+_CHUNK = 65536
+_BACKLOG = 16384  # bytes kept for a host that does not read; further frames are dropped whole
+_DRAIN = 16  # chunks of the present host that are taken before a new one is refused
+_IDLE_NS = 1_000_000_000  # a host that has been silent for so long gives way to a new one
+
+
+class Server:
+    """One loop around sockets and board.
+
+    Parameters
+    ----------
+    board : Board
+        What is served.
+    listener : socket
+        Listening socket.
+    clock : callable
+        Monotonic time [ns].
+    beat : callable
+        Called in every turn, at least once in a period of the ports.
+    admits : callable
+        Whether a host of this address may connect.
+    """
+
+    def __init__(
+        self,
+        board: Board,
+        listener: socket.socket,
+        clock: Callable[[], int],
+        beat: Callable[[], None],
+        admits: Callable[[str], bool] = lambda address: True,
+    ) -> None:
+        self._board, self._listener, self._clock, self._beat = board, listener, clock, beat
+        self._admits = admits
+        self._host: socket.socket | None = None
+        self._heard_ns = 0
+        self._output = bytearray()
+        self._stopped = False
+        # select() waits with microseconds; epoll and poll round up to milliseconds.
+        self._selector = selectors.SelectSelector()
+        listener.setblocking(False)
+        self._selector.register(listener, selectors.EVENT_READ, self._accept)
+
+    def run(self) -> None:
+        """Serve until `stop`; the ports are at 0 Pa when this ends, however it ends."""
+        try:
+            while not self._stopped:
+                self._beat()
+                self._put(self._board.poll(self._clock()))
+                timeout_s = (self._board.next_event_ns - self._clock()) * 1e-9
+                for key, _ in self._selector.select(max(timeout_s, 0.0)):
+                    key.data()
+        finally:
+            self._put(self._board.stop(self._clock()))
+            self._drop()
+            self._selector.close()
+
+    def wake_on(self, descriptor: int) -> None:
+        """Let `run` look whether it has been stopped when a descriptor becomes readable."""
+        self._selector.register(descriptor, selectors.EVENT_READ, lambda: None)
+
+    def stop(self) -> None:
+        """End `run` after the present turn; may be called from a signal handler."""
+        self._stopped = True
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            host, (address, *_) = self._listener.accept()
+            host.setblocking(False)
+            if not self._admits(address):
+                _turn_away(host, Refusal.STRANGER)
+                return
+            # A host that has just left must not keep the next one out.
+            for _ in range(_DRAIN):
+                if not self._read():
+                    break
+            now_ns = self._clock()
+            if self._host is not None and now_ns - self._heard_ns < _IDLE_NS:
+                _turn_away(host, Refusal.BUSY)
+                return
+            self._leave()
+            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._host, self._heard_ns = host, now_ns
+            self._selector.register(host, selectors.EVENT_READ, self._read)
+
+    def _read(self) -> bool:
+        """Take what has come; whether there may be more."""
+        if self._host is None:
+            return False
+        try:
+            chunk = self._host.recv(_CHUNK)
+        except BlockingIOError:
+            return False
+        except OSError:
+            chunk = b""
+        if not chunk:
+            self._leave()
+            return False
+        now_ns = self._clock()
+        if answer := self._board.feed(chunk, now_ns):
+            self._heard_ns = now_ns  # garbage is no sign of life
+            self._put(answer)
+        return True
+
+    def _put(self, data: bytes) -> None:
+        if self._host is None:
+            return
+        if len(self._output) + len(data) <= _BACKLOG:
+            self._output += data
+        if not self._output:
+            return
+        try:
+            del self._output[: self._host.send(self._output)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._leave()
+
+    def _leave(self) -> None:
+        """The host has gone."""
+        if self._host is not None:
+            self._drop()
+            self._board.host_gone(self._clock())
+
+    def _drop(self) -> None:
+        host, self._host = self._host, None
+        self._output.clear()
+        if host is not None:
+            self._selector.unregister(host)
+            host.close()
+
+
+def _turn_away(host: socket.socket, why: Refusal) -> None:
+    """Say why, once, and hang up."""
+    with contextlib.suppress(OSError):
+        host.send(frames.encode(Frame(Kind.REFUSED, 0, messages.pack_refused(why))))
+    host.close()

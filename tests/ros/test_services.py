@@ -28,7 +28,6 @@ NODES = textwrap.dedent(
     import numpy as np
     from rclpy.experimental.events_executor import EventsExecutor
     from rclpy.node import Node
-from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
     from soro_core.safety import Limits
@@ -98,7 +97,9 @@ class Nodes:
         self.served = Served(self.socket)
         command = [sys.executable, "-c", NODES, str(self.socket), *holders]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
-        assert self.process.stdout.readline() == b"ready\n"
+        if self.process.stdout.readline() != b"ready\n":
+            self.close()
+            raise AssertionError("the nodes do not begin")
 
     def close(self) -> None:
         self.process.kill()

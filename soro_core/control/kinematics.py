@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from soro_core.control.allocation import allocate, balanced_weight
 from soro_core.model import SoftArm
@@ -55,6 +54,8 @@ def inverse_kinematics(
     rotation_weight_m : float
         Metres that one radian is worth.
     """
+    from scipy.spatial.transform import Rotation  # loaded late: most references are of coordinates
+
     length = float(sum(link.length for link in arm.robot.links))
     target = None if orientation is None or rotation_weight_m <= 0.0 else Rotation.from_quat(orientation)
 

@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from soro_core.control.config import Adaptation
 from soro_core.control.projection import Pair, Polytope
@@ -169,7 +168,8 @@ def _columns(arm: SoftArm, fields: StrainFields, group: str, where: str) -> list
 def _uniform_damping(arm: SoftArm, fields: StrainFields, field: int) -> float:
     """Largest rho with R >= rho W: what is left of R then dissipates, whatever rho the estimate takes on."""
     at = np.ix_(fields.index == field, fields.index == field)
-    return float(eigh(arm.damping_matrix()[at], fields.weight[at], eigvals_only=True)[0])
+    root = np.linalg.inv(np.linalg.cholesky(fields.weight[at]))
+    return float(np.linalg.eigvalsh(root @ arm.damping_matrix()[at] @ root.T)[0])
 
 
 def _pairs(arm: SoftArm, columns: tuple[Column, ...], config: Adaptation) -> tuple[Pair, ...]:

@@ -10,7 +10,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BPoly, CubicSpline
 
 from soro_core.errors import ConfigError
 
@@ -188,6 +187,8 @@ class Waypoints(Reference):
         self._begin, self._end = q[0].copy(), q[-1].copy()
         self._curves = None
         if times.size > 1:
+            from scipy.interpolate import BPoly, CubicSpline  # loaded late: most references have no waypoints
+
             if qd is None:
                 curve = CubicSpline(start_s + times, q, bc_type="clamped")
             else:

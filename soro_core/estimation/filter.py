@@ -21,7 +21,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.measurement import Innovation
@@ -95,7 +94,11 @@ class Filter:
 
     def _blocks(self, *four: Array) -> Array:
         """Covariance of (q, qd, disturbance, drift), without the last two where they are not estimated."""
-        return np.asarray(block_diag(*(four if self.n_d else four[:2])))
+        count = 4 if self.n_d else 2
+        matrix = np.zeros((count, self.n, count, self.n))
+        for i in range(count):
+            matrix[i, :, i, :] = four[i]
+        return matrix.reshape(count * self.n, count * self.n)
 
     def start(self, q: Array | None = None) -> Belief:
         """Return the belief before anything was measured."""

@@ -6,7 +6,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import root
 
 from soro_core.errors import ModelError
 from soro_core.model.checks import finite, listed, require, shaped
@@ -61,6 +60,7 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
 
 def _search(arm: SoftArm, p: Array, share: float, begin: Array) -> tuple[Array, str]:
     """Equilibrium with this share of the forces from outside, and what was in the way of it."""
+    from scipy.optimize import root  # loaded late: nodes do without it
 
     def unbalanced(q: Array) -> Array:
         force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p

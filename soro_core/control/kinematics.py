@@ -60,7 +60,7 @@ def inverse_kinematics(
     target = None if orientation is None or rotation_weight_m <= 0.0 else Rotation.from_quat(orientation)
 
     def residual(q: Array) -> tuple[Array, Array]:
-        pose, jacobian = arm.pose(q, length), arm.jacobian(q, length)
+        pose, jacobian = arm.pose_and_jacobian(q, length)
         rotation = pose[:3, :3]
         rows = [np.asarray(position - pose[:3, 3])]
         slopes = [rotation @ jacobian[3:]]

@@ -262,7 +262,7 @@ class Estimator:
 
     def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
         belief, n = state.belief, self.arm.n_q
-        pose, jacobian = self.arm.pose(belief.q, self.length), self.arm.jacobian(belief.q, self.length)
+        pose, jacobian = self.arm.pose_and_jacobian(belief.q, self.length)
         rotation = pose[:3, :3]
         world = np.vstack([rotation @ jacobian[3:], rotation @ jacobian[:3]])
         noise = self.config.pose

@@ -40,7 +40,7 @@ def innovation(
 ) -> Innovation | None:
     """Compare a sample with the state; None where the sample says nothing (an IMU that is shaken)."""
     s = min(max(sample.s, 0.0), _length(arm))
-    pose, jacobian = arm.pose(q, s), arm.jacobian(q, s)
+    pose, jacobian = arm.pose_and_jacobian(q, s)
     if isinstance(sample, PoseSample):
         return _pose(config, sample, pose, jacobian)
     return _imu(config, sample, pose, jacobian, qd, np.asarray(arm.robot.gravity, dtype=np.float64))

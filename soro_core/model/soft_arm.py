@@ -166,13 +166,22 @@ class SoftArm:
 
     def pose(self, q: ArrayLike, s: float) -> Array:
         """Pose (4, 4) in the world at `s` metres of undeformed length from the base."""
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3], _ = self._kinematics(q, s)
-        return T
+        return self.pose_and_jacobian(q, s)[0]
 
     def jacobian(self, q: ArrayLike, s: float) -> Array:
         """Body Jacobian (6, n_q) at `s`, rows (angular, linear)."""
-        return np.ascontiguousarray(self._kinematics(q, s)[2].T)
+        return self.pose_and_jacobian(q, s)[1]
+
+    def pose_and_jacobian(self, q: ArrayLike, s: float) -> tuple[Array, Array]:
+        """`pose` and `jacobian` at `s`, found together."""
+        q, _ = self._state(q)
+        place = number(s)
+        if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
+            raise ModelError(f"s = {short(s)} m: allowed is 0 to {self.length!r} m")
+        T, R, p, J = np.eye(4), np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
+        entries.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
+        T[:3, :3], T[:3, 3] = R, p
+        return T, np.ascontiguousarray(J.T)
 
     def forward_dynamics(
         self,
@@ -246,15 +255,6 @@ class SoftArm:
         Y = np.empty((self.n_q, 4 * len(self.robot.links)))
         entries.elastic_regressor(self._box, q, Y)
         return Y
-
-    def _kinematics(self, q: ArrayLike, s: float) -> tuple[Array, Array, Array]:
-        q, _ = self._state(q)
-        place = number(s)
-        if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
-            raise ModelError(f"s = {short(s)} m: allowed is 0 to {self.length!r} m")
-        R, p, J = np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
-        entries.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
-        return R, p, J
 
     def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
         row: Array = self._inertial(q, qd, v.reshape(1, -1), a.reshape(1, -1), gravity)[0]

@@ -39,6 +39,8 @@ class StrainFields:
         Link and strain of each field.
     index : ndarray of int (n_q,)
         The field that each coordinate belongs to.
+    first : ndarray of int (n_fields,)
+        The first coordinate of each field.
     stretch : ndarray of bool (n_q,)
         Elongation and shears (no unit), as against bending and torsion [1/m].
     length : ndarray (n_q,)
@@ -59,6 +61,7 @@ class StrainFields:
     links: tuple[int, ...]
     strains: tuple[str, ...]
     index: Integers
+    first: Integers
     stretch: Booleans
     length: Array
     weight: Array
@@ -74,8 +77,7 @@ class StrainFields:
 
     def peaks(self, q: Array) -> Array:
         """Return the largest absolute strain along the link of the field of each coordinate, (n_q,)."""
-        first = np.flatnonzero(np.diff(self.index, prepend=-1))
-        values = np.add.reduceat(q[:, None] * self.samples, first, axis=0)
+        values = np.add.reduceat(q[:, None] * self.samples, self.first, axis=0)
         peaks: Array = np.max(np.abs(values), axis=1)[self.index]
         return peaks
 
@@ -102,6 +104,7 @@ def strain_fields(robot: Robot) -> StrainFields:
         links=tuple(i for i, link in enumerate(robot.links) for _ in link.strains),
         strains=tuple(strain for link in robot.links for strain in link.strains),
         index=np.repeat(np.arange(len(counts)), counts),
+        first=np.cumsum([0, *counts])[:-1],
         stretch=np.array([strain in STRETCHES for _, strain in rows]),
         length=np.array([link.length for link, _ in rows]),
         weight=weight,

@@ -90,7 +90,7 @@ NODES = textwrap.dedent(
 
 
 class Nodes:
-    """The nodes in a process of their own, and a visitor who knows them: to be found takes up to 3 s."""
+    """The nodes in a process of their own, and a visitor who knows them: to be found takes time."""
 
     def __init__(self, folder, holders) -> None:
         self.socket = folder / "faults"

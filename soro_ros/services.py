@@ -16,7 +16,7 @@ from rclpy.node import Node
 from soro_core.errors import ConfigError, SoroError
 from soro_ros import middleware
 
-# Nodes are searched for this long [s]: those with the times of Fast DDS itself make themselves known every 3 s.
+# Nodes are searched for this long [s]: with the times of Fast DDS itself one makes itself known every 3 s.
 FIND_S = 4.0
 # A wait is looked at this often, so that a Ctrl-C is heard.
 _LOOK_S = 0.05

@@ -76,6 +76,11 @@ def main() -> NoReturn:
     except SoroError as error:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(1)
+    except OSError as error:  # a full disk, a file of somebody else
+        if error.filename is None:
+            raise
+        print(f"soro: {error.filename}: {error.strerror}", file=sys.stderr)
+        sys.exit(1)
     finally:
         begin()
     sys.exit(0)

@@ -22,6 +22,8 @@ START_LIMIT_S = 180.0
 POSE_LIMIT_S = 20.0
 # Nodes that run find one another within a second or two.
 LOOP_LIMIT_S = 30.0
+# So long one may take to end [s]: to vent and to see that it has, to write what is left; others 5 s.
+_PATIENCE_S = {"regulator": 10.0, "recorder": 10.0}
 # Ended in this order: first what holds the valves, last what they hang on and what records them.
 END_ORDER = ("regulator", "controller", "estimator", "shadow", "twin", "recorder", "valves")
 
@@ -148,9 +150,9 @@ class Run:
             child = self._children.pop(name, None)
             if child is None:
                 continue
-            self._status[name] = processes.stop(child, patience_s=15.0)
+            self._status[name], forced = processes.stop(child, _PATIENCE_S.get(name, 5.0))
             if self._status[name] != 0:
-                trouble[name] = child.obituary()
+                trouble[name] = child.obituary(forced)
         self._links.cleanup()
         return trouble
 

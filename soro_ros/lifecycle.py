@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import signal
 import sys
 import time
 import traceback
@@ -30,6 +31,8 @@ Config = TypeVar("Config", bound=Strict)
 
 # rclpy's own spin() of the events executor never returns to Python; a bounded wait lets signals through.
 SPIN_WAIT_S = 0.1
+# Longest time for what the middleware does when Python has ended.
+LEAVE_S = 10
 
 
 class SoroNode(LifecycleNode, Generic[Config]):
@@ -206,6 +209,10 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
     """
     with signals.noted() as stopping:
         status = _run(node_class, args, stopping)
+    # All is done. The middleware takes its leave after Python's end; should it hang there, at real-time
+    # priority, the kernel ends it.
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(LEAVE_S)
     raise SystemExit(status)
 
 

@@ -47,8 +47,10 @@ class Child:
     process: subprocess.Popen[bytes]
     log: Path
 
-    def obituary(self) -> str:
-        """Status and last words of a process that has ended."""
+    def obituary(self, forced: bool = False) -> str:
+        """Status and last words of a process that has ended; `forced` for one that `stop` had to kill."""
+        if forced:
+            return f"{self.name} did not end when it was asked to, and was killed"
         status = self.process.poll()
         killed = status == -signal.SIGKILL  # its last words were of something else
         said = "killed (SIGKILL: by hand, or out of memory)" if killed else self.last_words()
@@ -100,17 +102,25 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path, *ex
     return [*module, "--ros-args", "--params-file", str(file), "-r", f"__ns:=/{namespace}", *extra]
 
 
-def stop(child: Child, patience_s: float) -> int:
-    """End a process: SIGINT until it listens, then SIGTERM, then SIGKILL; returns its exit status."""
+def stop(child: Child, patience_s: float) -> tuple[int, bool]:
+    """End a process: SIGINT until it listens, then SIGTERM, then SIGKILL.
+
+    Returns
+    -------
+    status : int
+    forced : bool
+        Whether it took more than SIGINT.
+    """
     process, begin = child.process, time.monotonic()
     while process.poll() is None and time.monotonic() - begin < patience_s:
         process.send_signal(signal.SIGINT)
         _ended(process, REPEAT_S)
+    forced = process.poll() is None
     for number in (signal.SIGTERM, signal.SIGKILL):
         if process.poll() is None:
             process.send_signal(number)
             _ended(process, 2.0)
-    return process.wait()
+    return process.wait(), forced
 
 
 def _ended(process: subprocess.Popen[bytes], limit_s: float) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 
 import rclpy
@@ -20,6 +21,8 @@ from soro_ros import messages, middleware, qos, services
 from soro_ros.diagnostics import ERROR
 from soro_ros.processes import NodeError
 
+# /diagnostics come once a second; a machine that is busy for so long cannot control anything either.
+SILENT_S = 8.0
 _COMMAND, _WANTED = "chambers/command", "arm/desired/tip"
 
 
@@ -48,6 +51,7 @@ class Supervisor:
         self.clock_s = 0.0
         self.status: dict[str, DiagnosticStatus] = {}
         self._heard: dict[str, set[str]] = {}  # processes that call themselves by a name
+        self._said_s: dict[str, float] = {}
 
     def __enter__(self) -> Supervisor:
         return self
@@ -89,6 +93,15 @@ class Supervisor:
         for name, status in self.status.items():
             if status.level == ERROR:
                 raise NodeError(name, f"{name}: {status.message}")
+
+    def check_heard(self, names: Iterable[str]) -> None:
+        """Raise NodeError if a node says nothing any more though its process lives."""
+        for name in names:
+            silent_s = time.monotonic() - self._said_s.get(name, math.inf)
+            if silent_s > SILENT_S:
+                raise NodeError(
+                    name, f"{name}: has said nothing for {silent_s:.0f} s: it hangs or was stopped"
+                )
 
     def check_alone(self, own: Mapping[str, int]) -> None:
         """Raise SoroError if another process has the name of one's own, as where two runs meet.
@@ -148,7 +161,7 @@ class Supervisor:
         for status in message.status:
             if status.name.startswith(self._prefix):
                 name = status.name.removeprefix(self._prefix)
-                self.status[name] = status
+                self.status[name], self._said_s[name] = status, time.monotonic()
                 self._heard.setdefault(name, set()).add(self.values(name).get("pid", "unknown"))
 
     def _on_first(self, topic: str, message: object) -> None:

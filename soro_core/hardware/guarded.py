@@ -32,10 +32,11 @@ class GuardedRegulator:
     Raises
     ------
     ConfigError
-        If the devices are too slow to be watched.
+        If the devices are too slow to be watched, or limits are beyond the platform's rating.
     """
 
     def __init__(self, platform: PlatformBase, regulator: Regulator, limits: safety.Limits) -> None:
+        safety.check_rating(limits, platform.rating, where="platform")
         self.regulator = regulator
         self.limits, self._response = watched(platform, regulator, limits, platform.cycle_hz, "platform")
         self.state = safety.initial_state(regulator.n_chambers, regulator.chamber_names)

@@ -153,7 +153,7 @@ def request_vent(state: SafetyState, cause: str) -> SafetyState:
 
 
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:
-    """Leave the latch, if no live source asks for pressure.
+    """Leave the latch, if the last command, however old, was zero; its source and stamp stay those to beat.
 
     Returns
     -------
@@ -164,12 +164,23 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     if not state.vented:
         return state, None
     live = state.command_ns is not None and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
-    if live and np.any(state.command_pa != 0.0):
-        return state, f"{state.command_source} still asks for pressure: the command must be zero"
+    if np.any(state.command_pa != 0.0):
+        asks = "still asks" if live else "asked last"
+        return state, f"{state.command_source} {asks} for pressure: the command must be zero"
     if state.over_ns is not None:
         return state, "a measured pressure is still above the limit"
-    fresh = initial_state(state.setpoint_pa.shape[0], state.monitors.names)
-    return replace(fresh, cycle_ns=state.cycle_ns, rejected=state.rejected), None
+    return (
+        replace(
+            initial_state(state.setpoint_pa.shape[0], state.monitors.names),
+            # A source that was silent for long is not lost now, but what it sent before stays sent before.
+            command_ns=state.command_ns if live else None,
+            command_stamp_ns=state.command_stamp_ns,
+            command_source=state.command_source,
+            cycle_ns=state.cycle_ns,
+            rejected=state.rejected,
+        ),
+        None,
+    )
 
 
 def _refuse(
@@ -193,11 +204,10 @@ def _refuse(
         return f"stale: {age:.3f} s old, allowed {limits.command_age_s:g} s"
     if age < -limits.command_age_s:
         return f"from the future: stamped {-age:.3f} s ahead"
-    if state.command_ns is not None:
-        if source != state.command_source and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s:
-            return f"second source: {source} while {state.command_source} is live"
-        if source == state.command_source and stamp_ns <= state.command_stamp_ns:
-            return "out of order: not newer than the last command"
+    if source == state.command_source:
+        return "out of order: not newer than the last command" if stamp_ns <= state.command_stamp_ns else None
+    if state.command_ns is not None and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s:
+        return f"second source: {source} while {state.command_source} is live"
     return None
 
 

@@ -192,6 +192,7 @@ class Scene(Strict):
             mode=self.mode,
             rate_hz=self.rate_hz,
             limits=self.limits,
+            take_over=True,
         )
 
     def estimator_node(self) -> EstimatorNodeConfig:
@@ -213,12 +214,19 @@ class Scene(Strict):
 
     def controller_node(self) -> ControllerNodeConfig:
         """Parameters of the controller node; not enabled: it waits, so that everybody is there at t = 0."""
+        # What the limiter would refuse is not to be asked for: the controller knows these as its bounds.
+        asked = self.controller.pressures
+        bounds = {
+            "minimum_pa": max(asked.minimum_pa, self.limits.minimum_pa),
+            "maximum_pa": min(asked.maximum_pa, self.limits.maximum_pa),
+        }
+        pressures = asked.model_copy(update=bounds)
         return ControllerNodeConfig(
             robot=self.robot,
             model=self.discretisation,
             mode=self.mode,
             rate_hz=self.rate_hz,
-            control=self.controller,
+            control=self.controller.model_copy(update={"pressures": pressures}),
         )
 
 

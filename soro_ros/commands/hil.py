@@ -91,6 +91,7 @@ def first_pressure(
     # A Ctrl-C while nothing moves yet, at the wait for a first pose, ends it at once.
     with _tip_of(pose) as tip, signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
+        target = new_folder(folder, "first-pressure")  # one that cannot be written to is told before any air
         guarded = PacedRegulator(loaded, regulator, limits, lockstep, tip)
         with punctual():
             state = pressurise(
@@ -103,11 +104,10 @@ def first_pressure(
             )
     about = {**_about(platform, device or loaded.device), "robot": robot or "-"}
     title = f"First pressurisation of {platform}"
-    target = new_folder(folder, "first-pressure")
+    show(title, state.findings)
     (target / "report.md").write_text(report.markdown(title, about, plan, state))
     (target / "report.json").write_text(report.first_pressure_json(about, plan, state))
     report.draw_first_pressure(target / "report.png", title, plan, samples)
-    show(title, state.findings)
     typer.echo(f"report: {target / 'report.md'}", err=True)
     raise typer.Exit(130 if stopped else 0 if report.verdict(state.findings) == "passed" else 1)
 
@@ -155,6 +155,7 @@ def latency(
         raise typer.Exit(1)
     with signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
+        target = new_folder(folder, "latency")  # one that cannot be written to is told before any air
         guarded = PacedRegulator(loaded, regulator, limits, lockstep)
         with punctual():
             try:
@@ -167,15 +168,14 @@ def latency(
     found = evaluate(config, regulator.chamber_names, loaded.cycle_hz, runs)
     findings = compare(found, loaded.emulation.regulator, min(loaded.cycle_hz, regulator.update_hz))
     about, title = _about(platform, device or loaded.device), f"Latency of {platform}"
-    target = new_folder(folder, "latency")
-    (target / "report.md").write_text(report.latency_markdown(title, about, found, findings))
-    (target / "report.json").write_text(report.latency_json(about, found))
-    report.draw_latency(target / "report.png", title, found)
     show_rows(title, report.LATENCY_HEAD, report.latency_rows(found))
     typer.echo(
         f"set points sent to readings exchanged: {report.milliseconds(found.exchange)} ms p50 / p99 / max"
     )
     show("against the platform file", findings)
+    (target / "report.md").write_text(report.latency_markdown(title, about, found, findings))
+    (target / "report.json").write_text(report.latency_json(about, found))
+    report.draw_latency(target / "report.png", title, found)
     typer.echo(f"report: {target / 'report.md'}", err=True)
 
 

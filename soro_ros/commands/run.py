@@ -140,6 +140,7 @@ def _watch(run: Any, supervisor: Any, scene: Scene, interrupted: list[int], cons
             supervisor.spin(0.1)
             run.check()
             supervisor.check()
+            supervisor.check_heard(run.nodes)
             now = supervisor.clock_s if scene.mode == "lockstep" else supervisor.controlled_s
             if now > last:
                 last, moved = now, time.monotonic()

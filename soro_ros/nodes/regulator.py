@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 import numpy as np
@@ -14,8 +15,14 @@ from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.latch_file import LatchFile
 from soro_ros.lifecycle import SoroNode, run_node
 from soro_ros.timing import LoopTimer
+
+# A vent that somebody asks for in order, and that the next process need not hear of.
+DEACTIVATED = "deactivated"
+# What the next process finds where this one could not say anything any more.
+_KILLED = "the last driver, process {}, ended without venting"
 
 
 class RegulatorNode(SoroNode[RegulatorNodeConfig]):
@@ -26,6 +33,9 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def __init__(self) -> None:
         self._regulator: Regulator | None = None
+        self._left: str | None = None
+        """Cause of a vent that the configuration before this one ended with."""
+        self._latch_file: LatchFile | None = None
         super().__init__()
 
     def setup(self, config: RegulatorNodeConfig) -> None:
@@ -36,7 +46,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             raise ConfigError("parameters of regulator", "device", "", allowed)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._period_ns = round(1e9 / config.rate_hz)
-        self._tick_ns: int | None = None
+        self._latch_file, self._tick_ns = None, None
         self._last_tick_wall = time.monotonic()
         self._regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self.get_logger().info(f"configuring {self._regulator.n_chambers} regulators of {config.platform}")
@@ -65,6 +75,12 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._reported = 0
         # The driver has to go through its start-up again before it takes set points.
         self._lost = False
+        latch_file = LatchFile(config.device or str(platform.device))
+        left = self._left or (None if self._lockstep or config.take_over else latch_file.cause())
+        if left is not None:
+            self._chambers.vent(left)
+        self._latch_file = None if self._lockstep else latch_file
+        self._note(left or _KILLED.format(os.getpid()))
 
     def start(self) -> None:
         self._active = True
@@ -78,7 +94,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._active = False
         # Vented and latched: active again, it needs ~/reset like after any other vent.
         if self._regulator is not None:
-            self._chambers.vent("deactivated")
+            self._chambers.vent(DEACTIVATED)
             self._obey(True)
 
     def teardown(self) -> None:
@@ -92,6 +108,9 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
                 regulator.vent()
             finally:
                 regulator.close()
+            if self._latch_file is not None:
+                self._left = None if self._chambers.cause == DEACTIVATED else self._chambers.cause
+                self._note(self._left)
 
     def _now_ns(self) -> int:
         if self._lockstep:
@@ -137,7 +156,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._chambers.vent(str(error))
             self._obey(True)
             return
-        self._lost = self._lost or any(fault.latched for fault in exchange.faults)
+        # Whatever the devices complain of, a reset takes them through their start-up, or says why it cannot.
+        self._lost = self._lost or exchange.trouble is not None
         reading = exchange.known_pa
         self._obey(self._chambers.judge(reading, exchange.fresh, exchange.trouble, exchange.supply_pa))
         # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
@@ -151,13 +171,27 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._regulator.configure()
             self._lost = False
 
+    def _note(self, cause: str | None) -> None:
+        """Keep why the arm is vented for the next process, or for the end of this one; None: it is not."""
+        if self._latch_file is None:
+            return
+        try:
+            if cause is None:
+                self._latch_file.clear()
+            else:
+                self._latch_file.write(cause)
+        except OSError as error:
+            self.get_logger().warning(f"no note of the latch for the next driver: {error}", once=True)
+
     def _obey(self, vented: bool) -> None:
         """Vent when the latch closes, whatever closed it, and say so; say so too when it opens."""
         if vented and not self._vented:
             self._regulator.vent()
             self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
+            self._note(self._chambers.cause)
         elif self._vented and not vented:
             self.diagnostics.update(OK, "active", self._values())
+            self._note(_KILLED.format(os.getpid()))
         self._vented = vented
 
     def diagnose(self) -> None:

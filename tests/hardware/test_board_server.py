@@ -239,6 +239,18 @@ def test_one_host_at_a_time(lasting):
     second.close()
 
 
+def test_a_guard_that_cannot_vent_says_so():
+    """The server dies with a bus that nobody answers on: the DACs hold what they have."""
+    script = (
+        "import os, sys\nfrom soro_core.hardware.board.guard import guarded\n"
+        "sys.exit(guarded(lambda beat: os.kill(os.getpid(), 9), lambda: (1, 3), 1.0))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "NOT ALL VENTED: ports 1, 3 do not answer and hold their voltage" in done.stderr
+    assert "the server was killed by SIGKILL" in done.stderr
+
+
 def test_only_hosts_of_the_platform_file_are_admitted(tmp_path):
     admitted, turned_away = tmp_path / "admitted", tmp_path / "turned_away"
     for folder in (admitted, turned_away):

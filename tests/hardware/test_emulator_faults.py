@@ -88,8 +88,8 @@ def test_over_the_control_socket(tmp_path):
 
 
 def test_an_adapter_that_is_pulled_out_and_put_back(tmp_path):
-    path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 2.0, "rpdo_deadline_s": 2.0})
-    given = platform(canopen={"heartbeat_consumer_s": 2.0, "rpdo_deadline_s": 2.0})
+    path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 1.0, "rpdo_deadline_s": 0.5})
+    given = platform(canopen={"heartbeat_consumer_s": 1.0, "rpdo_deadline_s": 0.5})
     with (
         emulator(tmp_path, "--control", str(tmp_path / "faults"), platform=path) as served,
         driver(given, served.device, lockstep=False) as regulator,

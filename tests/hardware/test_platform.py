@@ -7,8 +7,9 @@ from hardware_bench import BASE, platform, platform_file
 from soro_core.config import config_folder
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import load_platform, open_regulator
+from soro_core.hardware.guarded import GuardedRegulator
 from soro_core.hardware.platform import watched
-from soro_core.safety import Limits
+from soro_core.safety import Limits, Monitors
 
 BASE_TEXT = yaml.safe_dump(BASE)
 VALVES = BASE["valves"]
@@ -61,6 +62,14 @@ BAD = {
     "rate too slow for the deadline": (
         {"cycle_hz": 20.0},
         "canopen.rpdo_deadline_s: at least two cycles, 0.1 s",
+    ),
+    "deadline beyond any watchdog": (
+        {"canopen": {"rpdo_deadline_s": 0.6}},
+        "canopen.rpdo_deadline_s: got 0.6",
+    ),
+    "heartbeat beyond any": (
+        {"canopen": {"heartbeat_consumer_s": 2.0}},
+        "canopen.heartbeat_consumer_s: got 2.0",
     ),
     "heartbeat too slow": ({"canopen": {"heartbeat_s": 0.08}}, "at least twice the heartbeat"),
     "air": ({"emulation": {"regulator": {"tau_s": -1.0}}}, "emulation.regulator.tau_s: got -1.0"),
@@ -136,3 +145,15 @@ def test_what_a_loop_expects_follows_the_platform(name, age_s, later_s):
     assert asked.reading_age_s == 0.4
     _, slow_loop = watched(platform, regulator, Limits(), 20.0, name)
     assert slow_loop == own, "a loop slower than the devices waits for no turn"
+
+
+def test_no_limits_beyond_the_rating_guard_a_regulator():
+    """Whoever asks: a program of somebody's own as well."""
+    high = Limits(
+        maximum_pa=500e3,
+        over_pressure_pa=600e3,
+        burst_pressure_pa=700e3,
+        monitors=Monitors(short_circuit_pa=800e3),
+    )
+    with pytest.raises(ConfigError, match=r"limits\.maximum_pa: got 500000"):
+        GuardedRegulator(load_platform("emulated_canopen"), None, high)

@@ -40,7 +40,7 @@ REFUSED = "Connection refused; start what serves it, or mend the address"
         ),
         (
             lambda: TcpLink("nowhere", 1.0, time.monotonic).open(),
-            "nowhere: no such address, expected host:port",
+            "nowhere: no such address, expected host:port, with a port of 1 to 65535",
         ),
         (
             lambda: SocketcandBus("127.0.0.1", 1, "can0"),

@@ -78,6 +78,9 @@ def test_valves_vent_when_the_driver_is_killed(tmp_path, make):
             assert "supervisor.py" in Path(f"/proc/{pid}/cmdline").read_text()
             link = PlantLinkClient(served.plant)
             frames_until(link, lambda frame: frame.pressures[2] > 55e3)
+            # As a terminal or systemd does to a whole group: it outlives the driver.
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                os.kill(pid, number)
         # In time of the devices: a busy machine may stop the emulator.
         frames = [link.latest(), *frames_until(link, lambda frame: frame.pressures.max() < 5e3)]
         pressures = [frame.pressures[2] for frame in frames]
@@ -104,7 +107,9 @@ NOT_EMPTY = "the driver ended and has not seen the arm empty; NOT ALL VENTED: op
 
 @pytest.mark.parametrize("pressure_pa", [0.0, 30e3], ids=["empty", "with pressure"])
 @pytest.mark.parametrize(
-    "make", [itv, alicat, lambda: load_platform("veab_tcp")], ids=["itv", "alicat", "veab"]
+    "make",
+    [itv, alicat, lambda: load_platform("veab_tcp"), lambda: load_platform("vtem_modbus")],
+    ids=["itv", "alicat", "veab", "vtem"],
 )
 def test_an_orderly_end_after_the_devices_have_gone_tells_what_is_known(make, pressure_pa, capfd):
     """Nothing of an arm that was seen empty; of another one, that it may hold its pressure."""

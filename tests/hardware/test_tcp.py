@@ -99,6 +99,13 @@ def test_address_that_does_not_answer(bad):
         TcpLink(bad, 1.0, time.monotonic).open()
 
 
+def test_a_port_beyond_the_last_is_not_another_one(listener):
+    """Sockets take numbers modulo 65536."""
+    host, port = address(listener).split(":")
+    with pytest.raises(HardwareError, match="with a port of 1 to 65535"):
+        TcpLink(f"{host}:{int(port) + 65536}", 1.0, time.monotonic).open()
+
+
 def test_address_in_a_link(listener, tmp_path):
     name = tmp_path / "board"
     name.symlink_to(address(listener))

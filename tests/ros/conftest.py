@@ -26,8 +26,9 @@ def _candidates() -> list[int]:
 
 
 @pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+def domain(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A domain that no other test, process or worker uses meanwhile, set in the environment."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
     for number in _candidates():
         lock = (Path(tempfile.gettempdir()) / f"soro-test-domain-{number}.lock").open("w")
         try:

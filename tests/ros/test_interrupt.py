@@ -90,14 +90,15 @@ def test_a_process_is_asked_to_end_until_it_listens(tmp_path):
     late = "import signal, sys, time; time.sleep(1); signal.signal(signal.SIGINT, lambda *_: sys.exit(0))"
     child = python(f"{late}; time.sleep(60)", tmp_path)
     time.sleep(0.3)
-    assert processes.stop(child, patience_s=20) == 0
+    assert processes.stop(child, patience_s=20) == (0, False)
     assert child.log.read_text() == ""
 
 
 def test_a_process_that_never_listens_is_ended(tmp_path):
     child = python("import time; time.sleep(60)", tmp_path)
     time.sleep(0.2)
-    assert processes.stop(child, patience_s=0.5) == -signal.SIGTERM
+    assert processes.stop(child, patience_s=0.5) == (-signal.SIGTERM, True)
+    assert child.obituary(forced=True) == "child did not end when it was asked to, and was killed"
     child = python("import time; time.sleep(60)", tmp_path)
     os.kill(child.process.pid, signal.SIGTERM)
     assert child.process.wait(5) == -signal.SIGTERM

@@ -15,10 +15,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_core.errors import HardwareError
+from soro_core.errors import HardwareError, SoroError
+from soro_core.hardware.port import Exchange, Fault
 from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig, load_scene
 from soro_core.twin import TwinConfig
 from soro_ros import lifecycle, messages, middleware, parameters, qos
+from soro_ros import supervisor as supervisor_module
+from soro_ros.diagnostics import Diagnostics
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.supervisor import Supervisor
@@ -159,6 +162,14 @@ def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
     assert status == 0, err
 
 
+def test_the_controller_of_a_scene_asks_for_nothing_that_its_limits_refuse():
+    scene = load_scene("track_circle", {"limits.maximum_pa": 20e3})
+    assert scene.controller_node().control.pressures.maximum_pa == 20e3
+    assert scene.controller.pressures.maximum_pa == 90e3
+    wide = load_scene("track_circle", {"controller.pressures.maximum_pa": 40e3})
+    assert wide.controller_node().control.pressures.maximum_pa == 40e3
+
+
 class Unwilling:
     """Regulators whose start-up fails after something has been opened."""
 
@@ -190,6 +201,73 @@ def test_a_start_up_that_fails_lets_go_of_what_it_has_opened(domain, monkeypatch
         node.destroy_node()
     finally:
         rclpy.shutdown()
+
+
+class Answering:
+    """Regulators that do what they are told, and remember being told to vent."""
+
+    chamber_names, n_chambers, update_hz, reading_age_s, statistics = CHAMBERS, 3, 1000.0, 0.0, None
+
+    def __init__(self):
+        self.vents, self.faults = 0, ()
+
+    def configure(self):
+        pass
+
+    def exchange(self, setpoint_pa, now_ns):
+        return Exchange(setpoint_pa, setpoint_pa, np.full(3, True), self.faults)
+
+    def vent(self):
+        self.vents += 1
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize("closing", ["fault", "deactivated"])
+def test_a_latch_that_closes_tells_the_regulators_to_vent(domain, monkeypatch, closing):
+    """Zero set points alone are slewed by some, and a node that is not active sends none."""
+    devices = Answering()
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    middleware.init(["--ros-args", "-p", "device:=x", "-p", "autostart:=false"])
+    try:
+        node = regulator.RegulatorNode()
+        node.trigger_configure()
+        node.trigger_activate()
+        node._cycle()
+        assert devices.vents == 0
+        if closing == "fault":
+            devices.faults = (Fault("rebooted", CHAMBERS[0], "has restarted", latched=True),)
+            node._cycle()
+        else:
+            node.trigger_deactivate()
+        assert devices.vents == 1
+        assert "rebooted" in node._chambers.cause or node._chambers.cause == "deactivated"
+        node.make_safe()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_node_that_says_nothing_any_more_is_told_of(domain, monkeypatch, silent):
+    monkeypatch.setattr(supervisor_module, "SILENT_S", 0.5)
+    with Supervisor("alone") as supervisor:
+        node = Node("controller", namespace="alone")
+        diagnostics = Diagnostics(node)
+        wait_until(lambda: diagnostics.publish() or supervisor.spin(0.02) or supervisor.status, 20, "status")
+        until = time.monotonic() + 0.8
+        while time.monotonic() < until:
+            supervisor.spin(0.02)
+            if not silent:
+                diagnostics.publish()
+        supervisor.check_heard(["recorder"])  # never heard: it is waited for elsewhere
+        if silent:
+            with pytest.raises(SoroError, match="controller: has said nothing for 1 s"):
+                supervisor.check_heard(["recorder", "controller"])
+        else:
+            supervisor.check_heard(["recorder", "controller"])
+        node.destroy_node()
 
 
 class Person:

@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -49,7 +51,8 @@ class Bench:
         settings = {"device": device, "platform": platform}
         settings |= {"limits.command_age_s": 0.5, "limits.reading_age_s": 0.5}
         parameters = [part for key, value in settings.items() for part in ("-p", f"{key}:={value}")]
-        self.regulator = self._start([*node, *parameters])
+        self._regulate = [*node, *parameters]
+        self.regulator = self._start(self._regulate)
         self.node = Node("person", namespace="bench")
         self.command = self.node.create_publisher(JointState, "chambers/command", qos.RELIABLE)
         self.array = self.node.create_publisher(Float64MultiArray, "chambers/commands", qos.RELIABLE)
@@ -58,6 +61,27 @@ class Bench:
             "regulator", lambda: self.supervisor.active("regulator"), lambda: None, limit_s=30
         )
         wait_until(lambda: self._spun() and self.command.get_subscription_count() >= 1, 30, "discovery")
+
+    def start_regulator(self) -> None:
+        """Start the node anew, in place of one that has ended."""
+        self.regulator = self._start(self._regulate)
+        pid = str(self.regulator.pid)  # what is heard may still be of the one before
+        wait_until(
+            lambda: self._spun() and self.supervisor.values("regulator").get("pid") == pid, 30, "its process"
+        )
+        wait_until(lambda: self._spun() and self.supervisor.active("regulator"), 30, "regulator")
+        wait_until(lambda: self._spun() and self.command.get_subscription_count() == 1, 30, "discovery")
+
+    def change(self, *transitions: int) -> None:
+        """Take the node through its lifecycle while 30 kPa are commanded all the time."""
+        client = self.node.create_client(ChangeState, "regulator/change_state")
+        for number in transitions:
+            request = ChangeState.Request(transition=Transition(id=number))
+            wait_until(client.service_is_ready, 20, "service")
+            answer = client.call_async(request)
+            wait_until(lambda a=answer: self.send([30e3] * 3, 0.02) or a.done(), 20, "transition")
+            assert answer.result().success
+        self.node.destroy_client(client)
 
     def _start(self, command: list[object]) -> subprocess.Popen[str]:
         arguments = [str(part) for part in command]
@@ -262,6 +286,64 @@ def test_a_second_controller_on_the_same_topic_is_refused(bench):
         assert bench.true_pressure().max() < 35e3
     assert bench.supervisor.call("regulator/vent") == "vented until ~/reset"
     assert bench.fault() == "vented: vent requested"
+
+
+@pytest.mark.timeout(120)
+def test_the_latch_outlasts_the_lifecycle(bench):
+    bench.send([30e3] * 3, 0.5)
+    bench.supervisor.call("regulator/vent")
+    round_trip = (
+        Transition.TRANSITION_DEACTIVATE,
+        Transition.TRANSITION_CLEANUP,
+        Transition.TRANSITION_CONFIGURE,
+        Transition.TRANSITION_ACTIVATE,
+    )
+    bench.change(*round_trip)
+    bench.send([30e3] * 3, 0.5)
+    assert bench.true_pressure().max() < 2e3
+    assert bench.fault() == "vented: vent requested"
+    with pytest.raises(SoroError, match="still asks for pressure"):
+        bench.supervisor.call("regulator/reset")
+    bench.send([0.0] * 3, 0.3)
+    assert bench.supervisor.call("regulator/reset") == "reset"
+    bench.send([30e3] * 3, 0.7)
+    assert bench.true_pressure().min() > 20e3
+
+
+@pytest.mark.timeout(120)
+def test_a_latch_outlasts_its_process_and_a_driver_that_was_killed_leaves_one(bench):
+    """Whatever starts it again, and with a source that never stops: no pressure before a reset."""
+    bench.send([30e3] * 3, 0.5)
+    bench.regulator.kill()
+    killed = bench.regulator.pid
+    for cause in (
+        f"vented: the last driver, process {killed}, ended without venting",
+        "vented: vent requested",
+    ):
+        bench.regulator.communicate()
+        wait_until(lambda: bench.true_pressure().max() < 2e3, 5, "vent")
+        bench.start_regulator()
+        bench.send([30e3] * 3, 0.5)
+        assert bench.fault() == cause
+        assert bench.true_pressure().max() < 2e3
+        bench.send([0.0] * 3, 0.3)
+        assert bench.supervisor.call("regulator/reset") == "reset"
+        bench.send([30e3] * 3, 0.7)
+        assert bench.true_pressure().min() > 20e3
+        bench.supervisor.call("regulator/vent")
+        bench.send([30e3] * 3, 0.3)
+        bench.regulator.terminate()
+    bench.regulator.communicate()
+    bench.start_regulator()
+    bench.send([0.0] * 3, 0.3)
+    bench.supervisor.call("regulator/reset")
+    bench.send([0.0] * 3, 0.1)
+    bench.regulator.terminate()  # in order, with the latch open
+    out, err = bench.regulator.communicate()
+    assert "vented" not in out + err[err.rindex("vent requested") :][len("vent requested") :]
+    bench.start_regulator()
+    bench.send([30e3] * 3, 0.7)
+    assert bench.true_pressure().min() > 20e3, bench.supervisor.status["regulator"].message
 
 
 @pytest.mark.timeout(120)

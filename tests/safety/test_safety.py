@@ -177,6 +177,83 @@ def test_reset_right_after_a_vent_is_refused_while_somebody_asks_for_pressure():
     assert state.vented
 
 
+@pytest.mark.parametrize("silence_ms", [120, 60_000])
+def test_reset_is_refused_when_the_last_command_asked_for_pressure_however_old_it_is(silence_ms):
+    """The laptop of a controller freezes, somebody resets, the laptop wakes up; or a source is too slow."""
+    state, _ = commanded([30e3] * 3)
+    state = run(state, 0, 110)
+    assert state.cause == "command lost: last one 105 ms old"
+    state, refusal = reset(LIMITS, state, silence_ms * MS)
+    assert refusal == "command asked last for pressure: the command must be zero"
+    assert state.vented
+    state, _ = commanded([0.0] * 3, silence_ms, state)
+    state, refusal = reset(LIMITS, state, (silence_ms + 1) * MS)
+    assert refusal is None
+
+
+def test_a_zero_command_that_was_long_ago_opens_and_is_not_lost():
+    state = request_vent(commanded([0.0] * 3)[0], "vent requested")
+    state, refusal = reset(LIMITS, state, 5000 * MS)
+    assert refusal is None
+    assert not run(state, 5000, 6000).vented
+
+
+def test_after_a_reset_a_second_source_is_still_the_second():
+    state = request_vent(commanded([0.0] * 3, 0, None, "A")[0], "vent requested")
+    assert commanded([60e3] * 3, 1, state, "B")[1] == "second source: B while A is live"
+    state, refusal = reset(LIMITS, state, 2 * MS)
+    assert refusal is None
+    assert commanded([60e3] * 3, 3, state, "B")[1] == "second source: B while A is live"
+    assert commanded([60e3] * 3, 3, state, "A")[1] is None
+
+
+def test_after_a_reset_a_command_from_before_it_is_out_of_order():
+    state, _ = commanded([50e3] * 3, 0)
+    state, _ = commanded([0.0] * 3, 40, request_vent(state, "vent requested"))
+    state, refusal = reset(LIMITS, state, 60 * MS)
+    assert refusal is None
+    late = offer(LIMITS, state, np.full(3, 50e3), 10 * MS, 61 * MS)
+    assert late[1] == "out of order: not newer than the last command"
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["command", "cycle", "vent", "reset"]),
+            st.sampled_from(["A", "B"]),
+            st.sampled_from([0.0, 30e3]),
+            st.integers(0, 150),  # time since the last event [ms]
+            st.integers(0, 80),  # age of the stamp [ms]
+        ),
+        max_size=40,
+    )
+)
+def test_a_latch_opens_only_after_a_zero_command_and_to_what_is_newer_than_it(events):
+    """Whatever comes in whatever order, from two sources."""
+    state, now, zero_ns = initial_state(3), 0, {}
+    accepted = np.zeros(3)
+    for what, source, level, wait, age in events:
+        now += wait * MS
+        if what == "command":
+            stamp = now - age * MS
+            state, refusal = offer(LIMITS, state, np.full(3, level), stamp, now, source)
+            if refusal is None:
+                accepted = np.full(3, level)
+                assert stamp > zero_ns.get(source, -math.inf), "from before the zero that opened the latch"
+                zero_ns.pop(source, None)
+        elif what == "cycle":
+            state = cycle(LIMITS, state, COLD, True, now)
+        elif what == "vent":
+            state = request_vent(state, "vent requested")
+        elif state.vented:
+            state, refusal = reset(LIMITS, state, now)
+            assert (refusal is None) == (not accepted.any())
+            if refusal is None and state.command_source:
+                zero_ns[state.command_source] = state.command_stamp_ns
+                accepted = np.zeros(3)
+
+
 def test_a_stamp_ahead_of_time_does_not_lengthen_the_watchdog():
     state, refusal = offer(LIMITS, initial_state(3), np.full(3, 50e3), 90 * MS, 0)
     assert refusal is None

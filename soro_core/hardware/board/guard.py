@@ -11,14 +11,17 @@ import os
 import select
 import signal
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 
 from soro_core.errors import SoroError
 
-_ROUNDS = 3
+_ROUNDS, _PAUSE_S = 3, 0.02
 
 
-def guarded(run: Callable[[Callable[[], None]], int], vent: Callable[[], None], silence_s: float) -> int:
+def guarded(
+    run: Callable[[Callable[[], None]], int], vent: Callable[[], Sequence[int]], silence_s: float
+) -> int:
     """Run a server in a child process and vent after it.
 
     Call it before any thread is started.
@@ -28,7 +31,8 @@ def guarded(run: Callable[[Callable[[], None]], int], vent: Callable[[], None], 
     run : callable
         The server; it must call what it is given at least every `silence_s`, and return its exit status.
     vent : callable
-        Brings every port to 0 Pa; called in this process when the child ends in any way.
+        Brings every port to 0 Pa and returns those that do not answer; called in this process when the child
+        ends in any way.
     silence_s : float
         Silence after which the child is killed.
 
@@ -49,8 +53,15 @@ def guarded(run: Callable[[Callable[[], None]], int], vent: Callable[[], None], 
     _watch(receiver, silence_s)
     with contextlib.suppress(ProcessLookupError):
         os.kill(child, signal.SIGKILL)  # it has gone, or it hangs
-    for _ in range(_ROUNDS):
-        vent()
+    failed = vent()
+    for _ in range(_ROUNDS - 1):
+        time.sleep(_PAUSE_S if failed else 0.0)
+        failed = vent()
+    if failed:
+        ports = ", ".join(map(str, failed))
+        sys.stderr.write(
+            f"NOT ALL VENTED: ports {ports} do not answer and hold their voltage: close the supply\n"
+        )
     _, status = os.waitpid(child, 0)
     code = os.waitstatus_to_exitcode(status)
     if code < 0:

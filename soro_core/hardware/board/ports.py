@@ -83,11 +83,14 @@ class BoardPort:
             flags |= PortFlag.ADC_ERROR
         return PortReading(self.applied_pa(code), pressure, flags)
 
-    def vent(self) -> None:
-        """Ask for 0 Pa; a DAC that does not answer is the next cycle's fault."""
-        with contextlib.suppress(OSError):
+    def vent(self) -> bool:
+        """Ask for 0 Pa; whether the DAC took it. One that does not answer is the next cycle's fault."""
+        try:
             chips.write_dac(self.bus, self.wiring.dac, self.safe_code)
-            self._written = self.safe_code
+        except OSError:
+            return False
+        self._written = self.safe_code
+        return True
 
     def lost_its_setting(self) -> bool:
         """Whether a chip does not hold what it was last given: it has been without power."""
@@ -239,10 +242,9 @@ class Ports:
             if stored != port.safe_code:
                 raise HardwareError(f"port {port.number}: DAC: stored {port.safe_code}, read {stored}")
 
-    def vent(self) -> None:
-        """Bring every port to 0 Pa; a chip that does not answer does not keep the others from it."""
-        for port in self.ports:
-            port.vent()
+    def vent(self) -> tuple[int, ...]:
+        """Bring every port to 0 Pa, none kept from it by another's chip; the ports that do not answer."""
+        return tuple(port.number for port in self.ports if not port.vent())
 
     def close(self) -> None:
         """Let the buses go; the DACs hold what they have."""

@@ -26,9 +26,9 @@ class CanopenOptions(Freshness):
     )
     heartbeat_s: float = Field(0.025, ge=0.005, le=1, description="heartbeat period, both ways; guard time")
     heartbeat_consumer_s: float = Field(
-        0.1, ge=0.01, le=5, description="silence after which the other side is lost"
+        0.1, ge=0.01, le=1, description="silence after which the other side is lost"
     )
-    rpdo_deadline_s: float = Field(0.05, ge=0.005, le=5, description="longest time between two set points")
+    rpdo_deadline_s: float = Field(0.05, ge=0.005, le=0.5, description="longest time between two set points")
     boot_timeout_s: float = Field(5.0, gt=0, le=60, description="time for a device to boot")
     sdo_timeout_s: float = Field(0.25, gt=0, le=5, description="time for one SDO answer")
     sdo_retries: int = Field(2, ge=0, le=10, description="further attempts after an SDO timeout")

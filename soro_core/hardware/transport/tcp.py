@@ -19,6 +19,7 @@ from soro_core.errors import HardwareError
 from soro_core.hardware.reason import reason
 
 _CHUNK = 65536
+_LAST_PORT = 65535
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 2.0
 # More than any device has sent when its host comes back after seconds.
 _MOST_CHUNKS = 8
@@ -242,10 +243,13 @@ def _resolve(address: str) -> tuple[int, Any]:
     """Family and socket address."""
     try:
         target = os.readlink(address) if "/" in address else address
-        host, _, port = target.rpartition(":")
-        found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM)
+        host, _, number = target.rpartition(":")
+        if not 1 <= (port := int(number)) <= _LAST_PORT:  # it would be taken modulo 65536
+            raise ValueError
+        found = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM)
     except ValueError:
-        raise HardwareError(f"{address}: no such address, expected host:port") from None
+        allowed = f"expected host:port, with a port of 1 to {_LAST_PORT}"
+        raise HardwareError(f"{address}: no such address, {allowed}") from None
     except OSError as error:
         raise HardwareError(f"{address}: no such address, expected host:port ({reason(error)})") from None
     return found[0][0], found[0][4]

@@ -59,7 +59,7 @@ class VtemRegulator(Regulator):
         self._names = platform.chamber_names
         self._supervisor: Supervisor | None = None
         self._latched: dict[tuple[str, str], Fault] = {}
-        self._configured = self._closed = self._was_lost = False
+        self._configured = self._closed = self._was_lost = self._seen_empty = False
         self._read_ns: int | None = None
         self._missed = self._cycles = self._lost = 0
         self._none: Flags = np.zeros(len(self._names), dtype=np.bool_)
@@ -91,7 +91,7 @@ class VtemRegulator(Regulator):
     def configure(self) -> None:
         if self._closed:
             raise HardwareError("the driver is closed; make a new one")
-        self._configured = self._was_lost = False
+        self._configured = self._was_lost = self._seen_empty = False
         self._latched.clear()
         self._read_ns, self._missed = None, 0
         if self.platform.host.supervisor and not self.lockstep:
@@ -151,7 +151,7 @@ class VtemRegulator(Regulator):
         self._closed, self._configured = True, False
         self._link.close()
         if self._supervisor is not None:
-            self._supervisor.dismiss(is_empty)
+            self._supervisor.dismiss(is_empty or self._seen_empty)
 
     # -- a cycle -----------------------------------------------------------------------------------
 
@@ -178,6 +178,9 @@ class VtemRegulator(Regulator):
             self._lost += 1
             return self._none
         self._look_at_slots()
+        terminal = self._terminal
+        readings = np.where(fresh, np.abs(terminal.pressure_pa), np.inf)
+        self._seen_empty = bool(not terminal.sent_pa.any() and np.all(readings < rest.EMPTY_PA))
         return fresh
 
     def _look_at_slots(self) -> None:

@@ -1,0 +1,47 @@
+"""A latch outlives the process that closed it: a note on this machine of why some devices are vented."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+
+def _folder() -> Path:
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "soro" / "latched"
+
+
+class LatchFile:
+    """The note about the devices at one place: there while a driver has them, and after it if it vented.
+
+    Parameters
+    ----------
+    device : str
+        Path or address. A bare pseudo-terminal has no note: its number is the next emulator's.
+    """
+
+    def __init__(self, device: str) -> None:
+        place = os.path.abspath(device) if device.startswith(("/", ".", "~")) else device
+        name = hashlib.sha256(place.encode()).hexdigest()[:16]
+        self._file = None if place.startswith("/dev/pts/") else _folder() / name
+
+    def cause(self) -> str | None:
+        """Why the last driver of these devices left them vented, or None."""
+        try:
+            return None if self._file is None else self._file.read_text(encoding="utf-8").strip() or None
+        except OSError:
+            return None
+
+    def write(self, cause: str) -> None:
+        """Note a cause; raises OSError where that cannot be done."""
+        if self._file is not None:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            beside = self._file.with_suffix(f".{os.getpid()}")
+            beside.write_text(f"{cause}\n", encoding="utf-8")
+            beside.replace(self._file)
+
+    def clear(self) -> None:
+        """Remove the note; raises OSError where that cannot be done."""
+        if self._file is not None:
+            self._file.unlink(missing_ok=True)

@@ -32,6 +32,9 @@ class RegulatorNodeConfig(Strict):
     priority: int = Field(30, ge=0, le=99, description=_PRIORITY)
     lockstep_timeout_s: float = Field(10.0, gt=0, le=600, description="wall time without a tick that vents")
     limits: Limits = Field(Limits(), description="limits of commands and readings")
+    keep_latch: bool = Field(
+        True, description="note on this machine why the devices are vented, for the driver after this one"
+    )
     take_over: bool = Field(
         False,
         description="begin open although the last driver of these devices was killed or left them vented; "

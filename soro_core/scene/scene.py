@@ -192,6 +192,7 @@ class Scene(Strict):
             mode=self.mode,
             rate_hz=self.rate_hz,
             limits=self.limits,
+            keep_latch=not self.emulates,  # those of a run are gone with it
             take_over=True,
         )
 

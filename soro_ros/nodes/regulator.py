@@ -75,12 +75,12 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._reported = 0
         # The driver has to go through its start-up again before it takes set points.
         self._lost = False
-        latch_file = LatchFile(config.device or str(platform.device))
-        left = self._left or (None if self._lockstep or config.take_over else latch_file.cause())
-        if left is not None:
-            self._chambers.vent(left)
-        self._latch_file = None if self._lockstep else latch_file
-        self._note(left or _KILLED.format(os.getpid()))
+        if config.keep_latch and not self._lockstep:
+            self._latch_file = LatchFile(config.device or str(platform.device))
+            self._left = self._left or (None if config.take_over else self._latch_file.cause())
+        if self._left is not None:
+            self._chambers.vent(self._left)
+        self._note(self._left or _KILLED.format(os.getpid()))
 
     def start(self) -> None:
         self._active = True
@@ -108,7 +108,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
                 regulator.vent()
             finally:
                 regulator.close()
-            if self._latch_file is not None:
+            if hasattr(self, "_chambers"):  # else the start-up has failed
                 self._left = None if self._chambers.cause == DEACTIVATED else self._chambers.cause
                 self._note(self._left)
 

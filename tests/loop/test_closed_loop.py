@@ -64,7 +64,7 @@ def test_other_noise(robot, seed):
 @pytest.mark.parametrize("payload", [0.0, 0.01, 0.03])
 def test_other_payloads(robot, payload):
     """With 30 g the vented arm lies over; the largest error is on the way up, before anything was learnt."""
-    record = run(robot, Setup(payload_kg=payload))
+    record = run(robot, Setup(payload_kg=payload, duration_s=14.0))
     report(f"payload {1e3 * payload:.0f} g", record)
     assert record.rms() <= 1.4e-3
     assert record.error()[record.t > 3.0].max() < 20e-3
@@ -95,7 +95,7 @@ def test_delay_beyond_the_known_one(robot, payload, ticks):
     ids=str,
 )
 def test_a_plant_that_differs_from_the_file(robot, changes):
-    record = run(robot, Setup(payload_kg=0.01, **changes))
+    record = run(robot, Setup(payload_kg=0.01, duration_s=14.0, **changes))
     report(str(changes), record)
     assert record.rms() <= 1.6e-3
 

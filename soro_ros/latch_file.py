@@ -22,16 +22,21 @@ class LatchFile:
     """
 
     def __init__(self, device: str) -> None:
-        place = os.path.abspath(device) if device.startswith(("/", ".", "~")) else device
+        place = os.path.abspath(device) if device.startswith(("/", ".")) else device
         name = hashlib.sha256(place.encode()).hexdigest()[:16]
         self._file = None if place.startswith("/dev/pts/") else _folder() / name
 
     def cause(self) -> str | None:
-        """Why the last driver of these devices left them vented, or None."""
-        try:
-            return None if self._file is None else self._file.read_text(encoding="utf-8").strip() or None
-        except OSError:
+        """Why the last driver of these devices left them vented, or None; a note that says nothing is one."""
+        if self._file is None:
             return None
+        try:
+            text = self._file.read_text(encoding="utf-8", errors="replace").strip()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            return f"the note of the last driver cannot be read: {error}"
+        return text or "the last driver left them vented"
 
     def write(self, cause: str) -> None:
         """Note a cause; raises OSError where that cannot be done."""

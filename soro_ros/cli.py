@@ -77,9 +77,9 @@ def main() -> NoReturn:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(1)
     except OSError as error:  # a full disk, a file of somebody else
-        if error.filename is None:
-            raise
-        print(f"soro: {error.filename}: {error.strerror}", file=sys.stderr)
+        # What fails in a write and not in an open does not know its file.
+        what = (error.filename, error.strerror or str(error))
+        print("soro:", ": ".join(str(part) for part in what if part), file=sys.stderr)
         sys.exit(1)
     finally:
         begin()

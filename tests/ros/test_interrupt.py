@@ -104,6 +104,26 @@ def test_a_process_that_never_listens_is_ended(tmp_path):
     assert child.process.wait(5) == -signal.SIGTERM
 
 
+@pytest.mark.parametrize("file", ["/dev/full", "/none/summary.json"])
+def test_a_file_that_cannot_be_written_is_one_line(monkeypatch, capsys, file):
+    class Writing:
+        def callback(self):
+            return lambda begin: None
+
+        def __call__(self):
+            Path(file).write_text("x")
+
+    monkeypatch.setattr(cli, "_application", Writing)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 1
+    said = capsys.readouterr().err
+    assert said in (
+        "soro: No space left on device\n",
+        "soro: /none/summary.json: No such file or directory\n",
+    )
+
+
 @pytest.mark.timeout(120)
 def test_ctrl_c_while_kernels_are_compiled_is_one_clean_end(domain, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

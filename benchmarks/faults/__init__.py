@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -11,8 +11,9 @@ import numpy as np
 
 from benchmarks.faults import cells
 from benchmarks.faults.cells import Result
-from benchmarks.faults.matrix import FOUR, MATRIX
-from benchmarks.faults.rigs import Loop, rig_of
+from benchmarks.faults.flow import LAG_S, NARROW, VALVE, VOLUME_M3, behind_a_twin
+from benchmarks.faults.matrix import FOUR, MATRIX, air
+from benchmarks.faults.rigs import Loop, Rig, rig_of
 from benchmarks.faults.rows import Row
 from benchmarks.options import Options
 from benchmarks.report import met, table
@@ -41,6 +42,7 @@ def run(options: Options) -> str:
     hours = {family: options.pick(600 if family == FOUR else 3600, 1) for family in MATRIX}
     for family, end in _without_a_fault(hours, options):
         sections[family].append(end)
+    sections["flow"] = [_ON_FLOW, *_on_flow(options)]
     parts = [
         _INTRO,
         f"{total} cells, {bad} of them not as stated: {met(not bad)}.",
@@ -63,6 +65,26 @@ after the time in which the fault becomes visible: 300 or 500 ms of a monitor an
 (benchmarks/faults/matrix.py says which, ADR 0013 why)."""
 
 
+def _on_flow(options: Options) -> Iterator[str]:
+    """Rows of the air on every family, in the chambers of a twin."""
+    for family in MATRIX:
+        results = []
+        rows = air(family, NARROW)
+        for row in rows[: options.pick(len(rows), 1)]:
+            options.say(f"{family} on a flow: {row.fault}")
+            results.append(cells.run(family, row, air=behind_a_twin))
+        yield from (f"#### {family}", _summary(results), _table(results))
+        yield healthy(family, options.pick(600, 1), behind_a_twin)
+
+
+_ON_FLOW = f"""\
+### Flow into the chambers of a twin
+
+The same on air that a twin moves behind the emulated valves: {1e8 * VALVE.fill_m3_s_pa:g} l/(s bar) after
+ISO 6358 on chambers of {1e6 * VOLUME_M3:g} ml, which change with the arm; the bound of a vent is that of this
+flow. The monitors expect a lag of {1e3 * LAG_S:g} ms, as which this valve follows what the limiter lets through."""
+
+
 def _without_a_fault(hours: dict[str, int], options: Options) -> Iterator[tuple[str, str]]:
     """What became of each family after so many seconds; in lockstep, so that they may share the machine."""
     if options.quick:
@@ -75,9 +97,9 @@ def _without_a_fault(hours: dict[str, int], options: Options) -> Iterator[tuple[
             yield family, end.result()
 
 
-def healthy(family: str, seconds: float) -> str:
+def healthy(family: str, seconds: float, air: Callable[[Rig], Rig] = lambda rig: rig) -> str:
     """Circles of all sizes and speeds, and steps of full scale, on devices with nothing wrong."""
-    rig = rig_of(family, HEALTHY)
+    rig = air(rig_of(family, HEALTHY))
     loop = Loop(rig)
     try:
         rig.regulator.configure()

@@ -11,7 +11,6 @@ import numpy as np
 
 from benchmarks.faults.rigs import Loop, Rig, rig_of
 from benchmarks.faults.rows import CHAMBER, Row
-from soro_core.pneumatics.regulator import vent_time
 
 EMPTY_PA = 5e3
 BEFORE_S, AFTER_S = 0.6, 2.0
@@ -42,9 +41,15 @@ class Result:
     problems: tuple[str, ...]
 
 
-def run(family: str, row: Row, real: bool = False, beside: Loop | None = None) -> Result:
-    """Run one cell, with an arm on another bus beside it that must not notice."""
-    rig = rig_of(family, row, real)
+def run(
+    family: str,
+    row: Row,
+    real: bool = False,
+    beside: Loop | None = None,
+    air: Callable[[Rig], Rig] = lambda rig: rig,
+) -> Result:
+    """Run one cell, with an arm on another bus beside it that must not notice; `air` changes the rig's."""
+    rig = air(rig_of(family, row, real))
     try:
         rig.regulator.configure()
         result = _judge(row, _Pair(rig, beside))
@@ -113,13 +118,12 @@ def _spin(
 
 def _vents(row: Row, loop: Loop, problems: list[str]) -> float | None:
     """Time until every chamber that can is below 5 kPa; within the vent time of the flow model."""
-    rig, model, start = loop.rig, loop.rig.platform.emulation.regulator, loop.cycles
+    rig, start = loop.rig, loop.cycles
     free = [n for n, name in enumerate(rig.regulator.chamber_names) if not (row.blocked and name == CHAMBER)]
     if row.blocked == "arm":
         return None
-    slowed = model.model_copy(update={"tau_s": model.tau_s * row.slower})
     highest = float(rig.devices.pressure_pa[free].max())
-    bound_s = vent_time(slowed, max(highest, EMPTY_PA), EMPTY_PA) + VENT_SLACK_S + row.late_s
+    bound_s = rig.vent_time(max(highest, EMPTY_PA), EMPTY_PA, row.slower) + VENT_SLACK_S + row.late_s
     _spin(loop, row, bound_s + 0.5, until=lambda: bool(rig.devices.pressure_pa[free].max() < EMPTY_PA))
     took_s = (loop.cycles - start) * rig.period_s
     if rig.devices.pressure_pa[free].max() >= EMPTY_PA:

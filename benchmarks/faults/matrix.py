@@ -40,8 +40,12 @@ def _supply(family: str, model_ms: float) -> Row:
     )
 
 
-def air(family: str) -> tuple[Row, ...]:
-    """Rows of valves, chambers and sensors: the air is the same for every family, and so are the monitors."""
+def air(family: str, narrow: float = 20.0) -> tuple[Row, ...]:
+    """Rows of valves, chambers and sensors: the air is the same for every family, and so are the monitors.
+
+    `narrow` is the factor by which what is narrow lets less through: the flow of a healthy valve can do more
+    than the circle asks for, and hides a smaller one.
+    """
     own = FAMILY_MS[family]
     model, frozen = MOTION_MS + MODEL_MS + own, MOTION_MS + FROZEN_MS + own
     # Slow readings see a chamber jump that fast ones see rise.
@@ -51,7 +55,7 @@ def air(family: str) -> tuple[Row, ...]:
         Row("stuck_closed", "trip", WRONG, model, blocked="chamber"),
         Row("stuck_at, pressure_pa: 30e3", "trip", WRONG, model, blocked="chamber"),
         # Vented by a set point of 0, which such a valve follows as slowly as any other.
-        Row("slow_valve, factor: 20", "trip", WRONG, model, slower=20.0),
+        Row(f"slow_valve, factor: {narrow:g}", "trip", WRONG, model, slower=narrow),
         Row("slow_valve, factor: 1.3", "tolerate"),
         Row("leak, rate_1_s: 1.0", "tolerate"),
         Row("leak, rate_1_s: 20", "trip", WRONG, model),
@@ -64,7 +68,7 @@ def air(family: str) -> tuple[Row, ...]:
             motion="hold",
         ),
         Row("burst", "trip", WRONG, model),
-        Row("kinked_line, factor: 20", "trip", WRONG, model, slower=20.0),
+        Row(f"kinked_line, factor: {narrow:g}", "trip", WRONG, model, slower=narrow),
         _supply(family, model),
         Row("vent_blocked", "trip", WRONG, TOP_MS + model, blocked="chamber"),
         Row("sensor_offset, offset_pa: 15e3", "trip", WRONG, model),

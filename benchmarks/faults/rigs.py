@@ -30,6 +30,7 @@ from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulato
 from soro_core.hardware.veab.driver import VeabRegulator
 from soro_core.hardware.veab.emulated import EmulatedVeabServer
 from soro_core.hardware.vtem.driver import VtemRegulator
+from soro_core.pneumatics.regulator import vent_time
 
 
 @dataclass
@@ -44,6 +45,9 @@ class Rig:
         Calls a function where the devices live.
     mend : callable
         What a person does besides ~/reset: starting a server that has ended.
+    vent_s : callable, optional
+        Time [s] in which the model of the air vents, from and to a pressure, so many times slower; default
+        that of the emulated regulators.
     """
 
     platform: PlatformBase
@@ -52,11 +56,19 @@ class Rig:
     close: Callable[[], None]
     at_devices: Callable[[Callable[[], None]], None] = field(default=lambda action: action())
     mend: Callable[[], None] = field(default=lambda: None)
+    vent_s: Callable[[float, float, float], float] | None = None
 
     @property
     def period_s(self) -> float:
         """Time of a cycle."""
         return 1.0 / self.platform.cycle_hz
+
+    def vent_time(self, from_pa: float, to_pa: float, slower: float = 1.0) -> float:
+        """Time [s] in which the model of the air vents."""
+        if self.vent_s is not None:
+            return self.vent_s(from_pa, to_pa, slower)
+        model = self.platform.emulation.regulator
+        return vent_time(model.model_copy(update={"tau_s": model.tau_s * slower}), from_pa, to_pa)
 
 
 def on_a_line(platform: PlatformBase, seed: int = 1) -> Rig:

@@ -29,7 +29,8 @@ from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
-from soro_core.pneumatics.chamber import Gas
+from soro_core.pneumatics.chamber import Gas, make_gas
+from soro_core.pneumatics.valve_condition import ValveCondition
 from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
@@ -146,6 +147,7 @@ class Stepper:
         require(valves, ValveModel | None, "valves", "a ValveModel")
         self.name = name
         self.arm = arm
+        self._valves, self._guarded = valves, guarded
         self._air = air_behind(arm, valves)
         self._run = run_of(name, air=self._air, guarded=guarded)
         self._box = stepping(arm, self._air)
@@ -184,7 +186,12 @@ class Stepper:
         return pressures
 
     def step(
-        self, state: State, pressures: ArrayLike, dt: float, wrench: ArrayLike | None = None
+        self,
+        state: State,
+        pressures: ArrayLike,
+        dt: float,
+        wrench: ArrayLike | None = None,
+        condition: ValveCondition | None = None,
     ) -> tuple[State, Status]:
         """Advance by dt with pressures and wrench held.
 
@@ -197,6 +204,8 @@ class Stepper:
             [s], above 0.
         wrench : (6,) or (n_wrenches, 6), optional
             As for `SoftArm.forward_dynamics`.
+        condition : ValveCondition, optional
+            Of the valves, where there are some; default healthy.
 
         Returns
         -------
@@ -221,10 +230,18 @@ class Stepper:
         z[0] = shaped(state.internal, (self._n_internal,), "internal", arm.robot.name)
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
-        _, code = self._run(self._box, np.array([0.0, number(dt)]), table, w, q, v, z)
+        _, code = self._run_with(condition)(self._box, np.array([0.0, number(dt)]), table, w, q, v, z)
         if code != GOOD:
             return state, describe(code)
         return State(q[1], v[1], z[1]), OK
+
+    def _run_with(self, condition: ValveCondition | None) -> Run:
+        if condition is None:
+            return self._run
+        if not (isinstance(self._air, Gas) and self._valves is not None):
+            raise ModelError("a condition of valves without valves: allowed is none")
+        air = make_gas(self._valves, self._air.volume, condition)
+        return run_of(self.name, air=air, guarded=self._guarded)
 
 
 def make_stepper(name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None) -> Stepper:

@@ -23,14 +23,18 @@ if TYPE_CHECKING:
         targets,
         vent_time,
     )
+    from soro_core.pneumatics.valve_condition import ValveAction, ValveCondition, healthy
     from soro_core.pneumatics.valve_model import ValveModel
 
 __all__ = [
     "Gas",
     "RegulatorModel",
     "RegulatorState",
+    "ValveAction",
+    "ValveCondition",
     "ValveModel",
     "chamber_pressures",
+    "healthy",
     "inflows",
     "initial_state",
     "make_gas",
@@ -47,8 +51,11 @@ __getattr__ = lazy(
         "Gas": "soro_core.pneumatics.chamber",
         "RegulatorModel": "soro_core.pneumatics.regulator",
         "RegulatorState": "soro_core.pneumatics.regulator",
+        "ValveAction": "soro_core.pneumatics.valve_condition",
+        "ValveCondition": "soro_core.pneumatics.valve_condition",
         "ValveModel": "soro_core.pneumatics.valve_model",
         "chamber_pressures": "soro_core.pneumatics.chamber",
+        "healthy": "soro_core.pneumatics.valve_condition",
         "inflows": "soro_core.pneumatics.chamber",
         "initial_state": "soro_core.pneumatics.regulator",
         "make_gas": "soro_core.pneumatics.chamber",

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner, kernel
 from soro_core.pneumatics.flow import mass_flow
+from soro_core.pneumatics.valve_condition import ValveCondition, healthy
 from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
@@ -30,42 +31,69 @@ GAS_CONSTANT = 287.05
 """Of dry air [J/(kg K)]."""
 REFERENCE_TEMPERATURE = 293.15
 """At which sonic conductances hold [K]."""
+OPEN_BAND_PA = 1.0
+"""Band of a valve that has let go: it does not close as the pressure falls."""
 MAX_ITERATIONS = 60
 # Error left in the pressure, of the pressure.
 TOLERANCE = 1e-14
 
 
 class Gas(NamedTuple):
-    """Valves and chambers as the kernels see them; pressures absolute [Pa]."""
+    """Valves and chambers as the kernels see them; pressures absolute [Pa], arrays (n_u,)."""
 
     volume: Array
-    """Of each chamber at q = 0 [m^3], (n_u,)."""
-    fill: float
-    vent: float
-    leak: float
+    """Of each chamber at q = 0 [m^3]."""
+    fill: Array
+    vent: Array
+    leak: Array
+    loss: Array
+    """Part of its gauge pressure that a chamber loses a second [1/s]."""
+    supply: Array
+    exhaust: Array
+    band: Array
     critical: float
-    supply: float
-    exhaust: float
-    band: float
     exponent: float
     ambient: float
     density: float
     """Of the air outside [kg/m^3]."""
 
 
-def make_gas(model: ValveModel, volume_m3: Array) -> Gas:
-    """Return the numbers of valves on chambers of these volumes at q = 0, (n_u,)."""
+class Port(NamedTuple):
+    """One valve and its chamber, as `Gas` has them."""
+
+    fill: float
+    vent: float
+    leak: float
+    loss: float
+    supply: float
+    exhaust: float
+    band: float
+    critical: float
+    exponent: float
+    ambient: float
+    density: float
+
+
+def make_gas(model: ValveModel, volume_m3: Array, condition: ValveCondition | None = None) -> Gas:
+    """Return the numbers of valves on chambers of these volumes at q = 0, (n_u,); healthy by default."""
+    volume = np.array(volume_m3, dtype=np.float64)
+    now = healthy(volume.size) if condition is None else condition
+    is_open = now.is_open != 0.0
     # Warmer air is thinner, but faster [ISO 6358].
     warm = math.sqrt(REFERENCE_TEMPERATURE / model.temperature_k)
+    vent = warm * model.vent_m3_s_pa * now.vent
+    supply = AMBIENT_PA + np.minimum(model.supply_pa, now.supply_pa)
     return Gas(
-        volume=np.array(volume_m3, dtype=np.float64),
-        fill=warm * model.fill_m3_s_pa,
-        vent=warm * model.vent_m3_s_pa,
-        leak=warm * model.leak_m3_s_pa,
+        volume=volume,
+        # A valve that has let go connects its chamber with the air outside, by one way for in and out.
+        fill=np.where(is_open, vent, warm * model.fill_m3_s_pa * now.fill),
+        vent=vent,
+        leak=np.full_like(volume, warm * model.leak_m3_s_pa),
+        loss=np.array(now.loss_1_s, dtype=np.float64),
+        supply=np.where(is_open, AMBIENT_PA, supply),
+        exhaust=np.where(is_open, AMBIENT_PA, AMBIENT_PA + model.exhaust_pa),
+        band=np.where(is_open, OPEN_BAND_PA, model.band_pa),
         critical=model.critical_ratio,
-        supply=AMBIENT_PA + model.supply_pa,
-        exhaust=AMBIENT_PA + model.exhaust_pa,
-        band=model.band_pa,
         exponent=model.polytropic,
         ambient=AMBIENT_PA,
         density=AMBIENT_PA / (GAS_CONSTANT * model.temperature_k),
@@ -73,7 +101,25 @@ def make_gas(model: ValveModel, volume_m3: Array) -> Gas:
 
 
 @inner
-def mass_of(g: Gas, pressure: float, volume: float) -> float:
+def port_of(g: Gas, u: int) -> Port:
+    """Valve and chamber number u."""
+    return Port(
+        g.fill[u],
+        g.vent[u],
+        g.leak[u],
+        g.loss[u],
+        g.supply[u],
+        g.exhaust[u],
+        g.band[u],
+        g.critical,
+        g.exponent,
+        g.ambient,
+        g.density,
+    )
+
+
+@inner
+def mass_of(g: Port, pressure: float, volume: float) -> float:
     """Mass [kg] of the air at an absolute pressure in a volume."""
     if g.exponent == 1.0:
         return g.density * volume * pressure / g.ambient
@@ -82,14 +128,14 @@ def mass_of(g: Gas, pressure: float, volume: float) -> float:
 
 
 @inner
-def pressure_of(g: Gas, mass: float, volume: float) -> float:
+def pressure_of(g: Port, mass: float, volume: float) -> float:
     """Absolute pressure [Pa] of a mass in a volume."""
     ratio = mass / (g.density * volume)
     return g.ambient * (ratio if g.exponent == 1.0 else ratio**g.exponent)
 
 
 @inner
-def inflow(g: Gas, pressure: float, setpoint: float) -> tuple[float, float]:
+def inflow(g: Port, pressure: float, volume: float, setpoint: float) -> tuple[float, float]:
     """Mass flow [kg/s] into a chamber at an absolute pressure, and its derivative, which is 0 or less."""
     opening = (min(max(setpoint, g.exhaust), g.supply) - pressure) / g.band
     by_p = -1.0 / g.band if abs(opening) < 1.0 else 0.0
@@ -104,11 +150,15 @@ def inflow(g: Gas, pressure: float, setpoint: float) -> tuple[float, float]:
         flow, slope, _ = mass_flow(g.leak, g.critical, pressure, g.ambient)
         total -= flow
         rate -= slope
+    if g.loss > 0.0:
+        held = mass_of(g, pressure, volume)
+        total -= g.loss * (held - mass_of(g, g.ambient, volume))
+        rate -= g.loss * held / (g.exponent * pressure)
     return total, rate
 
 
 @inner
-def implicitness(g: Gas, mass: float, volume: float, flow: float, setpoint: float, dt: float) -> float:
+def implicitness(g: Port, mass: float, volume: float, flow: float, setpoint: float, dt: float) -> float:
     """Weight theta of the flow at the end: 1/2 for a slow one, near 1 where the step would pass the goal."""
     goal = mass_of(g, min(max(setpoint, g.exhaust), g.supply), volume)
     gap = goal - mass
@@ -123,14 +173,14 @@ def implicitness(g: Gas, mass: float, volume: float, flow: float, setpoint: floa
 
 @inner
 def advance_chamber(
-    g: Gas, mass: float, volume: float, volume_end: float, setpoint: float, dt: float
+    g: Port, mass: float, volume: float, volume_end: float, setpoint: float, dt: float
 ) -> tuple[float, float, float]:
     """One chamber over `dt`: (mass, absolute pressure, d pressure / d volume) at the end.
 
     Solves m(p, V) = m_0 + dt ((1 - theta) f_0 + theta f(p)) for p: both sides are monotone, so that Newton's
     iteration within a bracket finds the one solution.
     """
-    flow, _ = inflow(g, pressure_of(g, mass, volume), setpoint)
+    flow, _ = inflow(g, pressure_of(g, mass, volume), volume, setpoint)
     theta = implicitness(g, mass, volume, flow, setpoint, dt)
     known = mass + dt * (1.0 - theta) * flow
     closed = pressure_of(g, known, volume_end)
@@ -138,7 +188,7 @@ def advance_chamber(
     high = max(closed, g.supply, g.ambient)
     p, weight, before = closed, dt * theta, math.inf
     for _ in range(MAX_ITERATIONS):
-        flow, rate = inflow(g, p, setpoint)
+        flow, rate = inflow(g, p, volume_end, setpoint)
         held = mass_of(g, p, volume_end)
         excess = held - known - weight * flow
         if excess > 0.0:
@@ -153,7 +203,7 @@ def advance_chamber(
         step = step if good else 0.5 * (low + high) - p
         before = abs(step)
         p += step
-    flow, rate = inflow(g, p, setpoint)
+    flow, rate = inflow(g, p, volume_end, setpoint)
     held = mass_of(g, p, volume_end) if weight * flow != 0.0 else known
     # d m = weight f' dp and dp / p = n (dm / m - dV / V).
     by_volume = -g.exponent * p / volume_end / (1.0 - weight * rate * g.exponent * p / held)
@@ -189,7 +239,8 @@ def chamber_pressures(
     for u in range(mass.shape[0]):
         if not (volume[u] > 0.0 and volume_end[u] > 0.0 and mass[u] > 0.0):
             return False
-        held, p, slope = advance_chamber(g, mass[u], volume[u], volume_end[u], g.ambient + setpoint[u], dt)
+        port = port_of(g, u)
+        held, p, slope = advance_chamber(port, mass[u], volume[u], volume_end[u], g.ambient + setpoint[u], dt)
         mass_end[u] = held
         pressure_end[u] = p - g.ambient
         by_volume[u] = slope
@@ -200,11 +251,11 @@ def chamber_pressures(
 def masses_at(g: Gas, pressure: Array, volume: Array, mass: Array) -> None:
     """mass <- air [kg] in chambers at gauge pressures [Pa], (n_u,)."""
     for u in range(mass.shape[0]):
-        mass[u] = mass_of(g, g.ambient + pressure[u], volume[u])
+        mass[u] = mass_of(port_of(g, u), g.ambient + pressure[u], volume[u])
 
 
 @kernel
 def inflows(g: Gas, pressure: Array, setpoint: Array, flow: Array) -> None:
     """flow <- mass flow into chambers [kg/s] at gauge pressures and set points [Pa], (n_u,)."""
     for u in range(flow.shape[0]):
-        flow[u], _ = inflow(g, g.ambient + pressure[u], g.ambient + setpoint[u])
+        flow[u], _ = inflow(port_of(g, u), g.ambient + pressure[u], g.volume[u], g.ambient + setpoint[u])

@@ -96,8 +96,8 @@ class Scene(Strict):
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
         if self.faults and not self.platform:
             raise ValueError("no faults without a platform: they are those of emulated devices")
-        if self.platform and self.twin.air == "states":
-            raise ValueError("no air: states under twin beside a platform, whose valves hold the air")
+        if self.valves == "real" and self.twin.air == "states":
+            raise ValueError("no air: states under twin beside valves: real, which hold the air")
         self._hardware()
         for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
             ticks = self.rate_hz / sensor.rate_hz

@@ -76,7 +76,7 @@ class TwinConfig(Strict):
     regulator: RegulatorModel = Field(RegulatorModel(), description="regulators, for pressures: regulators")
     air: Literal["lag", "states"] = Field(
         "lag",
-        description="behind the twin's own regulators: pressures that follow with a lag, or (states) valves, "
+        description="pressures that follow with a lag (here, or in the emulated valves), or (states) valves, "
         "and mass and volume of the air in each chamber, in place of lag and rate limit",
     )
     valve: ValveModel = Field(ValveModel(), description="valves, for air: states")
@@ -84,8 +84,8 @@ class TwinConfig(Strict):
 
     @model_validator(mode="after")
     def _used(self) -> TwinConfig:
-        if self.air == "states" and self.pressures != "regulators":
-            raise ValueError(f"air: lag beside pressures: {self.pressures}, whose air is elsewhere")
+        if self.air == "states" and self.pressures == "measured":
+            raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
         if self.air == "lag" and self.valve != ValveModel():
             raise ValueError("no valve beside air: lag, only beside air: states")
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
+from soro_core.pneumatics import ValveCondition
 from soro_core.robot import Robot
 from soro_core.twin.config import TwinConfig
 
@@ -59,16 +61,32 @@ class Plant:
         """Gauge pressures (n_u,) [Pa] of the air in the chambers, where it is a part of the state."""
         return self._stepper.pressures(state)
 
-    def advance(self, state: State, start_pa: Array, end_pa: Array, dt: float) -> tuple[State, Status]:
+    def at_pressures(self, state: State, pressure_pa: Array) -> State:
+        """Return the state with other gauge pressures (n_u,) [Pa] of the air, where it is a part of it."""
+        if not self.has_air:
+            return state
+        n = self.arm.n_internal
+        filled = self._stepper.initial_state(state.q, state.qd, pressure_pa)
+        return replace(state, internal=np.concatenate((state.internal[:n], filled.internal[n:])))
+
+    def advance(
+        self,
+        state: State,
+        start_pa: Array,
+        end_pa: Array,
+        dt: float,
+        condition: ValveCondition | None = None,
+    ) -> tuple[State, Status]:
         """Advance by `dt` while the pressures (n_u,) [Pa] go in a straight line from start to end.
 
-        With air as a part of the state these are the set points of its valves.
+        With air as a part of the state these are the set points of its valves, which are in that condition,
+        by default healthy.
         """
         steps = max(1, math.ceil(dt / self._step_s - 1e-9))
         status = OK
         for k in range(steps):
             middle = start_pa + (end_pa - start_pa) * ((k + 0.5) / steps)
-            state, status = self._stepper.step(state, middle, dt / steps)
+            state, status = self._stepper.step(state, middle, dt / steps, condition=condition)
             if not status.ok:
                 break
         return state, status

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -129,9 +130,26 @@ class Twin:
     def step_setpoints(self, state: TwinState, setpoint_pa: Array) -> TwinState:
         """Advance one tick with the twin's own regulators following set points (n_u,) [Pa gauge]."""
         if self.plant.has_air:
-            return self._breathe(state, setpoint_pa)
+            air, spans = pneumatics.targets(self.config.regulator, state.air, setpoint_pa, self.dt)
+            return self._breathe(state, air, spans)
         air = pneumatics.step(self.config.regulator, state.air, setpoint_pa, self.dt)
         return self._step(state, air)
+
+    def step_valves(self, state: TwinState, action: pneumatics.ValveAction) -> TwinState:
+        """Advance one tick with what valves elsewhere do over it; the air in the chambers is moved here.
+
+        Raises
+        ------
+        ModelError
+            If the air in the chambers is no part of the state (`air: lag`).
+        """
+        air = replace(state.air, target_pa=action.spans[-1][1])
+        return self._breathe(state, air, action.spans, action.condition)
+
+    def at_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
+        """Return the state with other pressures (n_u,) [Pa gauge] in its chambers, the arm as it is."""
+        air = pneumatics.RegulatorState(pressure_pa=pressure_pa, target_pa=pressure_pa)
+        return replace(state, arm=self.plant.at_pressures(state.arm, pressure_pa), air=air)
 
     def step_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
         """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere.
@@ -150,13 +168,18 @@ class Twin:
         arm, status = self.plant.advance(state.arm, state.air.pressure_pa, air.pressure_pa, self.dt)
         return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
 
-    def _breathe(self, state: TwinState, setpoint_pa: Array) -> TwinState:
+    def _breathe(
+        self,
+        state: TwinState,
+        air: pneumatics.RegulatorState,
+        spans: Iterable[tuple[float, Array]],
+        condition: pneumatics.ValveCondition | None = None,
+    ) -> TwinState:
         """Advance arm and air together; the valves move to what their regulators aim at."""
-        air, spans = pneumatics.targets(self.config.regulator, state.air, setpoint_pa, self.dt)
         arm, status = state.arm, OK
         for span, target in spans:
             if status.ok and span > SHORTEST_S:
-                arm, status = self.plant.advance(arm, target, target, span)
+                arm, status = self.plant.advance(arm, target, target, span, condition)
         air = replace(air, pressure_pa=self.plant.pressures(arm))
         return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -12,9 +13,10 @@ from std_srvs.srv import Trigger
 
 from soro_core.config import find_config
 from soro_core.errors import ConfigError, ModelError
-from soro_core.hardware.plant_link import PlantLinkClient
+from soro_core.hardware.plant_link import PlantFrame, PlantLinkClient
+from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
-from soro_core.twin import Observation, Twin, TwinConfig
+from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
@@ -43,6 +45,8 @@ class TwinNode(SoroNode[TwinConfig]):
         robot = self._robot = load_robot(find_config(config.robot, "robots"))
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._twin = Twin(robot, config)
+        # Of emulated valves: they say what they do, and hear what pressures come of it.
+        self._moves_air = config.pressures == "valves" and config.air == "states"
         self._names, self._true_names = robot.chamber_names, self._twin.plant.arm.robot.coordinate_names
         self.compile(self._warm_up)
         self._state = self._twin.initial()
@@ -95,6 +99,7 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def stop(self) -> None:
         self._running = False
+        self._release_air()
 
     def teardown(self) -> None:
         for client in (self._link, self._faults):
@@ -112,6 +117,10 @@ class TwinNode(SoroNode[TwinConfig]):
         self._running = True
         if self._config.pressures == "measured":
             return
+        if self._moves_air:
+            if (frame := self._link.latest()) is not None:
+                self._state = self._twin.at_pressures(self._state, frame.pressures)
+            self._link.answer(self._state.air.pressure_pa)
         if self._lockstep:
             self._observe()
             if self._link is not None:
@@ -138,16 +147,23 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def _advance_with_valves(self) -> None:
         """Lockstep: one frame of pressures is one tick."""
-        if self._running and not self._over() and (frame := self._link.wait(LINK_WAIT_S)) is not None:
-            self._step(frame.pressures)
+        if self._over():
+            self._release_air()
+        elif self._running and (frame := self._link.wait(LINK_WAIT_S)) is not None:
+            self._step_with_valves(frame)
             self._observe()
+
+    def _release_air(self) -> None:
+        """Nobody is to wait for pressures from a twin whose time stands still."""
+        if self._moves_air and self._link is not None:
+            self._link.release()
 
     def _advance_with_commands(self) -> None:
         """Lockstep: the command that answers tick k - 1 acts from tick k on."""
         while self._lockstep and self._running and not self._over():
             if self._state.tick > 0 and self._chambers.seen_ns < self._tick_ns() - self._period_ns:
                 return
-            self._step(None)
+            self._step_with_commands()
             self._observe()
 
     def _over(self) -> bool:
@@ -164,7 +180,10 @@ class TwinNode(SoroNode[TwinConfig]):
         frame = self._link.latest() if self._link is not None else None
         for _ in range(due):
             self._observe()
-            self._step(None if frame is None else frame.pressures)
+            if self._chambers is not None:
+                self._step_with_commands()
+            else:
+                self._step_with_valves(frame)
 
     def _on_measured(self, message: JointState) -> None:
         """Advance to the stamp of measured pressures, which go in straight lines between samples."""
@@ -189,22 +208,37 @@ class TwinNode(SoroNode[TwinConfig]):
             # Time is the recording's own; its period is never quite the nominal one.
             self._epoch_ns = stamp_ns - (self._state.tick + len(ways)) * self._period_ns
             for way in ways:
-                self._step(way)
+                self._arrive(self._twin.step_pressures(self._state, way))
                 self._observe()
         self._measured = (stamp_ns, pressure)
 
     # One tick -------------------------------------------------------------------------------------
-    def _step(self, pressure_pa: np.ndarray | None) -> None:
-        if pressure_pa is not None:
-            self._state = self._twin.step_pressures(self._state, pressure_pa)
-        elif self._chambers is not None:
-            self._chambers.judge(self._seen.reading_pa, True)
-            self._state = self._twin.step_setpoints(self._state, self._chambers.setpoint_pa)
-        else:  # the valves have not spoken yet: their chambers are as they were
-            self._state = self._twin.step_pressures(self._state, self._state.air.pressure_pa)
-        if not self._state.status.ok:
+    def _step_with_commands(self) -> None:
+        self._chambers.judge(self._seen.reading_pa, True)
+        self._arrive(self._twin.step_setpoints(self._state, self._chambers.setpoint_pa))
+
+    def _step_with_valves(self, frame: PlantFrame | None) -> None:
+        """With nothing from the valves yet their chambers are as they were."""
+        pressure = self._state.air.pressure_pa
+        if not self._moves_air:
+            given = pressure if frame is None else frame.pressures
+            self._arrive(self._twin.step_pressures(self._state, given))
+            return
+        if frame is None or not frame.action.spans:
+            action = ValveAction(((self._twin.dt, pressure),), healthy(pressure.size))
+        elif self._lockstep:
+            action = frame.action
+        else:  # what they do at last holds for a tick of this clock
+            action = replace(frame.action, spans=((self._twin.dt, frame.action.spans[-1][1]),))
+        self._arrive(self._twin.step_valves(self._state, action))
+
+    def _arrive(self, state: TwinState) -> None:
+        self._state = state
+        if not state.status.ok:
             self._running = False
-            raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {self._state.status}")
+            raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {state.status}")
+        if self._moves_air:
+            self._link.answer(state.air.pressure_pa)
 
     def _observe(self) -> None:
         """Publish what is seen at this tick, once."""

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.faults import healthy
 from benchmarks.faults.cells import command, run
+from benchmarks.faults.flow import NARROW, behind_a_twin
 from benchmarks.faults.matrix import FOUR, MATRIX, air
 from benchmarks.faults.rigs import Loop, rig_of
 from benchmarks.faults.rows import CHAMBER, Row
@@ -33,6 +34,19 @@ def cells():
 @pytest.mark.parametrize(("family", "row"), list(cells()))
 def test_cell(family, row):
     assert run(family, row).problems == ()
+
+
+def on_flow():
+    """All rows of the air on CANopen, on each other family one that needs its vent."""
+    yield from (("canopen_408", row) for row in air("canopen_408", NARROW))
+    own = ("stuck_open", "vent_blocked", "leak, rate_1_s: 20", "kinked_line", "burst")
+    for family, fault in zip(FAMILIES[1:], own, strict=True):
+        yield family, next(row for row in air(family, NARROW) if row.fault.startswith(fault))
+
+
+@pytest.mark.parametrize(("family", "row"), [pytest.param(*c, id=f"{c[0]}-{c[1].fault}") for c in on_flow()])
+def test_cell_on_the_flow_into_a_twin(family, row):
+    assert run(family, row, air=behind_a_twin).problems == ()
 
 
 @pytest.mark.parametrize("family", ["itv_rs232", "alicat", "veab_tcp", "soro_board", "vtem_modbus"])
@@ -116,3 +130,7 @@ def test_a_trip_of_the_arm_beside_is_seen():
 @pytest.mark.parametrize("family", FAMILIES)
 def test_minutes_without_a_fault(family):
     assert healthy(family, 20.0).endswith("no trip.")
+
+
+def test_minutes_without_a_fault_on_a_flow():
+    assert healthy("canopen_408", 20.0, behind_a_twin).endswith("no trip.")

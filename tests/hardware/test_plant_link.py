@@ -1,33 +1,55 @@
 """Both ends of the plant link in this process."""
 
+import math
 import socket
 import struct
+import threading
 
 import numpy as np
 import pytest
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.plant_link import PlantLinkClient, PlantLinkServer
+from soro_core.hardware.emulation.plant_server import PlantLinkServer
+from soro_core.hardware.plant_link import PlantLinkClient
+from soro_core.pneumatics import ValveAction, ValveCondition, healthy
 
 
 @pytest.fixture
 def server(tmp_path):
-    server = PlantLinkServer(tmp_path / "plant")
+    server = PlantLinkServer(tmp_path / "plant", 3)
     yield server
     server.close()
 
 
 @pytest.fixture
-def client(server):
+def in_lockstep(tmp_path):
+    server = PlantLinkServer(tmp_path / "plant", 3, lockstep=True, timeout_s=0.1)
+    yield server
+    server.close()
+
+
+def joined(server):
     client = PlantLinkClient(server.path)
     server.accept()
+    return client
+
+
+@pytest.fixture
+def client(server):
+    client = joined(server)
     yield client
     client.close()
 
 
+def publish(server, time_ns, pressures, action=None):
+    server.publish(
+        time_ns, np.asarray(pressures, dtype=float), action or ValveAction((), healthy(len(pressures)))
+    )
+
+
 def test_frames_come_in_order(server, client):
     for n in range(3):
-        server.publish(n * 1000, np.array([1.0, 2.0, n]))
+        publish(server, n * 1000, [1.0, 2.0, n])
     for n in range(3):
         frame = client.receive(1.0)
         assert (frame.sequence, frame.time_ns) == (n + 1, n * 1000)
@@ -38,18 +60,23 @@ def test_bytes_on_the_socket(server):
     raw = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     raw.connect(str(server.path))
     server.accept()
-    server.publish(5_000_000, np.array([100.0, 0.5]))
-    assert raw.recv(4096) == b"SPL1" + struct.pack("<IQq2d", 2, 1, 5_000_000, 100.0, 0.5)
+    condition = ValveCondition(
+        *(np.array(row) for row in ([1.0, 0.5], [1.0, 0.0], [math.inf, 2e4], [0, 3], [0, 1]))
+    )
+    action = ValveAction(((0.001, np.array([10.0, 20.0])), (0.004, np.array([30.0, 40.0]))), condition)
+    publish(server, 5_000_000, [100.0, 0.5], action)
+    values = [100.0, 0.5, 1.0, 0.5, 1.0, 0.0, math.inf, 2e4, 0, 3, 0, 1, 0.001, 10, 20, 0.004, 30, 40]
+    assert raw.recv(4096) == b"SPL2" + struct.pack("<IIQq18d", 2, 2, 1, 5_000_000, *values)
     raw.close()
 
 
 def test_latest(server, client):
     assert client.latest() is None
     for n in range(10):
-        server.publish(n, np.array([float(n)]))
+        publish(server, n, [float(n)])
     assert client.latest().sequence == 10
     assert client.latest().sequence == 10, "the newest one stays"
-    server.publish(99, np.array([7.0]))
+    publish(server, 99, [7.0])
     assert client.receive(1.0).time_ns == 99
 
 
@@ -59,7 +86,7 @@ def test_silence_is_an_error(client):
 
 
 def test_server_that_goes(server, client):
-    server.publish(0, np.zeros(2))
+    publish(server, 0, np.zeros(2))
     server.close()
     assert client.receive(1.0).sequence == 1, "what was sent is still read"
     with pytest.raises(HardwareError, match="gone"):
@@ -69,13 +96,13 @@ def test_server_that_goes(server, client):
 def test_client_that_goes(server, client):
     client.close()
     for n in range(3):
-        server.publish(n, np.zeros(3))
-    assert server._clients == {}
+        publish(server, n, np.zeros(3))
+    assert server._clients == []
 
 
 def test_slow_client_loses_whole_frames_and_holds_nobody_up(server, client):
     for n in range(20_000):
-        server.publish(n, np.full(12, float(n)))
+        publish(server, n, np.full(12, float(n)))
     assert server.dropped > 0
     sequences, last = [], 0
     while True:
@@ -99,14 +126,14 @@ def test_socket_left_by_a_killed_server_is_replaced(tmp_path):
     left = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     left.bind(str(tmp_path / "plant"))
     left.close()
-    PlantLinkServer(tmp_path / "plant").close()
+    PlantLinkServer(tmp_path / "plant", 3).close()
     assert not (tmp_path / "plant").exists()
 
 
 def test_file_in_the_way_is_kept(tmp_path):
     (tmp_path / "plant").write_text("mine")
-    with pytest.raises(HardwareError, match="cannot listen"):
-        PlantLinkServer(tmp_path / "plant")
+    with pytest.raises(HardwareError, match="a file is in the way"):
+        PlantLinkServer(tmp_path / "plant", 3)
     assert (tmp_path / "plant").read_text() == "mine"
 
 
@@ -121,3 +148,97 @@ def test_something_else_on_the_socket(tmp_path):
         client.receive(1.0)
     for sock in (client, other, listener):
         sock.close()
+
+
+# A twin that moves the air ------------------------------------------------------------------------
+def test_what_the_valves_do_comes_over(server, client):
+    condition = ValveCondition(*np.arange(15.0).reshape(5, 3))
+    action = ValveAction(((0.002, np.array([1.0, 2.0, 3.0])),), condition)
+    publish(server, 0, [7.0, 8.0, 9.0], action)
+    frame = client.receive(1.0)
+    np.testing.assert_array_equal(frame.pressures, [7.0, 8.0, 9.0])
+    ((span, target),) = frame.action.spans
+    assert span == 0.002
+    np.testing.assert_array_equal(target, [1.0, 2.0, 3.0])
+    for name in ("fill", "vent", "supply_pa", "loss_1_s", "is_open"):
+        np.testing.assert_array_equal(getattr(frame.action.condition, name), getattr(condition, name))
+
+
+def test_pressures_come_back_until_they_are_released(server, client):
+    assert server.pressures() is None
+    client.answer(np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(server.pressures(), [1.0, 2.0, 3.0])
+    client.answer(np.array([4.0, 5.0, 6.0]))
+    client.answer(np.array([7.0, 8.0, 9.0]))
+    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.0])
+    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.0])
+    client.release()
+    assert server.pressures() is None
+
+
+def test_a_twin_that_dies_leaves_the_air(server, client):
+    client.answer(np.ones(3))
+    assert server.pressures() is not None
+    client.close()
+    assert server.pressures() is None
+
+
+@pytest.mark.parametrize(
+    "answer", [np.ones(2), np.array([1.0, math.nan, 1.0]), np.array([1.0, math.inf, 0.0])]
+)
+def test_pressures_that_are_none_never_reach_the_devices(server, client, answer):
+    client.answer(np.ones(3))
+    server.pressures()
+    client.answer(answer)
+    assert server.pressures() is None
+    with pytest.raises(HardwareError, match="gone"):
+        client.receive(1.0)
+
+
+def test_only_one_moves_the_air(server, client):
+    second = joined(server)
+    client.answer(np.ones(3))
+    server.pressures()
+    second.answer(np.zeros(3))
+    np.testing.assert_array_equal(server.pressures(), np.ones(3))
+    with pytest.raises(HardwareError, match="gone"):
+        second.receive(1.0)
+    second.close()
+
+
+def test_nonsense_from_a_client_costs_only_its_connection(server, client):
+    raw = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    raw.connect(str(server.path))
+    raw.sendall(b"GET / HTTP/1.1\r\n\r\n")
+    client.answer(np.ones(3))
+    assert server.pressures() is not None
+    assert len(server._clients) == 1
+    raw.close()
+
+
+def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
+    client = joined(in_lockstep)
+    client.answer(np.zeros(3))
+    assert in_lockstep.pressures() is not None, "nothing was asked yet"
+    publish(in_lockstep, 0, np.zeros(3))
+
+    def twin():
+        client.receive(1.0)
+        client.answer(np.full(3, 5.0))
+
+    thread = threading.Timer(0.02, twin)
+    thread.start()
+    np.testing.assert_array_equal(in_lockstep.pressures(), np.full(3, 5.0))
+    thread.join()
+    publish(in_lockstep, 1, np.zeros(3))
+    with pytest.raises(HardwareError, match=r"the twin, which moves the air, has not answered for 0\.1 s"):
+        in_lockstep.pressures()
+    client.close()
+    assert in_lockstep.pressures() is None
+
+
+def test_in_lockstep_nobody_waits_for_one_that_only_listens(in_lockstep):
+    client = joined(in_lockstep)
+    publish(in_lockstep, 0, np.zeros(3))
+    assert in_lockstep.pressures() is None
+    client.close()

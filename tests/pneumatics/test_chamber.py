@@ -1,6 +1,7 @@
 """Air in chambers: the orifice, conservation of mass, limits of fill and vent, any step and volume."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core._jit import kernel
-from soro_core.pneumatics import ValveModel, chamber_pressures, inflows, make_gas, masses_at
+from soro_core.pneumatics import ValveModel, chamber_pressures, healthy, inflows, make_gas, masses_at
 from soro_core.pneumatics.chamber import AMBIENT_PA, GAS_CONSTANT
 from soro_core.pneumatics.flow import REFERENCE_DENSITY, mass_flow
 
@@ -212,3 +213,63 @@ def test_a_chamber_closed_to_nothing_is_refused():
     for volumes in ((V, 0.0), (V, -V), (0.0, V), (math.nan, V)):
         start, end = (np.array([v]) for v in volumes)
         assert not chamber_pressures(gas, np.array([1e-5]), start, end, np.zeros(1), 1e-3, *out)
+
+
+# Valves that are not healthy -----------------------------------------------------------------------
+class Faulty(Chambers):
+    """Chambers behind valves in a condition."""
+
+    def __init__(self, model, volume, pressure=0.0, **changes):
+        super().__init__(model, volume, pressure)
+        values = {name: np.full(len(self.volume), float(value)) for name, value in changes.items()}
+        self.gas = make_gas(model, self.volume, replace(healthy(len(self.volume)), **values))
+
+    def after(self, seconds, setpoint, dt=1e-3):
+        for _ in range(round(seconds / dt)):
+            p, _ = self.step(setpoint, dt)
+        return p
+
+
+def test_a_healthy_condition_changes_nothing():
+    assert all(
+        np.array_equal(a, b)
+        for a, b in zip(make_gas(OPEN, [V]), make_gas(OPEN, [V], healthy(1)), strict=True)
+    )
+
+
+def test_a_loss_beside_the_valve_takes_its_part_each_second():
+    """Isothermal it is p' = -k p, as hardware models have it; backward in time, of first order."""
+    errors = [
+        abs(Faulty(CLOSED, V, 40e3, loss_1_s=3.0).after(0.4, 40e3, dt) / 40e3 - math.exp(-1.2))
+        for dt in (1e-3, 5e-4)
+    ]
+    assert errors[0] < 1e-3
+    assert errors[1] < 0.6 * errors[0]
+    assert Faulty(CLOSED, V, -40e3, loss_1_s=500.0).after(0.1, 0.0, 0.02) == pytest.approx(0.0, abs=1.0)
+
+
+def test_a_valve_that_has_let_go_is_open_to_the_air_both_ways():
+    """As fast as a valve whose band is nothing, whatever its target; from a vacuum too."""
+    expected = Chambers(OPEN, V, 60e3)
+    gone = Faulty(ValveModel(exhaust_pa=-90e3, band_pa=20e3), V, 60e3, is_open=1.0)
+    for _ in range(100):
+        p, _ = gone.step(90e3, 1e-3)
+        assert p == pytest.approx(expected.step(0.0, 1e-3)[0], rel=1e-12, abs=1e-6)
+    assert Faulty(ValveModel(exhaust_pa=-90e3), V, -60e3, is_open=1.0).after(1.0, -60e3) == pytest.approx(
+        0.0, abs=1.0
+    )
+
+
+def test_orifices_and_supply_in_part():
+    full, half = (
+        Faulty(OPEN, V, 0.0, fill=part).after(0.01 / part, 90e3, 1e-4 / part) for part in (1.0, 0.5)
+    )
+    assert half == pytest.approx(full, rel=1e-12)
+    full, half = (
+        Faulty(OPEN, V, 80e3, vent=part).after(0.01 / part, 0.0, 1e-4 / part) for part in (1.0, 0.5)
+    )
+    assert half == pytest.approx(full, rel=1e-12)
+    assert Faulty(OPEN, V, 80e3, vent=0.0).after(1.0, 0.0) == pytest.approx(80e3)
+    assert Faulty(OPEN, V, 80e3, vent=0.0, is_open=1.0).after(1.0, 0.0) == pytest.approx(80e3)
+    assert Faulty(OPEN, V, 10e3, fill=0.0, vent=0.0).after(1.0, 90e3) == pytest.approx(10e3)
+    assert Faulty(OPEN, V, 0.0, supply_pa=20e3).after(2.0, 90e3) == pytest.approx(20e3)

@@ -34,16 +34,23 @@ def test_the_adaptive_controller_tracks_the_circle_on_emulated_valves(domain, tm
     assert on["estimator_error_last_rms_m"] <= 1.0e-3
 
 
-@pytest.mark.parametrize("change", ["platform=emulated_canopen", "twin.air=states"], ids=["valves", "direct"])
-def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, change):
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ("platform=emulated_canopen",),
+        ("platform=", "twin.air=states"),
+        ("platform=emulated_canopen", "twin.air=states"),
+    ],
+    ids=["valves", "direct", "air behind valves"],
+)
+def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, changes):
     bags = []
     for name in ("first", "second"):
         status, output, folder = run(
             tmp_path / name,
             "mode=lockstep",
             "duration_s=1.5",
-            "platform=",
-            change,
+            *changes,
             "twin.imu.enabled=true",
         )
         assert status == 0, output

@@ -22,9 +22,13 @@ from tests.ros.running import SORO, run, wait_until
 
 
 @pytest.mark.timeout(240)
-def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain, tmp_path):
+@pytest.mark.parametrize(
+    "air", ["air: lag", "air: states, valve: {fill_m3_s_pa: 1.0e-11}"], ids=["of the valves", "of the twin"]
+)
+def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain, tmp_path, air):
+    """With the air of the valves, and with that of the twin, which is told of the fault."""
     fault = "faults=[{at: 1.0, fault: stuck_open, chamber: link0/chamber1}]"
-    status, output, _ = run(tmp_path, "mode=lockstep", fault)
+    status, output, _ = run(tmp_path, "mode=lockstep", f"twin={{{air}}}", fault)
     assert status == 1, output
     said = " ".join(output.split())
     assert "soro: regulator: vented: over-pressure: link0/chamber1 at 11" in said

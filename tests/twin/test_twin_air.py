@@ -26,13 +26,8 @@ SETPOINT = np.array([60e3, 20e3, 0.0])
 
 
 @pytest.fixture(scope="module")
-def robot():
-    """The three-bellow arm with tubes and chambers of 30 ml."""
-    one = load_robot("tue_three_bellow")
-    links = [link.model_dump(exclude_unset=True) for link in one.links]
-    for link in links:
-        link["chambers"] = [{**chamber, "volume_m3": V} for chamber in link["chambers"]]
-    return one.replace(links=links)
+def robot(robot_with_tubes):
+    return robot_with_tubes
 
 
 def twin_of(robot, valve=OPEN, regulator=IDEAL, **keys):
@@ -175,7 +170,6 @@ def test_pressures_from_elsewhere_are_refused(robot):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"air": "states", "pressures": "valves"}, "air: lag beside pressures: valves"),
         ({"air": "states", "pressures": "measured"}, "air: lag beside pressures: measured"),
         ({"valve": {"band_pa": 10.0}}, "no valve beside air: lag"),
         ({"air": "valves"}, "air: got 'valves'; allowed: .*'lag' or 'states'"),
@@ -189,8 +183,11 @@ def test_mistakes_are_named(keys, message):
 
 
 def test_a_scene_refuses_what_has_no_air_of_its_own(robot):
-    with pytest.raises(ConfigError, match="no air: states under twin beside a platform"):
-        Scene(platform="emulated_canopen", twin={"air": "states"})
+    with pytest.raises(ConfigError, match="no air: states under twin beside valves: real"):
+        Scene(platform="emulated_canopen", valves="real", twin={"air": "states"})
+    behind = Scene(platform="emulated_canopen", twin={"air": "states"})
+    with pytest.raises(ConfigError, match=r"a volume_m3 of link0/chamber0"):
+        check_model(behind, load_robot("asu_two_segment"), "scene.yaml")
     scene = Scene(twin={"air": "states", "valve": {"band_pa": 500.0}})
     check_model(scene, robot, "scene.yaml")
     assert scene.twin_node().valve.band_pa == 500.0

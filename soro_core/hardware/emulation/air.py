@@ -1,4 +1,8 @@
-"""The air behind the registers: one regulated pressure a valve, advanced to the time it is asked for."""
+"""The air behind the registers: one regulated pressure a valve, advanced to the time it is asked for.
+
+By default each follows its valve's set point with a lag. A twin whose chambers hold air moves it in place of
+this one: it is told what the valves do, and gives back the pressures (`Air.connect`, ADR 0001).
+"""
 
 from __future__ import annotations
 
@@ -7,10 +11,25 @@ from dataclasses import replace
 
 import numpy as np
 
-from soro_core.hardware.emulation.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
+from soro_core.hardware.emulation.air_faults import (
+    PNEUMATIC,
+    SENSOR,
+    condition_of,
+    faulty_pressure,
+    faulty_reading,
+    faulty_target,
+)
 from soro_core.hardware.emulation.faults import Faults
 from soro_core.hardware.port import Array
-from soro_core.pneumatics.regulator import RegulatorModel, RegulatorState, initial_state, reading, step
+from soro_core.pneumatics.regulator import (
+    RegulatorModel,
+    RegulatorState,
+    initial_state,
+    reading,
+    step,
+    targets,
+)
+from soro_core.pneumatics.valve_condition import ValveAction, healthy
 
 
 class Air:
@@ -27,6 +46,8 @@ class Air:
 
     Attributes
     ----------
+    action : ValveAction
+        What the valves did in the last step; without spans where nobody moves the air elsewhere.
     faults : Faults
         Of valves, lines, chambers and sensors.
     """
@@ -41,26 +62,48 @@ class Air:
         self._reading_ns = -1
         self._reading: list[float] = [0.0] * len(demands)
         self._followed: list[float] = [0.0] * len(demands)
+        self._elsewhere: Callable[[], Array | None] = lambda: None
+        self._places = list(range(len(demands)))
+        self._no_action = self.action = ValveAction((), healthy(len(demands)))
+
+    def connect(self, elsewhere: Callable[[], Array | None], places: Sequence[int]) -> None:
+        """Let the air of the chambers at these places be moved elsewhere.
+
+        Parameters
+        ----------
+        elsewhere : callable
+            Gives the pressures [Pa gauge] of these chambers at the time last advanced to, or None while
+            nobody moves their air: it then follows with the lag, from where it is.
+        places : sequence of int
+            Valve of each of these chambers.
+        """
+        self._elsewhere, self._places = elsewhere, list(places)
 
     @property
     def pressure_pa(self) -> Array:
         """True pressures [Pa gauge] at the time last advanced to."""
+        self._settle()
         return self._state.pressure_pa
 
     def advance(self, now_ns: int) -> None:
         """Advance to a time with what the valves do now; call it before that changes."""
         if now_ns > self._now_ns:
+            is_elsewhere = self._settle()
             demands = [self._demand(n, demand()) for n, demand in enumerate(self._demands)]
             setpoint = np.array([self._setpoint(n, demand) for n, demand in enumerate(demands)])
             dt = (now_ns - self._now_ns) * 1e-9
+            self.action = self._action(setpoint, demands, dt) if is_elsewhere else self._no_action
             before, self._state = self._state, step(self._model, self._state, setpoint, dt)
             if self.faults.is_active:
                 self._distort(before, demands, dt)
+            if is_elsewhere:
+                self._take(before.pressure_pa[self._places])
             self._now_ns = now_ns
 
     def reading_pa(self, valve: int) -> float:
         """Measured pressure of one valve [Pa gauge]; all valves are sampled together, once for each time."""
         if self._reading_ns != self._now_ns:
+            self._settle()
             sampled = reading(self._model, self._state, self._rng).tolist()
             if self.faults.is_active:
                 for n, held in enumerate(self._reading):
@@ -72,6 +115,29 @@ class Air:
     def supply_pa(self, valve: int, supply_pa: float) -> float:
         """What a valve has left of a supply [Pa gauge]."""
         return min(supply_pa, self.faults.of(valve).get("supply_drop", supply_pa))
+
+    def _settle(self) -> bool:
+        """Take the pressures that the air has elsewhere; False where it is here."""
+        held = self._elsewhere()
+        if held is not None:
+            self._take(held)
+        return held is not None
+
+    def _take(self, pressure_pa: Array) -> None:
+        pressure = self._state.pressure_pa.copy()
+        pressure[self._places] = pressure_pa
+        self._state = replace(self._state, pressure_pa=pressure)
+
+    def _action(self, setpoint_pa: Array, demands: Sequence[float | None], dt: float) -> ValveAction:
+        """What the valves do over `dt`."""
+        _, spans = targets(self._model, self._state, setpoint_pa, dt)
+        faults = [self.faults.of(n) for n in range(len(demands))]
+        followed = tuple(
+            (span, np.array([faulty_target(active, pa) for active, pa in zip(faults, target, strict=True)]))
+            for span, target in spans
+        )
+        condition = condition_of(faults, [demand is None for demand in demands])
+        return ValveAction(followed, condition).at(self._places)
 
     def _demand(self, valve: int, demand_pa: float | None) -> float | None:
         """What a valve really follows: one that ignores its set points keeps the last, and still lets go."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from soro_core.hardware.emulation.faults import KINDS
 from soro_core.pneumatics.regulator import RegulatorModel
+from soro_core.pneumatics.valve_condition import ValveCondition
 
 PNEUMATIC = frozenset(name for name, kind in KINDS.items() if kind.group == "pneumatic")
 SENSOR = frozenset(name for name, kind in KINDS.items() if kind.group == "sensor")
@@ -38,27 +39,53 @@ def faulty_pressure(
     venting : bool
         Whether the valve has let go (fail-safe), so that its spring opens it to the air.
     """
-    lag = max(model.tau_s, SHORTEST_LAG_S)
-    if "slow_valve" in faults and not venting:
-        lag *= faults["slow_valve"]
-    if "kinked_line" in faults:
-        lag *= faults["kinked_line"]
-    rate = 1.0 / lag
-    if "supply_drop" in faults:
-        target_pa = min(target_pa, faults["supply_drop"])
-    if "stuck_at" in faults:
-        target_pa = faults["stuck_at"]
-    if "stuck_open" in faults:
-        target_pa = faults["stuck_open"]
-    if "stuck_closed" in faults:
-        rate = 0.0
-    loss = faults.get("leak", 0.0) + faults.get("burst", 0.0)
-    total = rate + loss
+    share = _opening(faults, venting)
+    rate = share / max(model.tau_s, SHORTEST_LAG_S)
+    target_pa = faulty_target(faults, min(target_pa, faults.get("supply_drop", math.inf)))
+    total = rate + _loss(faults)
     if total == 0.0:
         return before_pa
     rest = rate * target_pa / total
     after = rest + (before_pa - rest) * math.exp(-total * dt)
     return max(after, before_pa) if "vent_blocked" in faults else after
+
+
+def faulty_target(faults: Mapping[str, float], target_pa: float) -> float:
+    """What a valve brings its chamber to [Pa gauge], in place of a target."""
+    return faults.get("stuck_open", faults.get("stuck_at", target_pa))
+
+
+def condition_of(faults: Sequence[Mapping[str, float]], venting: Sequence[bool]) -> ValveCondition:
+    """Condition of valves for a model of the flow; `venting` says which have let go.
+
+    A valve that is stuck does not let go; what a chamber loses beside its valve it loses also while that is
+    shut.
+    """
+    fill = np.array([_opening(active, gone) for active, gone in zip(faults, venting, strict=True)])
+    is_open = [
+        gone and "stuck_open" not in active and "stuck_at" not in active
+        for active, gone in zip(faults, venting, strict=True)
+    ]
+    return ValveCondition(
+        fill=fill,
+        vent=np.where(["vent_blocked" in active for active in faults], 0.0, fill),
+        supply_pa=np.array([active.get("supply_drop", math.inf) for active in faults]),
+        loss_1_s=np.array([_loss(active) for active in faults]),
+        is_open=np.array(is_open, dtype=np.float64),
+    )
+
+
+def _opening(faults: Mapping[str, float], venting: bool) -> float:
+    """Part that valve and line let through of what they should."""
+    if "stuck_closed" in faults:
+        return 0.0
+    slow = 1.0 if venting else faults.get("slow_valve", 1.0)
+    return 1.0 / (slow * faults.get("kinked_line", 1.0))
+
+
+def _loss(faults: Mapping[str, float]) -> float:
+    """Part of its pressure that a chamber loses a second."""
+    return faults.get("leak", 0.0) + faults.get("burst", 0.0)
 
 
 def faulty_reading(

@@ -10,6 +10,7 @@ from soro_core.hardware.emulation.air import Air
 from soro_core.hardware.emulation.faults import OF_THE_AIR, Faults
 from soro_core.hardware.emulation.line_faults import ON_BYTES, LineFaults
 from soro_core.hardware.port import Array
+from soro_core.pneumatics.valve_condition import ValveAction
 
 LONGEST_STEP_NS = 20_000_000
 
@@ -74,7 +75,7 @@ class EmulatedDevices(ABC):
     stalled_ns : int
         Time that the world has been held up.
     on_tick : callable
-        Takes the time and the true pressures [Pa gauge] after each step of the air.
+        Takes the time, the true pressures [Pa gauge] and what the valves did, after each step of the air.
     faults : Faults
         What is wrong with them; `connect_faults` says what the family routes.
     """
@@ -85,7 +86,7 @@ class EmulatedDevices(ABC):
     def __init__(self, lines: tuple[Line, ...], step_s: float) -> None:
         self.lines = lines
         self.now_ns = self.ticks = self.stalled_ns = 0
-        self.on_tick: Callable[[int, Array], None] = lambda time_ns, pressures: None
+        self.on_tick: Callable[[int, Array, ValveAction], None] = lambda time_ns, pressures, action: None
         self._step_ns = round(step_s * 1e9)
         self._next_step_ns = self._step_ns
         self.faults = Faults(supported=())
@@ -103,8 +104,17 @@ class EmulatedDevices(ABC):
 
     @property
     def pressure_pa(self) -> Array:
-        """True chamber pressures [Pa gauge]."""
-        return self.air.pressure_pa
+        """True pressures [Pa gauge] of the chambers."""
+        return self.air.pressure_pa[self.places]
+
+    @property
+    def places(self) -> list[int]:
+        """Valve of each chamber, its place in the air."""
+        return list(range(len(self.air.pressure_pa)))
+
+    def move_air_elsewhere(self, elsewhere: Callable[[], Array | None]) -> None:
+        """Let the air of the chambers be moved by who gives their pressures; see `Air.connect`."""
+        self.air.connect(elsewhere, self.places)
 
     @property
     def next_event_ns(self) -> int:
@@ -140,13 +150,13 @@ class EmulatedDevices(ABC):
         self.now_ns = now_ns
         self.ticks += 1
         self.air.advance(now_ns)
+        if is_cycle:  # before anybody looks at the air: it may be moved by who hears of this
+            self.on_tick(now_ns, self.air.pressure_pa[self.places], self.air.action)
         self.faults.advance(now_ns)
         for line in self._line_faults:
             line.release()
         self.poll(now_ns)
         self.work(now_ns)
-        if is_cycle:
-            self.on_tick(now_ns, self.pressure_pa)
 
     @abstractmethod
     def due_ns(self) -> int | None:

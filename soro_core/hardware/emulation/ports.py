@@ -6,7 +6,6 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 
 from soro_core.hardware.emulation.devices import EmulatedDevices, Line
-from soro_core.hardware.port import Array
 
 
 class ServedLine(Line):
@@ -68,9 +67,8 @@ class ServedPorts(EmulatedDevices):
         return tuple(named.get(port, "") for port in range(len(self.air.pressure_pa)))
 
     @property
-    def pressure_pa(self) -> Array:
-        """True pressures [Pa gauge] of the chambers; ports without one are left out."""
-        return self.air.pressure_pa[self._ports]
+    def places(self) -> list[int]:
+        return self._ports
 
     @abstractmethod
     def take(self, chunk: bytes) -> None:

@@ -15,8 +15,8 @@ from soro_core.hardware.emulation.control import ControlServer
 from soro_core.hardware.emulation.devices import EmulatedDevices
 from soro_core.hardware.emulation.endpoints import ENDPOINTS, PtyEndpoint, TcpEndpoint
 from soro_core.hardware.emulation.faults import Injection
+from soro_core.hardware.emulation.plant_server import PlantLinkServer
 from soro_core.hardware.families import FAMILIES
-from soro_core.hardware.plant_link import PlantLinkServer
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.reason import reason
 
@@ -76,9 +76,10 @@ class Emulator:
             if control is not None:
                 self._control = ControlServer(control, devices.faults, self._selector)
             if plant_link is not None:
-                self._plant = PlantLinkServer(plant_link)
+                self._plant = PlantLinkServer(plant_link, len(devices.places), lockstep)
                 self._selector.register(self._plant, selectors.EVENT_READ, self._plant.accept)
                 devices.on_tick = self._plant.publish
+                devices.move_air_elsewhere(self._plant.pressures)
             self._plug()
         except HardwareError:
             self.close()

@@ -19,7 +19,7 @@ import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import Array
-from soro_core.hardware.reason import reason
+from soro_core.hardware.reason import no_socket, reason
 
 _HEADER = struct.Struct("<4sIQq")
 _MAGIC = b"SPL1"
@@ -50,7 +50,9 @@ class PlantLinkServer:
             self._listener.listen()
         except OSError as error:
             self._listener.close()
-            raise HardwareError(f"{path}: cannot listen for plant link clients ({reason(error)})") from None
+            raise HardwareError(
+                f"{path}: cannot listen for plant link clients ({no_socket(error)})"
+            ) from None
         self._listener.setblocking(False)
 
     def fileno(self) -> int:

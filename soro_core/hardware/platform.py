@@ -65,6 +65,12 @@ class Freshness(Strict):
         """Whether so many missed readings, or such an age, are too much."""
         return missed >= self.stale_cycles or age_ns >= self.stale_s * 1e9
 
+    def too_old(self, missed: int, age_ns: int) -> str:
+        """What is wrong with a reading that is stale."""
+        cycles = f"{missed} cycle{'s' if missed > 1 else ''}"
+        limit = f"{self.stale_s * 1e3:g} ms or {self.stale_cycles} cycles"
+        return f"no pressure for {age_ns * 1e-6:.0f} ms, {cycles} (stale at {limit})"
+
 
 class PlatformBase(Strict):
     """What a driver must know about the hardware of one arm, whatever the family.

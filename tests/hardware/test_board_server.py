@@ -17,7 +17,7 @@ from board_process import Bus
 from hardware_bench import wait_for
 from typer.testing import CliRunner
 
-from soro_core.errors import HardwareError
+from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import open_regulator
 from soro_core.hardware.board import frames, messages
 from soro_core.hardware.board.emulated_i2c import EmulatedAds1015, EmulatedMcp4725
@@ -280,7 +280,7 @@ main()
 
 def test_command_without_ros():
     done = subprocess.run([sys.executable, "-c", WITHOUT_ROS], capture_output=True, text=True, check=False)
-    assert done.stderr == "I2C needs the package smbus2 (pip install smbus2)\n"
+    assert done.stderr == "soro: I2C needs the package smbus2 (pip install smbus2)\n"
     assert done.returncode == 1
 
 
@@ -302,8 +302,8 @@ def test_command(monkeypatch):
         ),
     ]:
         failed = CliRunner().invoke(app, arguments)
-        assert failed.exit_code == status
-        assert text in failed.output
+        assert isinstance(failed.exception, ConfigError if status == 2 else HardwareError), "`soro` tells it"
+        assert text in str(failed.exception)
 
 
 def chips_of(platform, stored_code):

@@ -35,7 +35,7 @@ def test_dead_time_and_lag_are_those_of_the_emulated_valves(on_can, figure):
         figure(
             f"latency: {chamber.name} dead {chamber.dead_s * 1e3:.2f} ms, lag {chamber.lag_s * 1e3:.2f} ms"
         )
-        assert chamber.steps == 13
+        assert chamber.steps == 12
         assert chamber.dead_s == pytest.approx(0.005, abs=0.0015)
         assert chamber.lag_s == pytest.approx(0.052, rel=0.06)
         # The play of 900 Pa is missing from a step of 4 kPa.

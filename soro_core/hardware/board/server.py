@@ -163,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return run_board(given.config, given.listen, _print, given.check, given.store_safe)
     except SoroError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"soro: {error}\n")
         return 2 if isinstance(error, ConfigError) else 1
 
 

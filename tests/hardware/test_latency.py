@@ -111,6 +111,7 @@ def test_a_trip_or_an_interrupt_ends_it_vented():
     left = iter(range(300))
     with pytest.raises(HardwareError, match="vented: interrupted"):
         measure(CONFIG, loop, lambda: next(left, None) is None)
+    assert devices.vents == 1, "at once, past the slew and before the next exchange"
     for _ in range(60):
         assert not loop.cycle(np.full(3, 9e3)).sent_pa.any()
     assert devices.pressure_pa.max() < 1e3

@@ -176,7 +176,11 @@ _PLAIN = {
 
 
 def _first(error: ValidationError, model: type[BaseModel], where: str) -> ConfigError:
-    details = error.errors()[0]
+    found = error.errors()
+    details = found[0]
+    if details["type"] == "missing":  # it may stand there under another name, which says more
+        beside = (e for e in found if e["type"] == "extra_forbidden" and e["loc"][:-1] == details["loc"][:-1])
+        details = next(beside, details)
     location = _without_tags(model, details["loc"])
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if details["type"] == "union_tag_invalid":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import tempfile
 import time
@@ -131,10 +132,9 @@ class Run:
         """Let time and control begin."""
         self._begun = True
         if self.scene.faults:
-            client = ControlClient(self._faults)
-            for fault in self.scene.faults:
-                client.inject(fault)
-            client.close()
+            with contextlib.closing(ControlClient(self._faults)) as client:
+                for fault in self.scene.faults:
+                    client.inject(fault)
         supervisor.call("controller/enable")
         if self.scene.mode == "lockstep":
             supervisor.call("twin/start")

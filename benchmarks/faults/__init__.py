@@ -82,7 +82,7 @@ _ON_FLOW = f"""\
 
 The same on air that a twin moves behind the emulated valves: {1e8 * VALVE.fill_m3_s_pa:g} l/(s bar) after
 ISO 6358 on chambers of {1e6 * VOLUME_M3:g} ml, which change with the arm; the bound of a vent is that of this
-flow. The monitors expect a lag of {1e3 * LAG_S:g} ms, as which this valve follows what the limiter lets through."""
+flow. The monitors expect a lag of {1e3 * LAG_S:g} ms: so this valve follows what the limiter lets through."""
 
 
 def _without_a_fault(hours: dict[str, int], options: Options) -> Iterator[tuple[str, str]]:

@@ -21,10 +21,12 @@ from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.finding import Finding
 from soro_core.hardware.platform import IN_TURN, PlatformBase, open_regulator
 from soro_core.hardware.port import FAULT_CODES, Array, Regulator
-from soro_core.safety import Limits, for_regulators
+from soro_core.hardware.supervisor import SILENCE_S
+from soro_core.safety import Limits, check_rating, for_regulators
 
 OFFSET_WARN_PA, OFFSET_FAIL_PA = 2e3, 5e3
 NEEDED_PRIORITY = 30  # of the regulator node
+DUMP_VALVE = "a normally open dump valve is needed"
 
 
 def examine(
@@ -50,13 +52,18 @@ def examine(
     yield check_real_time(*resource.getrlimit(resource.RLIMIT_RTPRIO), os.geteuid() == 0)
     address = endpoint or platform.device
     failed = False
-    for finding in check_device(address, platform.where_device):
+    if address is None:
+        advice = (
+            f"give it as {platform.where_device} in the platform file, or with --device; `soro emulate` "
+            "prints one"
+        )
+        yield Finding("device", "fail", platform.missing_device, advice)
+        return
+    for finding in check_device(address):
         failed |= finding.level == "fail"
         yield finding
-    if address is None:
-        return
     with contextlib.closing(open_regulator(platform, endpoint, clock)) as regulator:
-        yield check_watchdog(regulator.device_watchdog)
+        yield check_watchdog(platform, regulator.device_watchdog)
         for finding in () if failed else regulator.probe():
             failed |= finding.level == "fail"
             yield finding
@@ -68,10 +75,20 @@ def examine(
 
 
 def check_range(platform: PlatformBase) -> Finding:
-    """Set points beside what the mechanics bear; no platform file gets by with more."""
+    """Set points beside what the mechanics bear, and beside what a run asks for if it sets no limits."""
+    name, limits = "pressure range", Limits()
     low, high = platform.range.minimum_pa / 1e3, platform.range.maximum_pa / 1e3
     found = f"{low:g} to {high:g} kPa, rated below {platform.rating.maximum_pa / 1e3:g} kPa"
-    return Finding("pressure range", "ok", found)
+    if limits.maximum_pa > platform.range.maximum_pa:
+        found += f"; the default limits let {limits.maximum_pa / 1e3:g} kPa through, which trips the arm"
+        advice = f"`limits: {{maximum_pa: {platform.range.maximum_pa:g}}}` in the scene"
+        return Finding(name, "warn", found, advice)
+    try:
+        check_rating(limits, platform.rating, where="")
+    except ConfigError as error:
+        found += "; the default limits go beyond it, and a run with them is refused"
+        return Finding(name, "warn", found, f"in the scene, {error.key}: {error.allowed}")
+    return Finding(name, "ok", found)
 
 
 def check_update(platform: PlatformBase, update_hz: float) -> Finding:
@@ -98,13 +115,18 @@ def check_age(update_hz: float, reading_age_s: float) -> Finding:
     return Finding(name, "ok", found)
 
 
-def check_watchdog(present: bool) -> Finding:
-    """Whether the devices vent by themselves."""
-    if present:
+def check_watchdog(platform: PlatformBase, in_the_devices: bool) -> Finding:
+    """What vents when the driver dies: the devices, a second process of this host, or nothing."""
+    if in_the_devices:
         return Finding("device watchdog", "ok", "the devices vent by themselves when the host falls silent")
-    found = "none: the devices hold their last set point when the host falls silent"
-    advice = "a normally open dump valve is needed: all else that vents then is a process of this host"
-    return Finding("device watchdog", "warn", found, advice)
+    found, advice = "none: the devices hold their last set point when the host falls silent", DUMP_VALVE
+    if platform.is_supervised:
+        found += f"; a second process vents when the driver dies, or says nothing for {SILENCE_S * 1e3:g} ms"
+        return Finding("device watchdog", "warn", found, f"{advice}: this host may stop as a whole")
+    found += ", and nothing else vents when the driver dies"
+    key = platform.where_supervisor
+    other = f"`{key}: true` in the platform file" if key else "devices that have a watchdog"
+    return Finding("device watchdog", "fail", found, f"{other}; in any case {advice}")
 
 
 def check_real_time(soft: int, hard: int, is_root: bool) -> Finding:
@@ -120,31 +142,36 @@ def check_real_time(soft: int, hard: int, is_root: bool) -> Finding:
     return Finding("real-time priority", "warn", f"{allowed}: cycles may be late under load", advice)
 
 
-def check_device(address: str | None, where: str = "transport.device") -> list[Finding]:
+def check_device(address: str) -> list[Finding]:
     """Whether device files are there and may be opened; other addresses are found out by opening them.
 
     Parameters
     ----------
-    address : str or None
+    address : str
         Path, several with commas, a folder of links, or something else.
-    where : str
-        Where a platform file names it.
     """
-    if address is None:
-        advice = f"give it as {where} in the platform file, or with --device; `soro emulate` prints one"
-        return [Finding("device", "fail", "the platform file names none", advice)]
-    paths = [Path(one) for one in address.split(",") if "/" in one]
-    # An emulator of several ports is a folder of links; one on TCP is a link that reads as an address.
-    paths = [port for path in paths for port in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    paths = [port for one in address.split(",") if "/" in one for port in _ports_of(Path(one))]
     return [
         check_path(path, os.access(path, os.R_OK | os.W_OK))
         for path in paths
+        # An emulator on TCP is a link that reads as an address.
         if not (path.is_symlink() and ":" in os.readlink(path))
     ]
 
 
+def _ports_of(path: Path) -> list[Path]:
+    """What a path stands for: an emulator of several ports is a folder of links 0, 1, and so on."""
+    found: list[Path] = []
+    while os.path.lexists(port := path / str(len(found))):
+        found.append(port)
+    return found or [path]
+
+
 def check_path(path: Path, may_open: bool) -> Finding:
     """Existence and permission of a device file."""
+    if path.is_dir():
+        advice = "name a device in it, with commas between several; only `soro emulate` makes folders of them"
+        return Finding("device", "fail", f"{path} is a folder", advice)
     if not path.exists():
         advice = "plug the adapter in; `ls -l /dev/serial/by-id` lists serial adapters"
         return Finding("device", "fail", f"{path} does not exist", advice)

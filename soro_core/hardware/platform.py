@@ -65,6 +65,12 @@ class Freshness(Strict):
         """Whether so many missed readings, or such an age, are too much."""
         return missed >= self.stale_cycles or age_ns >= self.stale_s * 1e9
 
+    def too_old(self, missed: int, age_ns: int) -> str:
+        """What is wrong with a reading that is stale."""
+        cycles = f"{missed} cycle{'s' if missed > 1 else ''}"
+        limit = f"{self.stale_s * 1e3:g} ms or {self.stale_cycles} cycles"
+        return f"no pressure for {age_ns * 1e-6:.0f} ms, {cycles} (stale at {limit})"
+
 
 class PlatformBase(Strict):
     """What a driver must know about the hardware of one arm, whatever the family.
@@ -75,10 +81,13 @@ class PlatformBase(Strict):
         Key under which the family's platform files name the hardware, for advice.
     start_advice : str
         What to look at when the devices cannot be started.
+    where_supervisor : str
+        Key under which they switch on the process that vents when the driver dies; empty without one.
     """
 
     where_device: ClassVar[str] = "transport.device"
     start_advice: ClassVar[str] = "see the lines above, and the device's manual"
+    where_supervisor: ClassVar[str] = ""
     family: str
     valves: Annotated[tuple[ValveBase, ...], Field(strict=False, min_length=1, max_length=126)]
     range: PressureRange
@@ -116,6 +125,16 @@ class PlatformBase(Strict):
     def device(self) -> str | None:
         """Path or address of the hardware, or None where it is given when opened."""
         return None
+
+    @property
+    def missing_device(self) -> str:
+        """What the platform file lacks where `device` is None."""
+        return "the platform file names none"
+
+    @property
+    def is_supervised(self) -> bool:
+        """Whether a process beside the driver vents when the driver dies."""
+        return False
 
     def at_rate(self, cycle_hz: float) -> Self:
         """Return the same platform with another rate of exchanges, checked again.

@@ -43,6 +43,11 @@ def reason(error: BaseException) -> str:
     return f"{os.strerror(number)}; {advice}" if advice else os.strerror(number)
 
 
+def no_socket(error: OSError) -> str:
+    """Reason why a Unix socket could not be made; one that is left over was taken away before."""
+    return "a file of that name is in the way" if error.errno == errno.EADDRINUSE else reason(error)
+
+
 def _number(error: BaseException) -> int | None:
     """Error number of the system, which is the first argument of more than `OSError`."""
     if isinstance(error, TimeoutError):

@@ -40,7 +40,8 @@ import time
 from typing import Any
 
 _MESSAGE, _LINES = 1 << 20, 64
-_SETTLE_S, _SILENCE_S = 0.02, 0.3
+_SETTLE_S = 0.02
+SILENCE_S = 0.3  # of a driver that has asked for pressure
 _MOST_CHUNKS, _LONGEST_ANSWER = 8, 4096
 
 Entry = dict[str, Any]
@@ -55,14 +56,14 @@ def await_end(control: socket.socket) -> tuple[Held, str]:
         try:
             message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE, _LINES)
         except TimeoutError:
-            return held, f"no set points for {_SILENCE_S:g} s"
+            return held, f"no set points for {SILENCE_S:g} s"
         except OSError:
             message = b""
         if not message:
             return held, "the driver died"
         if message == b"left":
             return held, "the driver ended and has not seen the arm empty"
-        control.settimeout(_SILENCE_S if message == b"+" else None)
+        control.settimeout(SILENCE_S if message == b"+" else None)
         if message in (b"+", b"-"):
             continue
         for _, descriptor in held:

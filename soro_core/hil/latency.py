@@ -6,6 +6,7 @@ dead time and lag by a fit that is finer than the cycle.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -126,7 +127,7 @@ def measure(
     found = []
     for chamber in range(n):
         samples: list[Sample] = []
-        # From above, so that valves with play begin all steps up alike.
+        # From above, so that valves with play begin all steps up alike; the first way down is none of them.
         high = config.low_pa + config.step_pa
         for level in (high, high, *(config.low_pa, high) * config.repeat, config.low_pa, 0.0):
             wanted = np.zeros(n)
@@ -188,7 +189,8 @@ def _chamber(config: LatencyConfig, name: str, chamber: int, samples: Sequence[S
     # A device rounds what it is sent; steps from zero, and to it, are none of these.
     where = (np.abs(sent - config.low_pa - config.step_pa) < 0.1 * config.step_pa).astype(int)
     where -= np.abs(sent - config.low_pa) < 0.1 * config.step_pa
-    for at, sign in _steps(where):
+    steps = itertools.dropwhile(lambda step: step[1] < 0, _steps(where))
+    for at, sign in steps:
         inside = fresh & (t >= t[at]) & (t < t[at] + config.hold_s)
         before = fresh & (t < t[at]) & (t >= t[at] - BEFORE_PART * config.hold_s)
         if before.sum() < 2 or inside.sum() < 3:

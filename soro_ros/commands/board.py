@@ -28,12 +28,6 @@ def board(
     without the command line tool it is `python -m soro_core.hardware.board.server`.
     """
     # Imported here so that `soro --help` stays quick.
-    from soro_core.errors import ConfigError, SoroError
     from soro_core.hardware.board.server import run_board
 
-    try:
-        status = run_board(config, listen, typer.echo, check, store_safe)
-    except SoroError as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
-    raise typer.Exit(status)
+    raise typer.Exit(run_board(config, listen, typer.echo, check, store_safe))

@@ -121,7 +121,10 @@ def latency(
     ] = 5.0,
     step_kpa: Annotated[float, typer.Option(min=1.0, max=20.0, help="Height of a step [kPa].")] = 4.0,
     repeat: Annotated[
-        int, typer.Option(min=2, max=200, help="Steps up, and as many down, of each chamber.")
+        int,
+        typer.Option(
+            min=2, max=200, help="Steps up, and as many down, of each chamber: twice as many are reported."
+        ),
     ] = 10,
     hold_s: Annotated[float, typer.Option(min=0.1, max=20.0, help="Time between steps [s].")] = 0.5,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before the first pressure.")] = False,

@@ -15,8 +15,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from soro_core.config import find_config, read_value
 from soro_core.control.config import require_chambers
-from soro_core.errors import ConfigError, SoroError
+from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.hardware import load_platform
+from soro_core.hardware.doctor import check_device
 from soro_core.robot import Robot, load_robot
 from soro_core.scene import Scene, check_model, load_scene
 from soro_ros import signals
@@ -167,6 +168,10 @@ def _check_files(scene: Scene) -> Robot:
     if scene.valves == "real" and not (scene.device or platform.device):
         allowed = f"--device, or {platform.where_device} in the platform file: where the valves are"
         raise ConfigError(scene.platform, "device", "", allowed)
+    if scene.valves == "real":
+        for finding in check_device(scene.device or platform.device or ""):
+            if finding.level == "fail":
+                raise HardwareError(f"{finding.found}: {finding.do}")
     fed, has = platform.chamber_names, robot.chamber_names
     if set(fed) != set(has):
         other = [f"{name}, which the robot has not" for name in fed if name not in has]

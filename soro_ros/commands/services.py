@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -160,7 +161,7 @@ def fault(
     from soro_core.hardware.emulation.faults import CLEAR
 
     text = f"fault: {CLEAR}" if injection is None else injection
-    if Path(node).is_socket():
+    if _is_path(node):
         with contextlib.closing(ControlClient(node)) as client:
             typer.echo(f"{node}: {client.inject(text)}")
         return
@@ -176,6 +177,14 @@ def fault(
     if not answer.successful:
         raise SoroError(f"{name} refuses: {answer.reason}")
     typer.echo(f"{name}: {'no faults' if clear else f'injected {text}'}")
+
+
+def _is_path(name: str) -> bool:
+    """Whether it is meant for a socket and not for a node: it is there, or cannot be a node's name."""
+    path = Path(name)
+    in_a_folder = path.is_absolute() and len(path.parts) > 2 and path.parent.is_dir()
+    is_there = path.exists() and not path.is_dir()
+    return is_there or in_a_folder or re.search(r"[^A-Za-z0-9_/]", name) is not None
 
 
 @contextlib.contextmanager

@@ -1,11 +1,15 @@
 """What `soro doctor` says of every family: who is there, a wrong device, a wrong address."""
 
+import socket
+
 import pytest
 from board_bench import board_platform, veab_platform
 from serial_bench import alicat, itv
 from served_bench import served
 
 from soro_core.hardware import doctor, load_platform
+from soro_core.hardware.board import frames, messages
+from soro_core.hardware.board.frames import Frame, Kind
 
 QUICK = {"boot_timeout_s": 0.3, "answer_timeout_s": 0.1, "check_s": 0.1}
 
@@ -67,6 +71,25 @@ def test_a_board_tells_who_it_is():
         assert (wide["board"].level, "number of ports" in wide["board"].found) == ("fail", True)
 
 
+@pytest.mark.parametrize(
+    ("options", "found", "do"),
+    [
+        ({}, "serves another host", "end the other driver"),
+        ({"hosts": ["10.0.0.7"]}, "does not admit this host", "add this host's address to board.hosts there"),
+    ],
+)
+def test_a_board_that_turns_this_host_away_says_what_to_do(options, found, do):
+    platform = board_platform(board=options)
+    with served(platform) as (_, address):
+        host, port = address.split(":")
+        with socket.create_connection((host, int(port))) as other:
+            other.sendall(frames.encode(Frame(Kind.HELLO, 0, messages.pack_hello(4))))
+            other.recv(1)  # it is let in, or told why not
+            finding = look(platform, address)["board"]
+    assert (finding.level, found in finding.found) == ("fail", True)
+    assert do in finding.do
+
+
 def test_a_board_is_not_the_published_server():
     with served(veab_platform()) as (_, address):
         finding = look(board_platform(), address)["board"]
@@ -101,6 +124,14 @@ def test_no_device_named(name, key):
     findings = look(load_platform(name), None)
     assert findings["device"].level == "fail"
     assert f"as {key} in the platform file" in findings["device"].do
+
+
+def test_a_valve_without_a_port_is_named():
+    valves = [{"chamber": f"link0/chamber{n}", "port": "/dev/ttyS0"} for n in range(1)]
+    partly = itv(3, valves=[*valves, *({"chamber": f"link0/chamber{n}"} for n in (1, 2))])
+    finding = look(partly, None)["device"]
+    assert finding.found == "the platform file names no port for link0/chamber1, link0/chamber2"
+    assert "`port` of every valve" in finding.do
 
 
 def test_age_of_readings_against_what_the_devices_give():

@@ -47,7 +47,7 @@ def test_by_option_at_its_time_of_the_devices(tmp_path):
         ),
         ("fault: bus_off, chamber: link0/chamber0", "no chamber"),
         ("fault: drop, p: 1.5", "p from 0 to 1"),
-        ("fault: drop, q: 1", "unknown key"),
+        ("fault: drop, q: 1", "drop: p from 0 to 1, not q"),
         ("[", "valid YAML"),
     ],
 )

@@ -161,6 +161,7 @@ def test_an_interrupt_vents_at_once():
     rig = Pressurised(stop_at=300)
     state = rig.run()
     assert rig.samples[-1].sent_pa.any()
+    assert rig.devices.vents == 1
     # The chamber that was not taken to its end is named as well.
     assert state.findings[-1][2:] == (f"{', '.join(NAMES)}: interrupted", "begin again")
     for _ in range(60):

@@ -62,7 +62,7 @@ def test_latency_ends_in_a_report(device, tmp_path):
     status, output, report = call(tmp_path, "latency", described, "--device", address, *options)
     assert status == 0, output
     (chamber,) = report["chambers"]
-    assert chamber["steps"] == 9
+    assert chamber["steps"] == 8
     assert chamber["dead_s"] == pytest.approx(0.005, abs=0.002)
     assert chamber["lag_s"] == pytest.approx(0.052, rel=0.1)
     assert "dead time" in output

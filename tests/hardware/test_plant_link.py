@@ -132,7 +132,7 @@ def test_socket_left_by_a_killed_server_is_replaced(tmp_path):
 
 def test_file_in_the_way_is_kept(tmp_path):
     (tmp_path / "plant").write_text("mine")
-    with pytest.raises(HardwareError, match="a file is in the way"):
+    with pytest.raises(HardwareError, match="a file of that name is in the way"):
         PlantLinkServer(tmp_path / "plant", 3)
     assert (tmp_path / "plant").read_text() == "mine"
 

@@ -8,7 +8,7 @@ from soro_core.config import config_folder
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import load_platform, open_regulator
 from soro_core.hardware.guarded import GuardedRegulator
-from soro_core.hardware.platform import watched
+from soro_core.hardware.platform import Freshness, watched
 from soro_core.safety import Limits, Monitors
 
 BASE_TEXT = yaml.safe_dump(BASE)
@@ -30,9 +30,20 @@ def test_every_shipped_platform_loads(path):
     load_platform(path)
 
 
+def test_a_stale_reading_is_told_with_its_age_and_what_is_allowed():
+    times = Freshness()
+    assert times.is_stale(1, 60_000_000)
+    assert times.too_old(1, 60_000_000) == "no pressure for 60 ms, 1 cycle (stale at 50 ms or 3 cycles)"
+    assert times.too_old(4, 15_000_000).startswith("no pressure for 15 ms, 4 cycles (")
+
+
 BAD = {
     "unknown key": ({"flow": 3}, "flow: got 'an unknown key'"),
     "unknown nested key": ({"canopen": {"watchdog_s": 1.0}}, "canopen.watchdog_s: got 'an unknown key'"),
+    "unknown key in place of a required one": (
+        {"valves": [{"chamber": "link0/chamber0", "node_id": 1}]},
+        "valves[0].node_id: got 'an unknown key'; allowed: chamber, node, channel",
+    ),
     "unknown family": (
         {"family": "ethercat"},
         "family: got 'ethercat'; allowed: one of canopen_408, itv_rs232, ",

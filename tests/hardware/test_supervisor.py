@@ -63,7 +63,7 @@ def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_p
             lambda: cycles_in_real_time(regulator, 0.1, [30e3] * 3) and link.latest().pressures.max() > 25e3
         )
         regulator.vent()
-        time.sleep(2 * supervisor._SILENCE_S)  # nothing comes of it that could be waited for
+        time.sleep(2 * supervisor.SILENCE_S)  # nothing comes of it that could be waited for
         assert cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].faults == (), "at rest it may be silent"
         regulator.close()
         link.close()

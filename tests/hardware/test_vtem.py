@@ -285,3 +285,33 @@ def test_the_process_beside_it_knows_before_pressure_is_asked_for(bench):
     bench.run(1, 0.0)
     bench.driver._supervisor = None
     assert told == [(True, False), (True, True), (False, False)]
+
+
+@pytest.mark.parametrize(
+    ("pressed", "fault", "is_empty"),
+    [
+        (True, "", True),
+        (True, "vent_blocked", False),
+        (True, "link", False),
+        (False, "link", True),
+    ],
+)
+def test_the_process_beside_it_is_told_whether_the_arm_was_seen_empty(bench, pressed, fault, is_empty):
+    """It ends at once only then; else it goes on trying."""
+    told = []
+
+    class Watcher:
+        def watches(self, pressed):
+            return True
+
+        def dismiss(self, vented):
+            told.append(vented)
+
+    bench.run(100, 40e3 if pressed else 0.0)
+    if fault == "link":
+        bench.devices.line.hang_up = bench.devices.line.refuses = True
+    elif fault:
+        bench.devices.faults.add(Injection(fault=fault, chamber="link0/chamber1"))
+    bench.driver._supervisor = Watcher()
+    bench.driver.close()
+    assert told == [is_empty]

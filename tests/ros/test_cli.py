@@ -129,6 +129,15 @@ def test_wrong_use_names_what_is_wrong(tmp_path, arguments, says):
     assert "Traceback" not in err
 
 
+def test_a_missing_device_is_told_before_anything_starts(tmp_path):
+    missing = tmp_path / "ttyACM0"
+    status, _, err = soro("run", "track_circle", "--device", str(missing), "--folder", str(tmp_path / "runs"))
+    assert status == 1
+    assert err.startswith(f"soro: {missing} does not exist: plug the adapter in")
+    assert "starting" not in err
+    assert not (tmp_path / "runs").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -14,9 +14,11 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from soro_core.errors import HardwareError
 from soro_core.hardware.emulation.control import ControlServer
 from soro_core.hardware.emulation.faults import Faults
-from soro_ros import middleware, qos
+from soro_core.scene import load_scene
+from soro_ros import compose, middleware, qos
 from soro_ros.faults import FaultInterface
 from tests.ros.running import SORO, run, wait_until
 
@@ -127,3 +129,26 @@ def test_topic_and_service(domain, tmp_path):
         node.destroy_node()
     finally:
         rclpy.shutdown()
+
+
+def test_a_run_lets_go_of_the_emulator_when_it_refuses_a_fault(tmp_path, monkeypatch):
+    class Refusing:
+        closed = 0
+
+        def __init__(self, path):
+            pass
+
+        def inject(self, fault):
+            raise HardwareError("refused")
+
+        def close(self):
+            Refusing.closed += 1
+
+    monkeypatch.setattr(compose, "ControlClient", Refusing)
+    scene = load_scene("track_circle", {"faults": [{"at": 1.0, "fault": "drop"}]})
+    run = compose.Run(scene, tmp_path, say=print)
+    run._faults = tmp_path / "faults"
+    with pytest.raises(HardwareError, match="refused"):
+        run.begin(None)
+    assert Refusing.closed == 1
+    run.end()

@@ -13,7 +13,7 @@ import typer
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from soro_core.errors import ConfigError, SoroError
+from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_ros import qos, services
 from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
@@ -181,6 +181,14 @@ def test_a_fault_is_injected_or_refused_with_its_reason(nodes, capfd):
     fault(str(nodes.socket), "fault: drop, duration_s: 5")  # of an emulator that no twin knows
     assert [str(one) for one in nodes.served.faults.active] == ["drop (p 0.2)"]
     assert "/left/twin: injected fault: leak" in capfd.readouterr().out
+
+
+def test_a_path_without_an_emulator_is_no_name_of_a_node(tmp_path):
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "gone", tmp_path / "file", "faults.sock"):
+        with pytest.raises(HardwareError, match="no emulator listens for faults") as told:
+            fault(str(path), clear=True)
+        assert str(told.value).startswith(f"{path}: ")
 
 
 @pytest.mark.parametrize("arguments", [(None, False), ("fault: drop", True)])

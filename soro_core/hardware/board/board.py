@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 from soro_core.hardware.board import core, frames, messages
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.frames import Frame, Kind
-from soro_core.hardware.board.messages import Cause, Port
+from soro_core.hardware.board.messages import Cause, Port, Refusal
 from soro_core.hardware.board.ports import PortReading, PortReport, Ports
 
 _ANSWERED = (Kind.SET, Kind.RESET)
+_IDLE_NS = 1_000_000_000  # a host that has been silent for so long gives way to a new one
 
 
 class Board:
@@ -55,6 +56,8 @@ class Board:
         self._readings: list[PortReading] = []
         self._read_ns: list[int | None] = [None] * len(ports)
         self._exchanged_ns = self._sent_ns = 0
+        self._admits = options.admits
+        self._heard_ns: int | None = None  # when the host was last heard; None while there is none
 
     @property
     def garbled(self) -> int:
@@ -80,6 +83,18 @@ class Board:
         self._exchange(now_ns)
         return reports
 
+    def turn_away(self, address: str, now_ns: int) -> bytes | None:
+        """What to tell a host of this IP address before hanging up; None if it may connect."""
+        if not self._admits(address):
+            return _refused(Refusal.STRANGER)
+        if self._heard_ns is not None and now_ns - self._heard_ns < _IDLE_NS:
+            return _refused(Refusal.BUSY)
+        return None
+
+    def host_came(self, now_ns: int) -> None:
+        """A host has connected."""
+        self._heard_ns = now_ns
+
     def feed(self, chunk: bytes, now_ns: int) -> bytes:
         """Take bytes of the host; what to send to it."""
         self.state = core.watch(self.rules, self.state, now_ns)
@@ -99,6 +114,8 @@ class Board:
         if answer:  # of several SETs that came together only the newest is carried out
             self._exchange(now_ns)
             output += self._report(now_ns)
+        if output:
+            self._heard_ns = now_ns  # garbage is no sign of life
         return output
 
     def poll(self, now_ns: int) -> bytes:
@@ -114,7 +131,7 @@ class Board:
 
     def host_gone(self, now_ns: int) -> None:
         """The connection has ended: vent now."""
-        self.state = core.host_gone(self.state)
+        self.state, self._heard_ns = core.host_gone(self.state), None
         self._decoder.reset()
         self._exchange(now_ns)
 
@@ -161,6 +178,10 @@ class Board:
         age_ms = messages.NEVER_MS if read_ns is None else (now_ns - read_ns) // 1_000_000
         pressure = 0 if reading.pressure_pa is None else round(reading.pressure_pa)
         return Port(round(reading.applied_pa), pressure, reading.flags, age_ms)
+
+
+def _refused(why: Refusal) -> bytes:
+    return frames.encode(Frame(Kind.REFUSED, 0, messages.pack_refused(why)))
 
 
 def describe(reports: Sequence[PortReport]) -> list[str]:

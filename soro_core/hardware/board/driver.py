@@ -208,7 +208,7 @@ class BoardRegulator(Regulator):
             self._read_ns = now_ns
         elif times.is_stale(self._missed, now_ns - self._read_ns):
             names = ", ".join(name for name, good in zip(self._names, fresh, strict=True) if not good)
-            faults.append(Fault("stale_reading", names, f"no pressure for {self._missed} cycles"))
+            faults.append(Fault("stale_reading", names, times.too_old(self._missed, now_ns - self._read_ns)))
         return faults
 
     def _compare(self, state: State) -> None:

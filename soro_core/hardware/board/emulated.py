@@ -100,8 +100,13 @@ class EmulatedBoard(ServedPorts):
         if self._lockstep and self.board.set_points != before:
             self.tick(self.now_ns + self._period_ns)
 
+    def turn_away(self, address: str) -> bytes | None:
+        return self.board.turn_away(address, self.now_ns)
+
     def connected(self, has_host: bool) -> None:
-        if not has_host:
+        if has_host:
+            self.board.host_came(self.now_ns)
+        else:
             self.board.host_gone(self.now_ns)
 
     def _boot(self) -> Board:

@@ -7,15 +7,12 @@ import selectors
 import socket
 from collections.abc import Callable
 
-from soro_core.hardware.board import frames, messages
 from soro_core.hardware.board.board import Board
-from soro_core.hardware.board.frames import Frame, Kind
-from soro_core.hardware.board.messages import Refusal
+from soro_core.hardware.transport.tcp import hang_up
 
 _CHUNK = 65536
 _BACKLOG = 16384  # bytes kept for a host that does not read; further frames are dropped whole
 _DRAIN = 16  # chunks of the present host that are taken before a new one is refused
-_IDLE_NS = 1_000_000_000  # a host that has been silent for so long gives way to a new one
 
 
 class Server:
@@ -31,8 +28,6 @@ class Server:
         Monotonic time [ns].
     beat : callable
         Called in every turn, at least once in a period of the ports.
-    admits : callable
-        Whether a host of this address may connect.
     """
 
     def __init__(
@@ -41,12 +36,9 @@ class Server:
         listener: socket.socket,
         clock: Callable[[], int],
         beat: Callable[[], None],
-        admits: Callable[[str], bool] = lambda address: True,
     ) -> None:
         self._board, self._listener, self._clock, self._beat = board, listener, clock, beat
-        self._admits = admits
         self._host: socket.socket | None = None
-        self._heard_ns = 0
         self._output = bytearray()
         self._stopped = False
         # select() waits with microseconds; epoll and poll round up to milliseconds.
@@ -80,20 +72,18 @@ class Server:
         with contextlib.suppress(BlockingIOError):
             host, (address, *_) = self._listener.accept()
             host.setblocking(False)
-            if not self._admits(address):
-                _turn_away(host, Refusal.STRANGER)
-                return
             # A host that has just left must not keep the next one out.
             for _ in range(_DRAIN):
                 if not self._read():
                     break
             now_ns = self._clock()
-            if self._host is not None and now_ns - self._heard_ns < _IDLE_NS:
-                _turn_away(host, Refusal.BUSY)
+            if (told := self._board.turn_away(address, now_ns)) is not None:
+                hang_up(host, told)
                 return
             self._leave()
             host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._host, self._heard_ns = host, now_ns
+            self._host = host
+            self._board.host_came(now_ns)
             self._selector.register(host, selectors.EVENT_READ, self._read)
 
     def _read(self) -> bool:
@@ -109,9 +99,7 @@ class Server:
         if not chunk:
             self._leave()
             return False
-        now_ns = self._clock()
-        if answer := self._board.feed(chunk, now_ns):
-            self._heard_ns = now_ns  # garbage is no sign of life
+        if answer := self._board.feed(chunk, self._clock()):
             self._put(answer)
         return True
 
@@ -141,10 +129,3 @@ class Server:
         if host is not None:
             self._selector.unregister(host)
             host.close()
-
-
-def _turn_away(host: socket.socket, why: Refusal) -> None:
-    """Say why, once, and hang up."""
-    with contextlib.suppress(OSError):
-        host.send(frames.encode(Frame(Kind.REFUSED, 0, messages.pack_refused(why))))
-    host.close()

@@ -34,8 +34,7 @@ def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]
         session.receive(left)
     if session.refused is not None or session.welcome is None or session.state is None:
         code = 0 if session.refused is None else session.refused[0]
-        advice = "end the other driver, or give both sides the same platform file"
-        yield Finding("board", "fail", f"it {texts.refusal(code)}", advice)
+        yield Finding("board", "fail", f"it {texts.refusal(code)}", texts.advice(code))
         return
     welcome, state = session.welcome, session.state
     known = f"boot {welcome.boot:08x}, {len(welcome.limits_pa)} ports, watchdog {welcome.watchdog_ms} ms"

@@ -67,7 +67,7 @@ def serve(
             listener = stack.enter_context(socket.create_server(address))
         except OSError as error:
             raise HardwareError(f"{address[0]}:{address[1]}: cannot listen ({error.strerror})") from None
-        server = Server(board, listener, time.monotonic_ns, beat, platform.board.admits)
+        server = Server(board, listener, time.monotonic_ns, beat)
         stack.enter_context(_stopped_by_signals(server))
         with contextlib.suppress(OSError):  # Linux rounds waits up by 50 us otherwise
             Path("/proc/self/timerslack_ns").write_text("1000", encoding="ascii")
@@ -163,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return run_board(given.config, given.listen, _print, given.check, given.store_safe)
     except SoroError as error:
-        sys.stderr.write(f"{error}\n")
+        sys.stderr.write(f"soro: {error}\n")
         return 2 if isinstance(error, ConfigError) else 1
 
 

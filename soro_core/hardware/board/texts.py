@@ -20,6 +20,10 @@ _REFUSALS: dict[int, str] = {
     Refusal.NO_HELLO: "does not know this host",
     Refusal.STRANGER: "does not admit this host: board.hosts in the platform file on the Pi",
 }
+_ADVICE: dict[int, str] = {
+    Refusal.BUSY: "end the other driver; a host that is silent gives way after a second",
+    Refusal.STRANGER: "add this host's address to board.hosts there, and start `soro board` again",
+}
 _FLAGS = {
     PortFlag.DAC_ERROR: "DAC does not answer",
     PortFlag.ADC_ERROR: "ADC does not answer",
@@ -31,6 +35,11 @@ _FLAGS = {
 def refusal(code: int) -> str:
     """Why the board refuses, after "the board"."""
     return _REFUSALS.get(code, f"refuses with code {code}")
+
+
+def advice(code: int) -> str:
+    """What to do about a refusal."""
+    return _ADVICE.get(code, "give both sides the same platform file, and the same version of soro")
 
 
 def complaints(state: State) -> str:

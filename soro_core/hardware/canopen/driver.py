@@ -76,8 +76,7 @@ class CanopenRegulator(Regulator):
         self._guard = BusGuard(self._link, clock)
         self._own_heartbeat = frames.heartbeat(platform.canopen.master_node, NmtState.OPERATIONAL)
         self._guarding = Guarding(self._nodes, platform.canopen.heartbeat_s)
-        self._cycles = self._lost = 0
-        self.now_ns = 0
+        self._cycles = self._lost = self.now_ns = 0
 
     @property
     def chamber_names(self) -> tuple[str, ...]:
@@ -121,6 +120,7 @@ class CanopenRegulator(Regulator):
             raise HardwareError("the driver is closed; make a new one")
         self._configured, self._heartbeat_ns = False, None
         self._guard.open()
+        startup.tell_unwatched(self.device)
         for node in self._nodes:
             node.restart()
         clients = [self.client(node) for node in self._nodes]

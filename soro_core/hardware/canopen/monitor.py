@@ -61,8 +61,9 @@ class ChannelMonitor:
         faults = list(self.latched.values())
         if not self.fresh:
             self.missed += 1
-            if times.is_stale(self.missed, now_ns - (self.read_ns or now_ns)):
-                faults.append(Fault("stale_reading", self.source, f"no pressure for {self.missed} cycles"))
+            age_ns = now_ns - (self.read_ns or now_ns)
+            if times.is_stale(self.missed, age_ns):
+                faults.append(Fault("stale_reading", self.source, times.too_old(self.missed, age_ns)))
         return faults
 
     def _follow_state(self, now_ns: int, platform: CanopenPlatform) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from soro_core.errors import HardwareError
 from soro_core.hardware.canopen import cia408, frames, startup
 from soro_core.hardware.canopen.budget import USABLE, cycle_bits, highest_rate_hz, serial_rate_hz
-from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_core.hardware.canopen.config import CanopenOptions, CanopenPlatform
 from soro_core.hardware.canopen.device import Device
 from soro_core.hardware.canopen.frames import NmtCommand, NmtState
 from soro_core.hardware.canopen.sdo_client import SdoClient
@@ -47,7 +47,7 @@ def probe(
         if queue.is_file():
             yield check_queue(int(queue.read_text()), platform, device)
     yield Finding("device description", "ok", f"{device.mapping.device}, {device.mapping.eds_path.name}")
-    yield check_watchdogs(device)
+    yield check_watchdogs(device, platform.canopen)
     try:
         link.open()
     except HardwareError as error:
@@ -108,15 +108,15 @@ def check_queue(length: int, platform: CanopenPlatform, device: Device) -> Findi
     return Finding("transmit queue", "ok", found)
 
 
-def check_watchdogs(device: Device) -> Finding:
-    """Which watchdogs the device description has."""
+def check_watchdogs(device: Device, times: CanopenOptions) -> Finding:
+    """Which watchdogs the device description has, and after what time they vent."""
     deadline = any(device.has_deadline(pdo) for pdo in device.rpdos if pdo.cyclic)
     known = {
-        "heartbeat consumer": device.has_consumer,
-        "node guarding": device.is_guarded,
-        "set point deadline": deadline,
+        "heartbeat consumer": (device.has_consumer, times.heartbeat_consumer_s),
+        "node guarding": (device.is_guarded, times.life_time_factor * times.heartbeat_s),
+        "set point deadline": (deadline, times.rpdo_deadline_s),
     }
-    have = [name for name, there in known.items() if there]
+    have = [f"{name} {after_s * 1e3:g} ms" for name, (there, after_s) in known.items() if there]
     if not have:
         advice = "give the maker's EDS as canopen.mapping.eds if the device has one"
         return Finding("watchdogs of the device", "warn", "none in the EDS", advice)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soro_core.hardware import rest
 from soro_core.hardware.canopen import frames
 from soro_core.hardware.canopen.cia408 import CONSUMER_HEARTBEAT, LIFE_TIME_FACTOR, Control
 from soro_core.hardware.canopen.frames import NmtCommand
@@ -16,7 +17,6 @@ from soro_core.hardware.port import Array
 if TYPE_CHECKING:
     from soro_core.hardware.canopen.driver import CanopenRegulator
 
-EMPTY_PA = 2e3
 LONGEST_WAIT_S = 1.0
 
 
@@ -42,16 +42,16 @@ def bring_down(driver: CanopenRegulator) -> None:
             driver.wait(next_s)
         return pressure
 
-    setpoint = np.zeros_like(driver.sent_pa) if driver.latched else driver.sent_pa.copy()
-    fall = platform.shutdown_ramp_pa_s * period_s
-    while setpoint.any():
-        setpoint -= np.clip(setpoint, -fall, fall)
-        cycle(setpoint, control)
-    for _ in range(round(LONGEST_WAIT_S / period_s)):
-        if np.all(np.abs(cycle(setpoint, control)) < EMPTY_PA):  # false while a reading is missing (NaN)
-            break
+    zeros = np.zeros_like(driver.sent_pa)
+    rest.ramp_down(
+        lambda setpoint: cycle(setpoint, control),
+        zeros if driver.latched else driver.sent_pa,
+        platform.shutdown_ramp_pa_s * period_s,
+        1,
+        round(LONGEST_WAIT_S / period_s),
+    )
     for word in (Control.HOLD, Control.DISABLED, Control.INIT) if driver.device.has_states else ():
-        cycle(setpoint, word)
+        cycle(zeros, word)
     # The host falls silent here on purpose. Without the next steps every valve would report that as a fault:
     # the set point deadline ends with OPERATIONAL, the heartbeat consumer is switched off.
     clients = driver.clients()

@@ -5,6 +5,8 @@ What the mapping or the EDS does not have is left out: an analog coupler has nei
 
 from __future__ import annotations
 
+import functools
+import logging
 from dataclasses import dataclass
 
 from soro_core.hardware.canopen import cia408
@@ -43,6 +45,21 @@ class Scaling:
     def read_pa(self, counts: int) -> float:
         """Pressure that a reading means [Pa gauge]."""
         return (counts - self.actual_zero) * self.actual_pa
+
+
+def tell_unwatched(device: Device) -> None:
+    """Warn, once for each kind of device, where nothing vents it when this process dies."""
+    if not device.has_watchdog:
+        _warn_of(device.mapping.device)
+
+
+@functools.cache
+def _warn_of(kind: str) -> None:
+    logging.getLogger(__name__).warning(
+        "canopen: %s: the EDS names no watchdog, so nothing vents these devices when the driver dies: "
+        "a normally open dump valve is needed",
+        kind,
+    )
 
 
 def wait_for_boot(sdo: SdoClient, timeout_s: float) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.emulation.faults import Faults, Injection, read_injection
-from soro_core.hardware.reason import reason
+from soro_core.hardware.reason import no_socket, reason
 
 _LONGEST = 4096
 
@@ -48,7 +48,7 @@ class ControlServer:
             self._listener.listen()
         except OSError as error:
             self._listener.close()
-            raise HardwareError(f"{path}: cannot listen for faults ({reason(error)})") from None
+            raise HardwareError(f"{path}: cannot listen for faults ({no_socket(error)})") from None
         self._listener.setblocking(False)
         selector.register(self._listener, selectors.EVENT_READ, self._accept)
 

@@ -52,6 +52,10 @@ class Line(ABC):
     def take(self, chunk: bytes) -> None:
         """Do what the bytes say; the family's part of `feed`."""
 
+    def turn_away(self, address: str) -> bytes | None:
+        """What a new host of this IP address is told before it is hung up on; None lets it in. TCP only."""
+        return b"" if self.refuses else None
+
     def connected(self, has_host: bool) -> None:  # noqa: B027 - a line that cannot tell does nothing
         """Notice that the host has connected or gone; pseudo-terminals cannot tell, TCP can."""
 

@@ -12,8 +12,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from soro_core.hardware.emulation.devices import Line
+from soro_core.hardware.transport.tcp import hang_up
 
 _CHUNK = 65536
+_DRAIN = 16  # chunks of the present host that are taken before the line is asked about a new one
 
 
 class Endpoint(ABC):
@@ -84,7 +86,7 @@ class PtyEndpoint(Endpoint):
 
 
 class TcpEndpoint(Endpoint):
-    """A line on a TCP port of this machine; a second host takes the place of the first."""
+    """A line on a TCP port of this machine; the line decides about a second host."""
 
     def __init__(
         self, line: Line, selector: selectors.BaseSelector, before_input: Callable[[], None]
@@ -125,25 +127,30 @@ class TcpEndpoint(Endpoint):
 
     def _accept(self) -> None:
         with contextlib.suppress(BlockingIOError):
-            host, _ = self._listener.accept()
-            if self.line.refuses:
-                host.close()
+            host, (address, *_) = self._listener.accept()
+            host.setblocking(False)
+            self._before_input()
+            # A host that has just left must not keep the next one out.
+            for _ in range(_DRAIN):
+                if not self._read():
+                    break
+            if (told := self.line.turn_away(address)) is not None:
+                hang_up(host, told)
                 return
             self._drop()
-            host.setblocking(False)
             host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._host = host
             self._selector.register(host, selectors.EVENT_READ, self._read)
-            self._before_input()
             self.line.connected(True)
 
-    def _read(self) -> None:
+    def _read(self) -> bool:
+        """Take what has come; whether there may be more."""
         if self._host is None:
-            return
+            return False
         try:
             chunk = self._host.recv(_CHUNK)
         except BlockingIOError:
-            return
+            return False
         except OSError:
             chunk = b""
         self._before_input()
@@ -151,6 +158,7 @@ class TcpEndpoint(Endpoint):
             self.line.feed(chunk)
         else:
             self._drop()
+        return bool(chunk)
 
     def _drop(self) -> None:
         host, self._host = self._host, None

@@ -96,7 +96,12 @@ class Injection(Strict):
     def _named_parameter(cls, data: Any) -> Any:
         named = data.get("fault") if isinstance(data, Mapping) else None
         kind = KINDS.get(named) if isinstance(named, str) else None
-        if kind is None or not kind.key or kind.key not in data:
+        if kind is None:
+            return data
+        for key in data.keys() - cls.model_fields.keys() - {kind.key}:
+            allowed = f"{kind.key} from {kind.low:g} to {kind.high:g}" if kind.key else "no parameter"
+            raise ValueError(f"{named}: {allowed}, not {key}")
+        if not kind.key or kind.key not in data:
             return data
         if isinstance(data[kind.key], bool) or not isinstance(data[kind.key], int | float):
             raise ValueError(f"{named}: {kind.key} is a number")

@@ -14,7 +14,7 @@ import numpy as np
 from soro_core.errors import HardwareError
 from soro_core.hardware.plant_link import PlantFrame, pack_frame, take_answer
 from soro_core.hardware.port import Array
-from soro_core.hardware.reason import reason
+from soro_core.hardware.reason import no_socket
 from soro_core.pneumatics.valve_condition import ValveAction
 
 _BACKLOG = 65536  # bytes kept for a client that does not read; further frames are dropped whole
@@ -60,18 +60,15 @@ class PlantLinkServer:
         self._pressures: Array = np.zeros(n)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            if self.path.exists():
-                if not stat.S_ISSOCK(self.path.stat().st_mode):
-                    raise HardwareError(f"{path}: a file is in the way of the plant link's socket")
+            if self.path.exists() and stat.S_ISSOCK(self.path.stat().st_mode):
                 self.path.unlink()  # left by one that was killed
             self._listener.bind(str(self.path))
             self._listener.listen()
         except OSError as error:
             self._listener.close()
-            raise HardwareError(f"{path}: cannot listen for plant link clients ({reason(error)})") from None
-        except HardwareError:
-            self._listener.close()
-            raise
+            raise HardwareError(
+                f"{path}: cannot listen for plant link clients ({no_socket(error)})"
+            ) from None
         self._listener.setblocking(False)
 
     def fileno(self) -> int:

@@ -17,11 +17,18 @@ class ServedLine(Line):
         Takes bytes of the host.
     connected : callable
         Takes whether there is a host, when that has changed.
+    turn_away : callable
+        See `Line.turn_away`.
     """
 
-    def __init__(self, take: Callable[[bytes], None], connected: Callable[[bool], None]) -> None:
+    def __init__(
+        self,
+        take: Callable[[bytes], None],
+        connected: Callable[[bool], None],
+        turn_away: Callable[[str], bytes | None],
+    ) -> None:
         super().__init__()
-        self._take, self._connected, self._mute = take, connected, False
+        self._take, self._connected, self._turn_away, self._mute = take, connected, turn_away, False
 
     def mute(self, on: bool) -> None:
         """Keep everything from the host."""
@@ -33,6 +40,10 @@ class ServedLine(Line):
 
     def take(self, chunk: bytes) -> None:
         self._take(chunk)
+
+    def turn_away(self, address: str) -> bytes | None:
+        told = super().turn_away(address)
+        return self._turn_away(address) if told is None else told
 
     def connected(self, has_host: bool) -> None:
         self._connected(has_host)
@@ -52,7 +63,11 @@ class ServedPorts(EmulatedDevices):
     transport = "tcp"
 
     def __init__(self, ports: Sequence[int], step_s: float) -> None:
-        self.line = ServedLine(lambda chunk: self.take(chunk), lambda has_host: self.connected(has_host))
+        self.line = ServedLine(
+            lambda chunk: self.take(chunk),
+            lambda has_host: self.connected(has_host),
+            lambda address: self.turn_away(address),
+        )
         self._ports = list(ports)
         super().__init__((self.line,), step_s)
 
@@ -73,6 +88,10 @@ class ServedPorts(EmulatedDevices):
     @abstractmethod
     def take(self, chunk: bytes) -> None:
         """Take bytes of the host."""
+
+    def turn_away(self, address: str) -> bytes | None:
+        """See `Line.turn_away`; by default every host is let in, in place of the one before."""
+        return None
 
     @abstractmethod
     def connected(self, has_host: bool) -> None:

@@ -229,7 +229,8 @@ class Channel(ABC):
         found = list(self.latched.values())
         age_s = (now_ns - self._read_ns) * 1e-9
         if age_s > self.options.stale_s and "device_silent" not in self.latched:
-            found.append(Fault("stale_reading", self.source, f"no pressure for {age_s * 1e3:.0f} ms"))
+            text = f"no pressure for {age_s * 1e3:.0f} ms (stale at {self.options.stale_s * 1e3:g} ms)"
+            found.append(Fault("stale_reading", self.source, text))
         return found + self.device_faults()
 
     def device_faults(self) -> list[Fault]:

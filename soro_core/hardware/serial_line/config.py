@@ -65,11 +65,17 @@ class AlicatEmulation(LineEmulation):
 class SerialPlatform(PlatformBase):
     """What both dialects have in common. `cycle_hz` is the rate of exchanges, not of the devices' updates."""
 
+    where_supervisor: ClassVar[str] = "line.supervisor"
+
     baud: Baud
     cycle_budget_s: float = Field(
         0.002, ge=0, le=0.1, description="longest wait of an exchange for bytes that are on their way"
     )
     line: LineOptions = LineOptions()
+
+    @property
+    def is_supervised(self) -> bool:
+        return self.line.supervisor
 
 
 class ItvValve(ValveBase):
@@ -97,6 +103,13 @@ class ItvPlatform(SerialPlatform):
     def device(self) -> str | None:
         ports = [valve.port for valve in self.valves if valve.port is not None]
         return ",".join(ports) if len(ports) == len(self.valves) else None
+
+    @property
+    def missing_device(self) -> str:
+        without = [valve.chamber for valve in self.valves if valve.port is None]
+        if len(without) == len(self.valves):
+            return super().missing_device
+        return f"the platform file names no port for {', '.join(without)}"
 
     @model_validator(mode="after")
     def _consistent(self) -> ItvPlatform:

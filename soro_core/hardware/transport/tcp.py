@@ -253,3 +253,10 @@ def _resolve(address: str) -> tuple[int, Any]:
     except OSError as error:
         raise HardwareError(f"{address}: no such address, expected host:port ({reason(error)})") from None
     return found[0][0], found[0][4]
+
+
+def hang_up(host: socket.socket, told: bytes) -> None:
+    """End a connection that has just come, after telling it why."""
+    with contextlib.suppress(OSError):
+        host.send(told)
+    host.close()

@@ -59,6 +59,7 @@ class VeabPlatform(PlatformBase):
         "no connection: start the server on the Pi, it ends with each client; a pressure that stays: look at "
         "that valve, its sensor and its wires"
     )
+    where_supervisor: ClassVar[str] = "host.supervisor"
 
     family: Literal["veab_tcp"]
     transport: TcpTransport
@@ -70,6 +71,10 @@ class VeabPlatform(PlatformBase):
     @property
     def device(self) -> str | None:
         return self.transport.address
+
+    @property
+    def is_supervised(self) -> bool:
+        return self.host.supervisor
 
     @model_validator(mode="after")
     def _consistent(self) -> VeabPlatform:

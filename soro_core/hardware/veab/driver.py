@@ -209,7 +209,7 @@ class VeabRegulator(Regulator):
         self._confirm_vent(fresh, now_ns)
         faults = list(self._latched.values())
         if times.is_stale(self._missed, now_ns - self._read_ns):
-            faults.append(Fault("stale_reading", "link", f"no pressure for {self._missed} cycles"))
+            faults.append(Fault("stale_reading", "link", times.too_old(self._missed, now_ns - self._read_ns)))
         return faults
 
     def _confirm_vent(self, fresh: bool, now_ns: int) -> None:

@@ -77,6 +77,7 @@ class VtemPlatform(PlatformBase):
         "no connection or no answer: address and port of the bus node, and that no other master is there; "
         "a slot that does not run: supply pressure, load voltage, and whether motion app 03 is licensed on it"
     )
+    where_supervisor: ClassVar[str] = "host.supervisor"
 
     family: Literal["vtem_modbus"]
     transport: TcpTransport
@@ -88,6 +89,10 @@ class VtemPlatform(PlatformBase):
     @property
     def device(self) -> str | None:
         return self.transport.address
+
+    @property
+    def is_supervised(self) -> bool:
+        return self.host.supervisor
 
     @property
     def budget_s(self) -> float:

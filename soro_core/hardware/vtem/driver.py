@@ -201,7 +201,7 @@ class VtemRegulator(Regulator):
         faults = list(self._latched.values())
         if times.is_stale(self._missed, now_ns - self._read_ns):
             names = ", ".join(name for name, good in zip(self._names, fresh, strict=True) if not good)
-            faults.append(Fault("stale_reading", names, f"no pressure for {self._missed} cycles"))
+            faults.append(Fault("stale_reading", names, times.too_old(self._missed, now_ns - self._read_ns)))
         return faults
 
     def _paced(self, setpoint_pa: Array) -> Array:

@@ -1,0 +1,82 @@
+"""CANopen devices without a watchdog: told when configured, vented as soon as they are reached again."""
+
+import time
+
+import can
+import pytest
+from hardware_bench import Bench, codes
+from test_canopen_mapping import analog, four
+
+from soro_core.errors import HardwareError
+from soro_core.hardware.canopen import frames, startup
+from soro_core.hardware.canopen.driver import CanopenRegulator
+
+
+class Cable:
+    """An adapter that can be pulled, and a clock that can be put forward."""
+
+    def __init__(self, platform, monkeypatch):
+        self.bench, self.late_s, self.is_in = Bench(platform), 0.0, True
+        send = self.bench.bus.send
+        monkeypatch.setattr(self.bench.bus, "send", lambda *message: self._require() or send(*message))
+        self.bench.driver = CanopenRegulator(
+            platform, self._open, lambda: time.monotonic() + self.late_s, lockstep=True
+        )
+        self.bench.driver.configure()
+
+    def _open(self):
+        self._require()
+        return self.bench.bus
+
+    def _require(self):
+        if not self.is_in:
+            raise can.CanOperationError("unplugged")
+
+    def pull(self):
+        """Take it out: the next exchange fails, and nothing goes out."""
+        self.is_in = False
+        with pytest.raises(HardwareError, match="unplugged"):
+            self.bench.exchange(50e3)
+
+    def plug_in(self):
+        """Put it in again, when the driver is about to try."""
+        self.is_in = True
+        self.late_s += 1.0
+        self.bench.bus.take_log()
+
+
+def test_a_coupler_without_watchdog_gets_zeros_as_soon_as_it_is_reached_again(monkeypatch):
+    """Nobody else vents it: it has held its pressure while the adapter was out."""
+    cable = Cable(analog(), monkeypatch)
+    bench = cable.bench
+    bench.run(100, 50e3)
+    cable.pull()
+    for _ in range(60):
+        bench.send(frames.SYNC)  # of whoever else is on the bus: time goes by
+    assert bench.world.pressure_pa.min() > 45e3
+    cable.plug_in()
+    result = bench.exchange(50e3)
+    assert bench.bus.take_log()[:2] == ["> 201 [8] 64 00 64 00 64 00 64 00", "> 080 [0]"]
+    assert codes(result) == {("connection_lost", "bus")}
+    assert not result.sent_pa.any()
+    assert codes(bench.run(100, 50e3)) == {("connection_lost", "bus")}
+    assert bench.world.pressure_pa.max() < 2.5e3
+
+
+def test_devices_with_a_watchdog_are_left_alone_until_they_are_configured(monkeypatch):
+    cable = Cable(four(), monkeypatch)
+    cable.bench.run(100, 50e3)
+    cable.pull()
+    cable.plug_in()
+    assert codes(cable.bench.run(3, 50e3)) == {("connection_lost", "bus")}
+    assert cable.bench.bus.take_log() == []
+
+
+def test_configuring_warns_once_of_devices_that_nothing_vents(caplog):
+    startup._warn_of.cache_clear()
+    for arm in (four(), analog(), analog()):
+        Bench(arm).driver.configure()
+    assert [record.getMessage() for record in caplog.records] == [
+        "canopen: aventics_aes: the EDS names no watchdog, so nothing vents these devices when the driver "
+        "dies: a normally open dump valve is needed"
+    ]

@@ -242,7 +242,7 @@ def test_a_latch_that_closes_tells_the_regulators_to_vent(domain, monkeypatch, c
         else:
             node.trigger_deactivate()
         assert devices.vents == 1
-        assert "rebooted" in node._chambers.cause or node._chambers.cause == "deactivated"
+        assert "rebooted" in node._guarded.cause or node._guarded.cause == "deactivated"
         node.make_safe()
         node.destroy_node()
     finally:

@@ -33,7 +33,7 @@ class ChamberInterface:
     on_command : callable
         Called after each command that arrived, accepted or not.
     on_latch : callable
-        Called when the latch has closed or opened.
+        Called when the latch has closed or opened, or a vented arm is found not to become empty.
     lockstep : bool
         Whether a lost message would be a deadlock.
     """
@@ -50,7 +50,7 @@ class ChamberInterface:
     ) -> None:
         self._node, self._limiter, self._now_ns = node, limiter, now_ns
         self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
-        self._told: str | None = None
+        self._told: tuple[str | None, str | None] = None, None
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
@@ -61,12 +61,13 @@ class ChamberInterface:
         node.create_service(Trigger, "~/reset", self._on_reset)
 
     def tell(self) -> None:
-        """Say once what has closed the latch, or that it has opened; to be called after each cycle."""
-        before, self._told = self._told, self._limiter.cause
+        """Say once what has closed the latch and what has not become empty; to be called after each cycle."""
+        before, self._told = self._told, (self._limiter.cause, self._limiter.not_vented)
         if self._told == before:
             return
-        if self._told is not None:
-            self._node.get_logger().error(f"vented: {self._told}")
+        for prefix, now, then in zip(("vented: ", "not vented: "), self._told, before, strict=True):
+            if now is not None and now != then:
+                self._node.get_logger().error(prefix + now)
         self._on_latch()
 
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:

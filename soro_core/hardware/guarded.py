@@ -76,7 +76,8 @@ class GuardedRegulator(safety.Limiter):
     def reset(self, now_ns: Callable[[], int]) -> str | None:
         """Leave the latch, after the devices' start-up where they complained; the refusal, or None."""
         _, refusal = safety.reset(self.limits, self.state, now_ns())
-        if refusal is not None:
+        # Devices that keep their pressure may need their start-up to let it go.
+        if refusal not in (None, self.not_vented):
             return refusal
         if self.lost is not None:
             try:

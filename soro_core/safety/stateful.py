@@ -39,6 +39,11 @@ class Limiter:
         """Why the limiter has vented, or None."""
         return self.state.cause
 
+    @property
+    def not_vented(self) -> str | None:
+        """Which chambers have kept their pressure since the vent, or None."""
+        return self.state.not_vented
+
     def offer(self, command_pa: Array, stamp_ns: int, now_ns: int, source: str = "command") -> str | None:
         """Take set points (n,) [Pa gauge] for the next cycle; the refusal, or None."""
         self.state, refusal = limiter.offer(self.limits, self.state, command_pa, stamp_ns, now_ns, source)

@@ -182,7 +182,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         rejected = sum(state.rejected.values())
         recently, self._reported = rejected > self._reported, rejected
         if state.vented:
-            self.diagnostics.update(ERROR, f"vented: {state.cause}", self._values())
+            self.diagnostics.update(ERROR, f"vented: {state.complaint}", self._values())
         elif recently:
             self.diagnostics.update(WARN, "commands refused", self._values())
         else:
@@ -196,6 +196,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             "lateness_p99_ms": self._timer.percentile_ms(99),
             "overruns": self._timer.overruns,
             "cause": state.cause or "",
+            "not_vented": state.not_vented or "",
             **{f"rejected {kind}": count for kind, count in state.rejected.items()},
         }
 

@@ -236,7 +236,7 @@ class TwinNode(SoroNode[TwinConfig]):
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns
 
     def diagnose(self) -> None:
-        vented = self._limiter.cause if self._chambers is not None else None
+        vented = self._limiter.state.complaint if self._chambers is not None else None
         values = {"tick": self._state.tick, "time_s": self._tick_ns() * 1e-9, "skipped_ticks": self._skipped}
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged

@@ -261,6 +261,7 @@ def test_a_chamber_that_keeps_its_pressure_is_told_once_and_keeps_the_latch(doma
         node = regulator.RegulatorNode()
         node.trigger_configure()
         node._chambers._on_vent(Trigger.Request(), Trigger.Response())
+        assert devices.vents == 1, "at once, and also while the node is inactive"
         wait_until(lambda: node._cycle() or node._guarded.not_vented, 5, "what is kept")
         for _ in range(5):
             node._cycle()

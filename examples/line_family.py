@@ -18,11 +18,12 @@ import numpy as np
 from pydantic import Field
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import checks, rest
+from soro_core.hardware import rest
+from soro_core.hardware.driver_base import ConnectionDriver
 from soro_core.hardware.emulation.air import Air
 from soro_core.hardware.emulation.devices import EmulatedDevices, Line
-from soro_core.hardware.platform import PlatformBase, ValveBase
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.platform import Freshness, PlatformBase, ValveBase
+from soro_core.hardware.port import Array, BusStatistics, Exchange
 from soro_core.hardware.transport.tcp import ByteLink, TcpTransport, link_to
 
 # -- the platform file -----------------------------------------------------------------------------
@@ -35,7 +36,7 @@ class LinePlatform(PlatformBase):
     transport: TcpTransport
     valves: Annotated[tuple[ValveBase, ...], Field(strict=False, min_length=1, max_length=16)]
     watchdog_s: float = Field(0.1, gt=0, le=0.5, description="silence after which the device vents")
-    stale_cycles: int = Field(10, ge=1, le=100, description="cycles without an answer that make a fault")
+    host: Freshness = Freshness(stale_cycles=10)
 
     @property
     def device(self) -> str | None:
@@ -45,29 +46,20 @@ class LinePlatform(PlatformBase):
 # -- the driver ------------------------------------------------------------------------------------
 
 
-class LineRegulator(Regulator):
+class LineRegulator(ConnectionDriver[LinePlatform]):
     """One line there and one back a cycle."""
 
+    source = "device"
     device_watchdog = True
 
     def __init__(
         self, platform: LinePlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool
     ) -> None:
-        self.platform, self.lockstep = platform, lockstep
-        self._link, self._clock, self._bytes = link, clock, b""
-        self._names, self._latched = platform.chamber_names, dict[str, Fault]()
-        self._sequence = self._missed = self._cycles = self._received = self._garbled = self._lost = 0
+        super().__init__(platform, platform.host, clock, lockstep)
+        self._link, self._bytes = link, b""
+        self._sequence = self._received = self._garbled = self._lost = 0
         self._boot: int | None = None  # of the device that was configured; None: not configured
-        self._sent_pa, self._pressure_pa = np.zeros(len(self._names)), np.full(len(self._names), np.nan)
-        self._closed = False
-
-    @property
-    def chamber_names(self) -> tuple[str, ...]:
-        return self._names
-
-    @property
-    def update_hz(self) -> float:
-        return self.platform.cycle_hz
+        self._sent_pa, self._pressure_pa = np.zeros(self.n_chambers), np.full(self.n_chambers, np.nan)
 
     @property
     def statistics(self) -> BusStatistics:
@@ -75,61 +67,53 @@ class LineRegulator(Regulator):
         return BusStatistics(self._cycles, sent, received, self._lost, frames_garbled=self._garbled)
 
     def configure(self) -> None:
-        if self._closed:
-            raise HardwareError("the driver is closed; make a new one")
-        self._boot, self._missed, self._bytes = None, 0, b""
-        self._latched.clear()
+        self._begin()
+        self._bytes = b""
         self._link.open()
         self._link.send(b"Z\n")
         if (boot := self._answer(0, 1.0)) is None:
             raise HardwareError("line device: start-up: no answer; is it this family?")
         self._boot, self._sent_pa = boot, np.zeros(self.n_chambers)
+        self._configured = True
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        if self._boot is None:
-            raise HardwareError("exchange before configure")
-        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
-        refused = checks.refused(self.platform.range, self._names, setpoint)
-        self._cycles += 1
-        fresh = self._cycle(np.zeros(self.n_chambers) if refused or self._latched else setpoint)
-        self._missed = 0 if fresh else self._missed + 1
-        faults = [*refused, *self._latched.values()]
-        if self._missed >= self.platform.stale_cycles:
-            faults.append(Fault("stale_reading", "device", f"no answer for {self._missed} cycles"))
-        flags = np.full(self.n_chambers, fresh)
-        return Exchange(self._sent_pa.copy(), self._pressure_pa.copy(), flags, tuple(faults))
+        setpoint, refused = self._checked(setpoint_pa)
+        answered = self._cycle(np.zeros(self.n_chambers) if refused or self._latched else setpoint)
+        fresh = np.full(self.n_chambers, answered)
+        faults = (*refused, *self._faults(fresh, now_ns))
+        return Exchange(self._sent_pa.copy(), self._pressure_pa.copy(), fresh, faults)
 
     def vent(self) -> None:
-        if self._boot is not None:
+        if self._configured:
             self._cycle(np.zeros(self.n_chambers))
 
     def close(self) -> None:
-        if self._boot is not None:
+        if self._configured:
             fall_pa = self.platform.shutdown_ramp_pa_s / self.platform.cycle_hz
             rest.ramp_down(self._paced, self._sent_pa, fall_pa, 1, round(self.platform.cycle_hz))
-        self._closed, self._boot = True, None
+        self._closed, self._configured = True, False
         self._link.close()
 
     def _cycle(self, setpoint_pa: Array) -> bool:
         """Send, and wait for the answer; whether it came. A broken connection is latched."""
         self._sequence += 1
         values = [round(value) for value in setpoint_pa.tolist()]
-        patience_s = self.platform.lockstep_timeout_s if self.lockstep else self.platform.cycle_budget_s
+        patience_s = self._patience_s(self.platform.cycle_budget_s)
         try:
             self._link.send(f"S {self._sequence} {' '.join(map(str, values))}\n".encode())
             self._sent_pa = np.array(values, dtype=np.float64)
             boot = self._answer(self._sequence, patience_s)
         except HardwareError as error:
-            self._latched.setdefault("link_lost", Fault("link_lost", "device", str(error), latched=True))
+            self._latch("link_lost", str(error))
             return False
         self._lost += boot is None
         if boot is not None and boot != self._boot:
-            self._latched.setdefault("rebooted", Fault("rebooted", "device", f"boot {boot}", latched=True))
+            self._latch("rebooted", f"boot {boot}")
         return boot is not None
 
     def _answer(self, sequence: int, patience_s: float) -> int | None:
         """Boot number of the answer to a question, its pressures taken; None if none came in time."""
-        deadline = self._clock() + patience_s
+        deadline = self.clock() + patience_s
         while True:
             *lines, self._bytes = (self._bytes + self._link.receive(0.0)).split(b"\n")
             for line in lines:
@@ -144,16 +128,16 @@ class LineRegulator(Regulator):
                     self._pressure_pa = np.array(pressures, dtype=np.float64)
                     return boot
             self._bytes = self._bytes[-200:]  # a stream without line ends fills no memory
-            if (left_s := deadline - self._clock()) <= 0:
+            if (left_s := deadline - self.clock()) <= 0:
                 return None
             self._bytes += self._link.receive(min(left_s, 0.001))
 
     def _paced(self, setpoint_pa: Array) -> Array:
         """One cycle of the shutdown."""
-        end_s = self._clock() + 1.0 / self.platform.cycle_hz
+        end_s = self.clock() + 1.0 / self.platform.cycle_hz
         fresh = self._cycle(setpoint_pa)
-        while not self.lockstep and self._clock() < end_s and self._boot is not None:
-            self._bytes += self._link.receive(max(end_s - self._clock(), 0.0))
+        while not self.lockstep and self.clock() < end_s and self._configured:
+            self._bytes += self._link.receive(max(end_s - self.clock(), 0.0))
         return self._pressure_pa if fresh else np.full(self.n_chambers, np.nan)
 
 

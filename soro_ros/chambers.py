@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,64 +11,46 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
-from soro_core import safety
-from soro_core.errors import SoroError
-from soro_core.pneumatics import RegulatorModel
+from soro_core.safety import Limiter
 from soro_ros import messages, qos
 
 Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-# Of regulators and of a platform that say nothing else.
-TYPICAL, RATED = RegulatorModel(), safety.Rating()
 
 
 class ChamberInterface:
-    """Commands in through the limiter, readings out, and ~/enable, ~/vent, ~/reset.
+    """Commands in to a limiter, readings out, and ~/enable, ~/vent, ~/reset.
 
     Parameters
     ----------
     node : Node
         Owner of the topics and services.
-    names : sequence of str
-        Chambers in order.
-    limits : Limits
-        Of commands and readings.
+    limiter : Limiter
+        Takes the commands; whoever holds the air exchanges and judges.
     now_ns : callable
         Time that ages are measured with: steady in real time, the tick's in lockstep.
     stamp_now_ns : callable
         The time now on the clock of the message stamps.
-    on_command : callable, optional
+    on_command : callable
         Called after each command that arrived, accepted or not.
-    recover : callable, optional
-        Brings the regulators back before the latch opens; raises SoroError if it cannot.
+    on_latch : callable
+        Called when the latch has closed or opened, or a vented arm is found not to become empty.
     lockstep : bool
         Whether a lost message would be a deadlock.
-    response : RegulatorModel
-        How the regulators follow their set points: what the monitors compare the readings with.
-    rating : Rating
-        Of the platform; limits beyond it are refused.
     """
 
     def __init__(
         self,
         node: Node,
-        names: Sequence[str],
-        limits: safety.Limits,
+        limiter: Limiter,
         now_ns: Callable[[], int],
         stamp_now_ns: Callable[[], int],
-        on_command: Callable[[], None] | None = None,
-        recover: Callable[[], None] | None = None,
+        on_command: Callable[[], None] = lambda: None,
+        on_latch: Callable[[], None] = lambda: None,
         lockstep: bool = False,
-        response: RegulatorModel = TYPICAL,
-        rating: safety.Rating = RATED,
     ) -> None:
-        safety.check_rating(limits, rating, where=f"parameters of {node.get_name()}")
-        self._response = response
-        self._node, self._names, self._limits, self._now_ns = node, tuple(names), limits, now_ns
-        self._stamp_now_ns = stamp_now_ns
-        self._on_command, self._recover = on_command, recover
-        self._state = safety.initial_state(len(self._names), self._names)
+        self._node, self._limiter, self._now_ns = node, limiter, now_ns
+        self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
+        self._told: tuple[str | None, str | None] = None, None
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
@@ -78,62 +60,30 @@ class ChamberInterface:
         node.create_service(Trigger, "~/vent", self._on_vent)
         node.create_service(Trigger, "~/reset", self._on_reset)
 
-    @property
-    def setpoint_pa(self) -> Array:
-        """Set points (n,) [Pa gauge] of the next exchange."""
-        return self._state.setpoint_pa
-
-    @property
-    def cause(self) -> str | None:
-        """What tripped the limiter, or None."""
-        return self._state.cause
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Refused commands by kind."""
-        return self._state.rejected
-
-    def judge(
-        self,
-        reading_pa: Array,
-        fresh: bool | Flags,
-        fault: str | None = None,
-        supply_pa: Array | None = None,
-    ) -> bool:
-        """Judge the readings of an exchange; returns whether the regulators must vent now."""
-        before = self._state.cause
-        self._state = safety.cycle(
-            self._limits, self._state, reading_pa, fresh, self._now_ns(), fault, supply_pa, self._response
-        )
-        if self._state.cause is not None and before is None:
-            self._node.get_logger().error(f"vented: {self._state.cause}")
-        return self._state.vented
-
-    def vent(self, cause: str) -> None:
-        """Latch with a cause."""
-        if self._state.cause is None:
-            self._node.get_logger().error(f"vented: {cause}")
-        self._state = safety.request_vent(self._state, cause)
-
-    def interpolated(self, reading_pa: Array, fresh: Flags) -> Array:
-        """Readings that have just been judged, those that are not fresh carried on to now."""
-        return safety.interpolated(self._state, reading_pa, fresh)
+    def tell(self) -> None:
+        """Say once what has closed the latch and what has not become empty; to be called after each cycle."""
+        before, self._told = self._told, (self._limiter.cause, self._limiter.not_vented)
+        if self._told == before:
+            return
+        for prefix, now, then in zip(("vented: ", "not vented: "), self._told, before, strict=True):
+            if now is not None and now != then:
+                self._node.get_logger().error(prefix + now)
+        self._on_latch()
 
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""
-        self._publisher.publish(messages.chambers(self._names, reading_pa, stamp_ns))
+        self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
 
     def _on_joint_state(self, message: JointState) -> None:
         stamp_ns = messages.to_ns(message.header.stamp)
         self.seen_ns = max(self.seen_ns, stamp_ns)
         if message.name or message.effort:  # an empty one says in lockstep that this tick has no command
             self._take(message, stamp_ns)
-        if self._on_command is not None:
-            self._on_command()
+        self._on_command()
 
     def _take(self, message: JointState, stamp_ns: int) -> None:
         try:
-            command = messages.pressures(message, self._names)
+            command = messages.pressures(message, self._limiter.names)
         except ValueError as error:
             self._refused(f"chambers/command: {error}")
             return
@@ -145,16 +95,14 @@ class ChamberInterface:
 
     def _on_array(self, message: Float64MultiArray) -> None:
         # Without a stamp it may have waited since the last cycle; of several the later one is the newer.
-        cycle_ns, source = self._state.cycle_ns, "chambers/commands"
-        stamp_ns = self._now_ns() if cycle_ns is None else cycle_ns
-        if self._state.command_source == source:
-            stamp_ns = max(stamp_ns, self._state.command_stamp_ns + 1)
+        state, source = self._limiter.state, "chambers/commands"
+        stamp_ns = self._now_ns() if state.cycle_ns is None else state.cycle_ns
+        if state.command_source == source:
+            stamp_ns = max(stamp_ns, state.command_stamp_ns + 1)
         self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source)
 
     def _offer(self, command_pa: Array, stamp_ns: int, source: str) -> None:
-        self._state, refusal = safety.offer(
-            self._limits, self._state, command_pa, stamp_ns, self._now_ns(), source
-        )
+        refusal = self._limiter.offer(command_pa, stamp_ns, self._now_ns(), source)
         if refusal is not None:
             self._refused(refusal)
 
@@ -162,23 +110,19 @@ class ChamberInterface:
         self._node.get_logger().warning(f"command refused: {reason}", throttle_duration_sec=1.0)
 
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        is_open = self._state.cause is None
-        response.success = is_open
-        response.message = "enabled" if is_open else f"vented ({self._state.cause}): call ~/reset first"
+        cause = self._limiter.cause
+        response.success = cause is None
+        response.message = "enabled" if cause is None else f"vented ({cause}): call ~/reset first"
         return response
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.vent("vent requested")
+        self._limiter.vent("vent requested")
+        self.tell()
         response.success, response.message = True, "vented until ~/reset"
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        opened, refusal = safety.reset(self._limits, self._state, self._now_ns())
-        if refusal is None and self._recover is not None:
-            try:
-                self._recover()
-            except SoroError as error:
-                opened, refusal = self._state, str(error)
-        self._state = opened
+        refusal = self._limiter.reset(self._now_ns)
+        self.tell()
         response.success, response.message = refusal is None, refusal or "reset"
         return response

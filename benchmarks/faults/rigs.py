@@ -227,7 +227,7 @@ class Loop:
 
     def reset(self) -> str | None:
         """What ~/reset does; the refusal, or None."""
-        refusal = self.guarded.reset(self.now_ns)
+        refusal = self.guarded.reset(lambda: self.now_ns)
         if refusal is None:
             self.vented_at = None
         return refusal

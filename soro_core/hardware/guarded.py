@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from soro_core import safety
 from soro_core.errors import HardwareError
-from soro_core.hardware.platform import PlatformBase, watched
+from soro_core.hardware.platform import IN_TURN, PlatformBase, watched
 from soro_core.hardware.port import Array, Exchange, Regulator
 
 
-class GuardedRegulator:
+class GuardedRegulator(safety.Limiter):
     """A regulator that is commanded through the limiter only: exchange, judge, vent when the latch closes.
 
     Parameters
@@ -16,18 +18,19 @@ class GuardedRegulator:
     platform : PlatformBase
         Of the regulator; its rate is that of the cycles.
     regulator : Regulator
-        Its caller configures it before the first cycle and closes it.
+        Configured, for some devices tell their rate only then; its caller closes it.
     limits : Limits
         Of commands and readings, as asked for; readings may be as old as the platform's bus makes them.
+    where : str
+        What errors call the limits.
 
     Attributes
     ----------
-    limits : Limits
-        In force.
-    state : SafetyState
-        Of limiter, monitors and latch.
     lost : str or None
-        Why the driver has to go through its start-up again before it takes set points.
+        What the devices complained of first since their start-up: a reset takes them through it again, for
+        nobody knows what else they have lost.
+    in_turn : bool
+        Whether chambers are served one after another, not all in every cycle.
 
     Raises
     ------
@@ -35,22 +38,15 @@ class GuardedRegulator:
         If the devices are too slow to be watched, or limits are beyond the platform's rating.
     """
 
-    def __init__(self, platform: PlatformBase, regulator: Regulator, limits: safety.Limits) -> None:
-        safety.check_rating(limits, platform.rating, where="platform")
+    def __init__(
+        self, platform: PlatformBase, regulator: Regulator, limits: safety.Limits, where: str = "platform"
+    ) -> None:
+        safety.check_rating(limits, platform.rating, where)
+        limits, response = watched(platform, regulator, limits, platform.cycle_hz, where)
+        super().__init__(limits, regulator.chamber_names, response)
         self.regulator = regulator
-        self.limits, self._response = watched(platform, regulator, limits, platform.cycle_hz, "platform")
-        self.state = safety.initial_state(regulator.n_chambers, regulator.chamber_names)
+        self.in_turn = regulator.update_hz < IN_TURN * platform.cycle_hz
         self.lost: str | None = None
-
-    @property
-    def cause(self) -> str | None:
-        """Why the limiter has vented, or None."""
-        return self.state.cause
-
-    def offer(self, command_pa: Array, stamp_ns: int, now_ns: int) -> str | None:
-        """Take set points (n,) [Pa gauge] for the next cycle; the refusal, or None."""
-        self.state, refusal = safety.offer(self.limits, self.state, command_pa, stamp_ns, now_ns)
-        return refusal
 
     def cycle(self, now_ns: int) -> Exchange | None:
         """Exchange and judge; None when the connection is gone, which is a trip like any other."""
@@ -59,36 +55,29 @@ class GuardedRegulator:
             result = self.regulator.exchange(self.state.setpoint_pa, now_ns)
         except HardwareError as error:
             self.lost = self.lost or str(error)
-            self.state = safety.request_vent(self.state, str(error))
-        if result is not None:
-            self._judge(result, now_ns)
+            self.latch(str(error))
+        else:
+            self.lost = self.lost or result.trouble
+            self.judge(result.known_pa, result.fresh, now_ns, result.trouble, result.supply_pa)
         if self.state.vented and not was_vented:
             self.regulator.vent()
         return result
 
-    def _judge(self, result: Exchange, now_ns: int) -> None:
-        if any(fault.latched for fault in result.faults):
-            self.lost = self.lost or result.trouble
-        self.state = safety.cycle(
-            self.limits,
-            self.state,
-            result.known_pa,
-            result.fresh,
-            now_ns,
-            result.trouble,
-            result.supply_pa,
-            self._response,
-        )
+    def known_pa(self, exchange: Exchange) -> Array:
+        """Readings (n,) [Pa gauge] of the last cycle; chambers served in turn are carried on to now."""
+        known = exchange.known_pa
+        return safety.interpolated(self.state, known, exchange.fresh) if self.in_turn else known
 
     def vent(self, cause: str) -> None:
         """Latch, and send zeros at once."""
-        self.state = safety.request_vent(self.state, cause)
+        self.latch(cause)
         self.regulator.vent()
 
-    def reset(self, now_ns: int) -> str | None:
-        """Leave the latch, after the driver's start-up where its devices were lost; the refusal, or None."""
-        opened, refusal = safety.reset(self.limits, self.state, now_ns)
-        if refusal is not None:
+    def reset(self, now_ns: Callable[[], int]) -> str | None:
+        """Leave the latch, after the devices' start-up where they complained; the refusal, or None."""
+        _, refusal = safety.reset(self.limits, self.state, now_ns())
+        # Devices that keep their pressure may need their start-up to let it go.
+        if refusal not in (None, self.not_vented):
             return refusal
         if self.lost is not None:
             try:
@@ -96,5 +85,5 @@ class GuardedRegulator:
             except HardwareError as error:
                 return str(error)
             self.lost = None
-        self.state = opened
-        return None
+        # A start-up takes time in which nobody could command: by now the last command may be an old one.
+        return super().reset(now_ns)

@@ -49,9 +49,9 @@ def pack_frame(frame: PlantFrame) -> bytes:
     """Bytes of a frame."""
     spans = frame.action.spans
     header = _HEADER.pack(_MAGIC, frame.pressures.size, len(spans), frame.sequence, frame.time_ns)
-    rows = [frame.pressures, *astuple(frame.action.condition)]
-    rows += [part for span, target in spans for part in ([span], target)]
-    return header + np.concatenate(rows).astype("<f8").tobytes()
+    rows = np.stack([frame.pressures, *astuple(frame.action.condition)])
+    held = [np.concatenate([[span], target]) for span, target in spans]
+    return header + np.concatenate([rows.ravel(), *held]).astype("<f8").tobytes()
 
 
 def take_frame(buffer: bytes) -> tuple[PlantFrame | None, bytes]:

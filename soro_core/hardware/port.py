@@ -61,7 +61,6 @@ FAULT_CODES = {
     "link_lost": "the connection to the device has broken",
     "out_of_sync": "the device's stream of bytes made no sense, so the connection was made anew",
     "watchdog_vented": "a watchdog has vented because no set point came in time",
-    "not_vented": "0 Pa is commanded and a chamber keeps its pressure",
     "device_error": "the device reports an error of its own",
     "refused_setpoint": "the caller gave a set point that is not finite or out of range",
 }

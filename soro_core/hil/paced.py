@@ -155,7 +155,7 @@ class PacedRegulator:
 
     def reset(self) -> str | None:
         """Leave the latch; the refusal, or None. A procedure does not go on with devices that were lost."""
-        return self._guarded.lost or self._guarded.reset(round(self._now() * 1e9))
+        return self._guarded.lost or self._guarded.reset(lambda: round(self._now() * 1e9))
 
     def _now(self) -> float:
         if self._lockstep or self._start_s is None:

@@ -2,7 +2,8 @@
 
 Everything is a pure function of a frozen state: `offer` takes a command in, `cycle` gives the set points of
 the next exchange with the regulators, `request_vent` and `reset` are what a person asks for. Once tripped the
-state is latched: it answers zero set points and `vented` until `reset` is called with a zero command.
+state is latched: it answers zero set points and `vented` until `reset` is called with a zero command. A
+`Limiter` holds the state for a loop.
 """
 
 from soro_core.safety.limiter import (
@@ -16,9 +17,11 @@ from soro_core.safety.limiter import (
 )
 from soro_core.safety.limits import HARD_LIMIT_PA, Limits, Monitors, Rating, check_rating, for_regulators
 from soro_core.safety.remembered import MonitorState
+from soro_core.safety.stateful import Limiter
 
 __all__ = [
     "HARD_LIMIT_PA",
+    "Limiter",
     "Limits",
     "MonitorState",
     "Monitors",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from soro_core.pneumatics.regulator import RegulatorModel
+from soro_core.safety.emptying import Emptying, not_begun, watch_vent
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitors import broken_wire, watch
 from soro_core.safety.remembered import Array, Flags, MonitorState, Times, chamber, initial_monitors
@@ -21,12 +22,14 @@ class SafetyState:
     """State of the limiter for `n` chambers; times are nanoseconds of one clock.
 
     `command_ns` is when the last good command was made, for its age, `command_stamp_ns` when it says that it
-    was, for its order. `cause` is None while nothing tripped; a latched state names what did.
+    was, for its order. `cause` is None while nothing tripped; a latched state names what did, and `emptying`
+    tells whether the arm has become empty since.
     """
 
     setpoint_pa: Array
     command_pa: Array
     monitors: MonitorState
+    emptying: Emptying
     command_ns: int | None = None
     command_stamp_ns: int = 0
     command_source: str = ""
@@ -41,10 +44,21 @@ class SafetyState:
         """Whether the limiter is latched, so that the regulators must vent."""
         return self.cause is not None
 
+    @property
+    def not_vented(self) -> str | None:
+        """Which chambers have kept their pressure since the vent, or None."""
+        return self.emptying.not_vented
+
+    @property
+    def complaint(self) -> str | None:
+        """All that a latched state has to say: its cause, and which chambers have not become empty."""
+        return "; ".join(filter(None, (self.cause, self.not_vented))) or None
+
 
 def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
     """Return the state of `n` chambers that no command has reached; causes call them by `names` if given."""
-    return SafetyState(setpoint_pa=np.zeros(n), command_pa=np.zeros(n), monitors=initial_monitors(n, names))
+    monitors = initial_monitors(n, names)
+    return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n))
 
 
 def offer(
@@ -117,7 +131,8 @@ def cycle(
         over_ns=_over_since(limits, state, reading_pa, now_ns),
     )
     if state.vented:
-        return state
+        names = state.monitors.names
+        return replace(state, emptying=watch_vent(limits, state.emptying, names, reading_pa, fresh, now_ns))
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
     if cause is None:
         monitors, cause = watch(
@@ -155,6 +170,9 @@ def request_vent(state: SafetyState, cause: str) -> SafetyState:
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:
     """Leave the latch, if the last command, however old, was zero; its source and stamp stay those to beat.
 
+    An arm that is still on its way to 0 Pa is no reason to keep it latched. One that was found not to get
+    there is: somebody has to look at it, and it has to be seen empty.
+
     Returns
     -------
     state : SafetyState
@@ -169,6 +187,8 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
         return state, f"{state.command_source} {asks} for pressure: the command must be zero"
     if state.over_ns is not None:
         return state, "a measured pressure is still above the limit"
+    if state.not_vented is not None:
+        return state, state.not_vented
     return (
         replace(
             initial_state(state.setpoint_pa.shape[0], state.monitors.names),

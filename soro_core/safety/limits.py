@@ -80,6 +80,14 @@ class Limits(Strict):
     burst_pressure_pa: float = Field(
         110e3, gt=0, le=BURST * HIGHEST_RATING_PA, description="measured pressure that vents at once"
     )
+    # 90 to 5 kPa takes 0.2 s on the three-bellow platform and 1.1 s from 60 ml through 0.05 l/(s bar); on a
+    # slow line readings and vent may be another 0.5 s late.
+    vent_limit_s: float = Field(
+        2.0, ge=0.1, le=10, description="time after a vent within which every chamber must be empty"
+    )
+    vented_pa: float = Field(
+        5e3, ge=1e3, le=20e3, description="pressure, of either sign, below which a chamber counts as empty"
+    )
     monitors: Monitors = Field(Monitors(), description="plausibility of valves and sensors")
 
     @model_validator(mode="after")

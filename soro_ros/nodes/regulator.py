@@ -8,9 +8,9 @@ import time
 import numpy as np
 from rosgraph_msgs.msg import Clock
 
-from soro_core.errors import ConfigError, HardwareError
+from soro_core.errors import ConfigError
 from soro_core.hardware import Regulator, load_platform, open_regulator
-from soro_core.hardware.platform import IN_TURN, watched
+from soro_core.hardware.guarded import GuardedRegulator
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
@@ -33,6 +33,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def __init__(self) -> None:
         self._regulator: Regulator | None = None
+        self._guarded: GuardedRegulator | None = None
         self._left: str | None = None
         """Cause of a vent that the configuration before this one ended with."""
         self._latch_file: LatchFile | None = None
@@ -46,41 +47,36 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             raise ConfigError("parameters of regulator", "device", "", allowed)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._period_ns = round(1e9 / config.rate_hz)
-        self._latch_file, self._tick_ns = None, None
+        self._guarded, self._latch_file, self._tick_ns = None, None, None
         self._last_tick_wall = time.monotonic()
-        self._regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
-        self.get_logger().info(f"configuring {self._regulator.n_chambers} regulators of {config.platform}")
-        self._regulator.configure()
-        limits, response = watched(platform, self._regulator, config.limits, config.rate_hz, config.platform)
-        # Chambers that were not sampled are carried on: who controls the arm has one reading a cycle.
-        self._in_turn = self._regulator.update_hz < IN_TURN * config.rate_hz
+        self._regulator = regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
+        self.get_logger().info(f"configuring {regulator.n_chambers} regulators of {config.platform}")
+        regulator.configure()
+        guarded = GuardedRegulator(platform, regulator, config.limits, "parameters of regulator")
+        self._active = False
+        self._timer = LoopTimer(1.0 / config.rate_hz)
+        # Refused commands up to the last report.
+        self._reported = 0
         self._chambers = ChamberInterface(
             self,
-            self._regulator.chamber_names,
-            limits,
+            guarded,
             self._now_ns,
             self._stamp_ns,
             self._try_tick,
-            self._recover,
+            self._on_latch,
             self._lockstep,
-            response,
-            platform.rating,
         )
         if self._lockstep:
             self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
-        self._active = False
-        self._timer = LoopTimer(1.0 / config.rate_hz)
-        self._vented = False
-        # Refused commands up to the last report.
-        self._reported = 0
-        # The driver has to go through its start-up again before it takes set points.
-        self._lost = False
         if config.keep_latch and not self._lockstep:
             self._latch_file = LatchFile(config.device or str(platform.device))
             self._left = self._left or (None if config.take_over else self._latch_file.cause())
-        if self._left is not None:
-            self._chambers.vent(self._left)
-        self._note(self._left or _KILLED.format(os.getpid()))
+        self._guarded = guarded
+        if self._left is None:
+            self._note(_KILLED.format(os.getpid()))
+        else:
+            guarded.latch(self._left)  # the start-up has brought the devices to 0 Pa
+            self._chambers.tell()
 
     def start(self) -> None:
         self._active = True
@@ -93,9 +89,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
     def stop(self) -> None:
         self._active = False
         # Vented and latched: active again, it needs ~/reset like after any other vent.
-        if self._regulator is not None:
-            self._chambers.vent(DEACTIVATED)
-            self._obey(True)
+        self._vent(DEACTIVATED)
 
     def teardown(self) -> None:
         self.make_safe()
@@ -108,9 +102,15 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
                 regulator.vent()
             finally:
                 regulator.close()
-            if hasattr(self, "_chambers"):  # else the start-up has failed
-                self._left = None if self._chambers.cause == DEACTIVATED else self._chambers.cause
-                self._note(self._left)
+        guarded, self._guarded = self._guarded, None
+        if guarded is not None:  # else the start-up has failed
+            self._left = None if guarded.cause == DEACTIVATED else guarded.cause
+            self._note(self._left)
+
+    def _vent(self, cause: str) -> None:
+        if self._guarded is not None:
+            self._guarded.vent(cause)
+            self._chambers.tell()
 
     def _now_ns(self) -> int:
         if self._lockstep:
@@ -139,37 +139,25 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def _check_stall(self) -> None:
         silent = time.monotonic() - self._last_tick_wall
-        if silent > self._config.lockstep_timeout_s and self._regulator is not None:
-            self._chambers.vent(f"lockstep stalled: no tick or command for {silent:.0f} s")
-            self._obey(True)
+        # Once: a vent is a tick of emulated devices.
+        if silent > self._config.lockstep_timeout_s and self._guarded and not self._guarded.state.vented:
+            self._vent(f"lockstep stalled: no tick or command for {silent:.0f} s")
 
     # One cycle ------------------------------------------------------------------------------------
     def _cycle(self) -> None:
-        if self._regulator is None:
+        if self._guarded is None:
             return
         self._timer.tick()
         stamp_ns = self._stamp_ns()
-        try:
-            exchange = self._regulator.exchange(self._chambers.setpoint_pa, self._now_ns())
-        except HardwareError as error:
-            self._lost = True
-            self._chambers.vent(str(error))
-            self._obey(True)
+        exchange = self._guarded.cycle(self._now_ns())
+        self._chambers.tell()
+        if exchange is None:
             return
-        # Whatever the devices complain of, a reset takes them through their start-up, or says why it cannot.
-        self._lost = self._lost or exchange.trouble is not None
-        reading = exchange.known_pa
-        self._obey(self._chambers.judge(reading, exchange.fresh, exchange.trouble, exchange.supply_pa))
         # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
-        is_due = self._in_turn or self._lockstep or bool(exchange.fresh.all())
+        # Chambers that were not sampled are carried on: who controls the arm has one reading a cycle.
+        is_due = self._guarded.in_turn or self._lockstep or bool(exchange.fresh.all())
         if is_due and np.all(np.isfinite(exchange.pressure_pa)):
-            known = self._chambers.interpolated(reading, exchange.fresh) if self._in_turn else reading
-            self._chambers.publish(known, stamp_ns)
-
-    def _recover(self) -> None:
-        if self._lost and self._regulator is not None:
-            self._regulator.configure()
-            self._lost = False
+            self._chambers.publish(self._guarded.known_pa(exchange), stamp_ns)
 
     def _note(self, cause: str | None) -> None:
         """Keep why the arm is vented for the next process, or for the end of this one; None: it is not."""
@@ -183,39 +171,33 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         except OSError as error:
             self.get_logger().warning(f"no note of the latch for the next driver: {error}", once=True)
 
-    def _obey(self, vented: bool) -> None:
-        """Vent when the latch closes, whatever closed it, and say so; say so too when it opens."""
-        if vented and not self._vented:
-            self._regulator.vent()
-            self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
-            self._note(self._chambers.cause)
-        elif self._vented and not vented:
-            self.diagnostics.update(OK, "active", self._values())
-            self._note(_KILLED.format(os.getpid()))
-        self._vented = vented
+    def _on_latch(self) -> None:
+        self.diagnose()
+        self._note(self._guarded.cause or _KILLED.format(os.getpid()))
 
     def diagnose(self) -> None:
-        if self._regulator is None:
+        if self._guarded is None:
             return
-        if self._chambers.cause is not None:
-            self.diagnostics.update(ERROR, f"vented: {self._chambers.cause}", self._values())
-            return
-        rejected = sum(self._chambers.rejected.values())
+        state = self._guarded.state
+        rejected = sum(state.rejected.values())
         recently, self._reported = rejected > self._reported, rejected
-        self.diagnostics.update(
-            WARN if recently else OK, "commands refused" if recently else "active", self._values()
-        )
+        if state.vented:
+            self.diagnostics.update(ERROR, f"vented: {state.complaint}", self._values())
+        elif recently:
+            self.diagnostics.update(WARN, "commands refused", self._values())
+        else:
+            self.diagnostics.update(OK, "active", self._values())
 
     def _values(self) -> dict[str, object]:
-        statistics = self._regulator.statistics if self._regulator is not None else None
-        counts = {} if statistics is None else vars(statistics)
+        state, statistics = self._guarded.state, self._guarded.regulator.statistics
         return {
-            **counts,
+            **({} if statistics is None else vars(statistics)),
             "lateness_p50_ms": self._timer.percentile_ms(50),
             "lateness_p99_ms": self._timer.percentile_ms(99),
             "overruns": self._timer.overruns,
-            "cause": self._chambers.cause or "",
-            **{f"rejected {kind}": count for kind, count in self._chambers.rejected.items()},
+            "cause": state.cause or "",
+            "not_vented": state.not_vented or "",
+            **{f"rejected {kind}": count for kind, count in state.rejected.items()},
         }
 
 

@@ -16,6 +16,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.hardware.plant_link import PlantFrame, PlantLinkClient
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
+from soro_core.safety import Limiter, Rating, check_rating
 from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_ros import messages, qos
@@ -68,15 +69,16 @@ class TwinNode(SoroNode[TwinConfig]):
         )
         self.create_service(Trigger, "~/start", self._on_start)
         if config.pressures == "regulators":
+            check_rating(config.limits, Rating(), where="parameters of twin")
+            self._limiter = Limiter(config.limits, self._names, config.regulator)
             self._chambers = ChamberInterface(
                 self,
-                self._names,
-                config.limits,
+                self._limiter,
                 self._now_ns,
                 self._stamp_now_ns,
                 self._advance_with_commands,
-                lockstep=self._lockstep,
-                response=config.regulator,
+                self.diagnose,
+                self._lockstep,
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)
@@ -214,8 +216,9 @@ class TwinNode(SoroNode[TwinConfig]):
 
     # One tick -------------------------------------------------------------------------------------
     def _step_with_commands(self) -> None:
-        self._chambers.judge(self._seen.reading_pa, True)
-        self._arrive(self._twin.step_setpoints(self._state, self._chambers.setpoint_pa))
+        self._limiter.judge(self._seen.reading_pa, True, self._now_ns())
+        self._chambers.tell()
+        self._arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
 
     def _step_with_valves(self, frame: PlantFrame | None) -> None:
         """With nothing from the valves yet their chambers are as they were."""
@@ -267,7 +270,7 @@ class TwinNode(SoroNode[TwinConfig]):
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns
 
     def diagnose(self) -> None:
-        vented = self._chambers.cause if self._chambers is not None else None
+        vented = self._limiter.state.complaint if self._chambers is not None else None
         values = {"tick": self._state.tick, "time_s": self._tick_ns() * 1e-9, "skipped_ticks": self._skipped}
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged

@@ -68,7 +68,7 @@ def test_stalled_process_does_not_age_the_world():
 def test_real_time_world_publishes_each_step():
     world = World(single(), lambda frame: None, lockstep=False)
     published = []
-    world.on_tick = lambda time_ns, pressures: published.append((time_ns, pressures.shape))
+    world.on_tick = lambda time_ns, pressures, _: published.append((time_ns, pressures.shape))
     for time_ms in range(1, 26):
         world.run(time_ms * 1_000_000)
     assert published == [(2_500_000 * n, (1,)) for n in range(1, 11)]

@@ -225,7 +225,7 @@ def test_start_up_is_no_cycle_of_the_loop(platform):
     """The twin takes every frame for a tick, and the estimator wants a pressure at the first one."""
     bench = SerialBench(platform)
     frames = []
-    bench.devices.on_tick = lambda time_ns, pressure_pa: frames.append(time_ns)
+    bench.devices.on_tick = lambda time_ns, *_: frames.append(time_ns)
     bench.driver.configure()
     assert frames == []
     assert bench.devices.now_ns > 0, "the lines take their time all the same"

@@ -13,6 +13,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.errors import HardwareError, SoroError
@@ -242,7 +243,38 @@ def test_a_latch_that_closes_tells_the_regulators_to_vent(domain, monkeypatch, c
         else:
             node.trigger_deactivate()
         assert devices.vents == 1
-        assert "rebooted" in node._chambers.cause or node._chambers.cause == "deactivated"
+        assert "rebooted" in node._guarded.cause or node._guarded.cause == "deactivated"
+        node.make_safe()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def test_a_chamber_that_keeps_its_pressure_is_told_once_and_keeps_the_latch(domain, monkeypatch, capfd):
+    devices = Answering()
+    kept_pa = np.array([0.0, 40e3, 0.0])
+    monkeypatch.setattr(devices, "exchange", lambda sent, _: Exchange(sent, kept_pa.copy(), np.full(3, True)))
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    parameters = ["-p", "device:=x", "-p", "autostart:=false", "-p", "limits.vent_limit_s:=0.1"]
+    middleware.init(["--ros-args", *parameters])
+    try:
+        node = regulator.RegulatorNode()
+        node.trigger_configure()
+        node._chambers._on_vent(Trigger.Request(), Trigger.Response())
+        assert devices.vents == 1, "at once, and also while the node is inactive"
+        wait_until(lambda: node._cycle() or node._guarded.not_vented, 5, "what is kept")
+        for _ in range(5):
+            node._cycle()
+        said = node._guarded.not_vented
+        assert said.startswith("link0/chamber1 still at 40.0 kPa ")
+        assert node.diagnostics.status.message == f"vented: vent requested; {said}"
+        assert capfd.readouterr().err.count(said) == 1
+        answer = node._chambers._on_reset(Trigger.Request(), Trigger.Response())
+        assert (answer.success, answer.message) == (False, said)
+        kept_pa[:] = 0.0
+        node._cycle()
+        assert node.diagnostics.status.message == "vented: vent requested"
+        assert node._chambers._on_reset(Trigger.Request(), Trigger.Response()).success
         node.make_safe()
         node.destroy_node()
     finally:

@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray
 
 from soro_core.errors import HardwareError, SoroError
 from soro_core.hardware.plant_link import PlantLinkClient
-from soro_core.safety import Limits
+from soro_core.safety import Limiter, Limits
 from soro_ros import messages, middleware, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import ERROR
@@ -212,8 +212,7 @@ def test_of_commands_that_waited_the_newest_counts_in_real_time_and_each_in_lock
         stamps: list[int] = []
         chambers = ChamberInterface(
             node,
-            NAMES,
-            Limits(),
+            Limiter(Limits(), NAMES),
             time.monotonic_ns,
             lambda: node.get_clock().now().nanoseconds,
             lambda: stamps.append(chambers.seen_ns),
@@ -239,21 +238,22 @@ def test_a_command_without_a_stamp_is_as_old_as_the_last_cycle(domain):
     middleware.init()
     try:
         node, now = Node("holder"), [10**9]
-        chambers = ChamberInterface(node, NAMES, Limits(), lambda: now[0], lambda: now[0])
+        limiter = Limiter(Limits(), NAMES)
+        chambers = ChamberInterface(node, limiter, lambda: now[0], lambda: now[0])
         command = Float64MultiArray(data=[1e3, 2e3, 3e3])
-        chambers.judge(np.zeros(3), True)
+        limiter.judge(np.zeros(3), True, now[0])
         now[0] += 1_000_000
         for _ in range(3):  # faster than the cycles
             chambers._on_array(command)
-        assert chambers.rejected == {}
+        assert limiter.state.rejected == {}
         now[0] += 99_000_000  # a person presses ~/reset, and the devices take their time
         chambers._on_array(command)
-        assert chambers.rejected == {}
+        assert limiter.state.rejected == {}
         now[0] += 1_000_000
         chambers._on_array(command)
-        assert chambers.rejected == {"stale": 1}
-        chambers.judge(np.zeros(3), True)
-        assert "command lost" in chambers.cause
+        assert limiter.state.rejected == {"stale": 1}
+        limiter.judge(np.zeros(3), True, now[0])
+        assert "command lost" in limiter.cause
         node.destroy_node()
     finally:
         rclpy.shutdown()

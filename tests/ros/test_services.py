@@ -30,7 +30,7 @@ NODES = textwrap.dedent(
     from rclpy.node import Node
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
-    from soro_core.safety import Limits
+    from soro_core.safety import Limiter, Limits
     from soro_ros import messages, middleware, qos
     from soro_ros.chambers import ChamberInterface
     from soro_ros.diagnostics import ERROR, OK, Diagnostics
@@ -43,13 +43,14 @@ NODES = textwrap.dedent(
     def holder(namespace):
         node = Node("regulator", namespace=namespace)
         stamp_ns = lambda: node.get_clock().now().nanoseconds
-        patient = Limits(command_age_s=0.5)
-        chambers = ChamberInterface(node, NAMES, patient, time.monotonic_ns, stamp_ns)
+        limiter = Limiter(Limits(command_age_s=0.5), NAMES)
+        chambers = ChamberInterface(node, limiter, time.monotonic_ns, stamp_ns)
         diagnostics = Diagnostics(node)
 
         def cycle():
-            if chambers.judge(np.zeros(1), True):
-                diagnostics.update(ERROR, f"vented: {chambers.cause}")
+            limiter.judge(np.zeros(1), True, time.monotonic_ns())
+            if limiter.cause:
+                diagnostics.update(ERROR, f"vented: {limiter.cause}")
             else:
                 diagnostics.update(OK, "active")
 

@@ -324,6 +324,66 @@ def test_any_sequence_stays_in_range_and_within_slew(events):
         last_cycle = now
 
 
+# After a vent ----------------------------------------------------------------------------------------
+
+
+def vented(reading, at_ms=0):
+    return run(
+        request_vent(initial_state(3, ("a", "b", "c")), "asked"), at_ms, at_ms + 2000, np.array(reading)
+    )
+
+
+def test_every_chamber_that_is_not_empty_in_time_is_named_and_the_first_cause_stays():
+    state = run(request_vent(initial_state(3, ("a", "b", "c")), "asked"), 0, 1995, np.full(3, 32.1e3))
+    assert state.not_vented is None
+    state = vented([32.1e3, 4.9e3, -6e3])
+    said = "a still at 32.1 kPa, c still at -6.0 kPa 2.0 s after the vent: open the dump valve"
+    assert state.not_vented == said
+    assert (state.cause, state.complaint) == ("asked", f"asked; {said}")
+    state = run(state, 2005, 2500, np.array([31e3, 0.0, 0.0]))
+    assert state.not_vented == said, "said once"
+    state = run(state, 2505, 2505, np.array([31e3, 9e3, 0.0]))
+    assert state.not_vented == (
+        "a still at 31.0 kPa, b still at 9.0 kPa 2.5 s after the vent: open the dump valve"
+    )
+
+
+def test_an_arm_that_was_found_full_stays_latched_until_it_is_seen_empty():
+    assert reset(LIMITS, vented([4.9e3] * 3), 2001 * MS)[1] is None
+    assert (
+        reset(LIMITS, run(request_vent(initial_state(3), "asked"), 0, 500, np.full(3, 40e3)), 501 * MS)[1]
+        is None
+    )
+    state = vented([40e3, 0.0, 0.0])
+    state, refusal = reset(LIMITS, state, 2001 * MS)
+    assert refusal == state.not_vented is not None
+    assert state.vented
+    state = run(state, 2005, 2100, np.zeros(3), fresh=np.array([False, True, True]))
+    assert reset(LIMITS, state, 2101 * MS)[1] is not None, "nobody has seen it empty"
+    state = run(state, 2105, 2105, np.array([4.5e3, 0.0, 0.0]))
+    assert state.not_vented is not None, "within the noise of the limit"
+    state = run(state, 2110, 2110, np.zeros(3))
+    assert state.not_vented is None
+    assert reset(LIMITS, state, 2111 * MS)[1] is None
+
+
+@pytest.mark.parametrize("nothing", [math.nan, -math.inf, -125e3])
+def test_a_reading_that_no_pressure_explains_does_not_count_as_pressure_nor_as_empty(nothing):
+    assert vented([nothing, 0.0, 0.0]).not_vented is None
+    state = run(vented([40e3, 0.0, 0.0]), 2005, 2100, np.array([nothing, 0.0, 0.0]))
+    assert state.not_vented is not None
+    assert vented([math.inf, 0.0, 0.0]).not_vented is not None
+
+
+@pytest.mark.parametrize(
+    ("key", "bad"),
+    [("vent_limit_s", 11.0), ("vent_limit_s", math.inf), ("vented_pa", 21e3), ("vented_pa", 0.0)],
+)
+def test_no_configuration_switches_the_look_at_a_vent_off(key, bad):
+    with pytest.raises(ConfigError, match=key):
+        parse({key: bad}, Limits, "f.yaml")
+
+
 # Regulators that are slower than the loop -----------------------------------------------------------
 
 

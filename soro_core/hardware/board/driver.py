@@ -12,14 +12,15 @@ from typing import TypeVar
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import checks, rest
+from soro_core.hardware import rest
 from soro_core.hardware.board import messages, texts
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.messages import PortFlag, State
 from soro_core.hardware.board.probe import look
 from soro_core.hardware.board.session import Session
+from soro_core.hardware.driver_base import ConnectionDriver
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Flags, Regulator
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Flags
 from soro_core.hardware.transport.tcp import ByteLink, link_to
 
 Answer = TypeVar("Answer")
@@ -27,7 +28,7 @@ Answer = TypeVar("Answer")
 _LONGEST_WAIT_S = 1.0
 
 
-class BoardRegulator(Regulator):
+class BoardRegulator(ConnectionDriver[BoardPlatform]):
     """Regulators of one arm behind one board.
 
     Parameters
@@ -36,41 +37,28 @@ class BoardRegulator(Regulator):
         Ports, range and times.
     link : ByteLink
         Connection to the board; opened by `configure`.
-    clock : callable
-        Monotonic time [s] for the limits of blocking steps.
-    lockstep : bool
-        Wait for every answer, pace nothing.
+    clock, lockstep
+        As for every driver.
     """
 
+    source = "board"
     device_watchdog = True
 
     def __init__(
         self, platform: BoardPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool = False
     ) -> None:
-        self.platform, self.lockstep = platform, lockstep
-        self._clock = clock
-        self._names = platform.chamber_names
+        super().__init__(platform, platform.host, clock, lockstep)
         self._ports = [valve.port for valve in platform.valves]
         self._session = Session(link, len(platform.ports))
         self._session.on_state = self._on_state
         # What the board applies may differ by a count of its DAC.
         self._tolerance_pa = [1.0 + platform.resolution_pa(port) for port in self._ports]
-        self._latched: dict[str, Fault] = {}
-        self._configured = self._closed = False
         self._boot: int | None = None
         self._taken: State | None = None
-        self._heard_ns = self._read_ns = 0
-        self._heard = self._missed = self._cycles = self._lost = 0
+        self._heard_ns: int | None = None
+        self._heard = self._lost = 0
         self._pressure_pa: Array = np.full(len(self._names), np.nan)
         self._sent_pa: Array = np.zeros(len(self._names))
-
-    @property
-    def chamber_names(self) -> tuple[str, ...]:
-        return self._names
-
-    @property
-    def update_hz(self) -> float:
-        return self.platform.cycle_hz
 
     @property
     def statistics(self) -> BusStatistics:
@@ -86,14 +74,11 @@ class BoardRegulator(Regulator):
         )
 
     def probe(self) -> Iterator[Finding]:
-        return look(self.platform, self._session, self._clock)
+        return look(self.platform, self._session, self.clock)
 
     def configure(self) -> None:
-        if self._closed:
-            raise HardwareError("the driver is closed; make a new one")
-        self._configured = False
-        self._latched.clear()
-        self._boot, self._missed = None, 0
+        self._begin()
+        self._boot = self._heard_ns = None
         session = self._session
         session.link.open()
         session.greet()
@@ -110,17 +95,10 @@ class BoardRegulator(Regulator):
         if state.cause:
             raise self._failed(f"{texts.CAUSES[state.cause][1]}{texts.complaints(state)}")
         self._sent_pa = np.zeros(self.n_chambers)
-        self._heard_ns = self._read_ns = -1
         self._configured = True
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        if not self._configured:
-            raise HardwareError("exchange before configure")
-        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
-        if self._heard_ns < 0:
-            self._heard_ns = self._read_ns = now_ns
-        self._cycles += 1
-        refused = checks.refused(self.platform.range, self._names, setpoint)
+        setpoint, refused = self._checked(setpoint_pa)
         self._drain()
         usable = not refused and not self._latched
         fresh = self._transact(setpoint if usable else np.zeros_like(setpoint))
@@ -175,20 +153,18 @@ class BoardRegulator(Regulator):
         return fresh
 
     def _wait_for_answer(self) -> None:
-        session, budget_s = self._session, self.platform.cycle_budget_s
-        if self.lockstep and self._missed < self.platform.host.stale_cycles:
-            budget_s = self.platform.lockstep_timeout_s
-        deadline = self._clock() + budget_s
+        session = self._session
+        deadline = self.clock() + self._patience_s(self.platform.cycle_budget_s)
         while not session.is_answered and session.refused is None:
-            left = deadline - self._clock()
+            left = deadline - self.clock()
             if left <= 0 or not session.receive(left):
                 return
 
     def _judge(self, fresh: Flags, now_ns: int) -> list[Fault]:
         """Everything that is wrong after a cycle."""
-        session, times = self._session, self.platform.host
+        session, limit_s = self._session, self.platform.host.heartbeat_consumer_s
         state, welcome = session.state, session.welcome
-        if session.received != self._heard:
+        if session.received != self._heard or self._heard_ns is None:
             self._heard, self._heard_ns = session.received, now_ns
         if welcome is not None and welcome.boot != self._boot:
             self._latch("rebooted", "the board's server has been started anew")
@@ -200,16 +176,9 @@ class BoardRegulator(Regulator):
             self._latch(code, f"the board {text}{texts.complaints(state)}")
         elif state is not None and fresh.any() and session.is_answered:
             self._compare(state)
-        if now_ns - self._heard_ns > times.heartbeat_consumer_s * 1e9:
-            self._latch("heartbeat_lost", f"not heard for {times.heartbeat_consumer_s * 1e3:.0f} ms")
-        faults = list(self._latched.values())
-        self._missed = 0 if fresh.all() else self._missed + 1
-        if fresh.all():
-            self._read_ns = now_ns
-        elif times.is_stale(self._missed, now_ns - self._read_ns):
-            names = ", ".join(name for name, good in zip(self._names, fresh, strict=True) if not good)
-            faults.append(Fault("stale_reading", names, times.too_old(self._missed, now_ns - self._read_ns)))
-        return faults
+        if now_ns - self._heard_ns > limit_s * 1e9:
+            self._latch("heartbeat_lost", f"not heard for {limit_s * 1e3:.0f} ms")
+        return self._faults(fresh, now_ns)
 
     def _compare(self, state: State) -> None:
         """The board says what its DACs were given: it must be what was sent."""
@@ -230,9 +199,9 @@ class BoardRegulator(Regulator):
 
     def _paced_cycle(self, setpoint_pa: Array) -> Array:
         """One cycle of the shutdown."""
-        next_s = self._clock() + 1.0 / self.platform.cycle_hz
+        next_s = self.clock() + 1.0 / self.platform.cycle_hz
         fresh = self._transact(setpoint_pa)
-        while not self.lockstep and (left := next_s - self._clock()) > 0:
+        while not self.lockstep and (left := next_s - self.clock()) > 0:
             self._session.receive(left)
         return np.where(fresh, self._pressure_pa, np.nan)
 
@@ -253,11 +222,11 @@ class BoardRegulator(Regulator):
 
     def _await(self, look: Callable[[], Answer | None], step: str) -> Answer:
         """Wait for the answer to a step of the start-up."""
-        deadline = self._clock() + self.platform.host.start_timeout_s
+        deadline = self.clock() + self.platform.host.start_timeout_s
         while (answer := look()) is None:
             if self._session.refused is not None:
                 raise self._failed(texts.refusal(self._session.refused[0]))
-            left = deadline - self._clock()
+            left = deadline - self.clock()
             if left <= 0:
                 raise self._failed(f"does not answer {step}")
             self._session.receive(left)
@@ -265,9 +234,6 @@ class BoardRegulator(Regulator):
 
     def _failed(self, text: str) -> HardwareError:
         return HardwareError(f"board: start-up: {text}")
-
-    def _latch(self, code: str, message: str, source: str = "board") -> None:
-        self._latched.setdefault(code, Fault(code, source, message, latched=True))
 
 
 def open_driver(

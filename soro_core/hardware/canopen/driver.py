@@ -16,7 +16,6 @@ import can
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import checks
 from soro_core.hardware.canopen import frames, shutdown, startup
 from soro_core.hardware.canopen.cia408 import Control
 from soro_core.hardware.canopen.config import CanopenPlatform
@@ -28,15 +27,16 @@ from soro_core.hardware.canopen.monitor import NodeMonitor
 from soro_core.hardware.canopen.probe import probe
 from soro_core.hardware.canopen.sdo_client import SdoClient
 from soro_core.hardware.canopen.setpoints import Setpoints
+from soro_core.hardware.driver_base import DriverBase
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.guard import BusGuard
 from soro_core.hardware.transport.link import CanLink
 from soro_core.hardware.transport.open import open_bus
 
 
-class CanopenRegulator(Regulator):
+class CanopenRegulator(DriverBase[CanopenPlatform]):
     """Regulators of one arm on CANopen.
 
     Parameters
@@ -61,30 +61,19 @@ class CanopenRegulator(Regulator):
         lockstep: bool = False,
         endpoint: str | None = None,
     ) -> None:
-        self.platform = platform
+        super().__init__(platform, clock, lockstep)
         self._endpoint = endpoint
-        self.lockstep = lockstep
-        self.clock = clock
         self._link = CanLink(open_bus)
         self.device = describe(platform.canopen.mapping)
         self.device_watchdog = self.device.has_watchdog
         self._nodes = [NodeMonitor(node, self.device, of_node) for node, of_node in platform.nodes.items()]
         self._setpoints = Setpoints(platform, self._nodes)
         self._dispatch = Dispatch(self._nodes, self.device)
-        self._configured = self._closed = False
         self._heartbeat_ns: int | None = None
         self._guard = BusGuard(self._link, clock)
         self._own_heartbeat = frames.heartbeat(platform.canopen.master_node, NmtState.OPERATIONAL)
         self._guarding = Guarding(self._nodes, platform.canopen.heartbeat_s)
-        self._cycles = self._lost = self.now_ns = 0
-
-    @property
-    def chamber_names(self) -> tuple[str, ...]:
-        return self.platform.chamber_names
-
-    @property
-    def update_hz(self) -> float:
-        return self.platform.cycle_hz
+        self._lost = self.now_ns = 0
 
     @property
     def statistics(self) -> BusStatistics:
@@ -116,9 +105,8 @@ class CanopenRegulator(Regulator):
         return probe(self.platform, self.device, self._link, self.clients(), self._endpoint, self.clock)
 
     def configure(self) -> None:
-        if self._closed:
-            raise HardwareError("the driver is closed; make a new one")
-        self._configured, self._heartbeat_ns = False, None
+        self._begin()
+        self._heartbeat_ns = None
         self._guard.open()
         startup.tell_unwatched(self.device)
         for node in self._nodes:
@@ -148,12 +136,8 @@ class CanopenRegulator(Regulator):
         self._guard.configured()
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        if not self._configured:
-            raise HardwareError("exchange before configure")
-        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
+        setpoint, refused = self._checked(setpoint_pa)
         self.now_ns = now_ns
-        refused = checks.refused(self.platform.range, self.chamber_names, setpoint)
-        self._cycles += 1
         faults = self._cycle(setpoint, refused) if self._guard.usable() else self._silence()
         return Exchange(
             sent_pa=self.sent_pa.copy(),

@@ -78,6 +78,7 @@ class Air:
             Valve of each of these chambers.
         """
         self._elsewhere, self._places = elsewhere, list(places)
+        self._no_action = self.action = ValveAction((), healthy(len(places)))
 
     @property
     def pressure_pa(self) -> Array:

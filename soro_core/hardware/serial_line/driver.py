@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import checks
+from soro_core.hardware.driver_base import DriverBase
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault
 from soro_core.hardware.rest import ramp_down
 from soro_core.hardware.serial_line.channel import Channel
 from soro_core.hardware.serial_line.config import SerialPlatform
@@ -35,7 +35,7 @@ LONGEST_WAIT_S = 1.0
 _ROUNDS = 20  # of the supervisor, while nothing confirms
 
 
-class SerialRegulator(Regulator):
+class SerialRegulator(DriverBase[SerialPlatform]):
     """Regulators of one arm on one or more serial lines.
 
     Parameters
@@ -59,17 +59,15 @@ class SerialRegulator(Regulator):
         clock: Callable[[], float],
         lockstep: bool = False,
     ) -> None:
-        self.platform, self.lockstep = platform, lockstep
-        self._open_ports, self._clock = open_ports, clock
-        self._names = platform.chamber_names
+        super().__init__(platform, clock, lockstep)
+        self._open_ports = open_ports
         self._period_ns = round(1e9 / platform.cycle_hz)
         self._line_ns = 0
         self._ports: list[BytePort] = []
         self._engines: list[LineEngine] = []
         self._channels: list[Channel] = []
         self._closed_counts: Counter[str] = Counter()
-        self._configured = self._closed = False
-        self._cycles = self._last_ns = 0
+        self._last_ns = 0
         self._supervisor: Supervisor | None = None
         self._vent_plan: list[VentPlan] = []
 
@@ -83,10 +81,6 @@ class SerialRegulator(Regulator):
         """Stop devices on a line that send without being asked."""
 
     # -- the port ----------------------------------------------------------------------------------
-
-    @property
-    def chamber_names(self) -> tuple[str, ...]:
-        return self._names
 
     @property
     def statistics(self) -> BusStatistics:
@@ -104,12 +98,10 @@ class SerialRegulator(Regulator):
         return tuple(fault for channel in self._channels for fault in channel.latched.values())
 
     def probe(self) -> Iterator[Finding]:
-        return look(self.platform, self._open_ports, self.make_lines, self.calm, self._clock)
+        return look(self.platform, self._open_ports, self.make_lines, self.calm, self.clock)
 
     def configure(self) -> None:
-        if self._closed:
-            raise HardwareError("the driver is closed; make a new one")
-        self._configured = False
+        self._begin()
         self._close_ports()
         ports = self._open_ports()
         if self.platform.line.supervisor and not self.lockstep:
@@ -130,11 +122,7 @@ class SerialRegulator(Regulator):
         self._configured = True
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        if not self._configured:
-            raise HardwareError("exchange before configure")
-        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
-        self._cycles += 1
-        refused = checks.refused(self.platform.range, self._names, setpoint)
+        setpoint, refused = self._checked(setpoint_pa)
         dt = self._since_last()
         lost = [] if self._watched() else [LOST]
         for channel, target in zip(self._channels, setpoint.tolist(), strict=True):
@@ -156,14 +144,14 @@ class SerialRegulator(Regulator):
             return
         for channel in self._channels:
             channel.vent()
-        end_s = self._clock() + self.platform.line.vent_s
+        end_s = self.clock() + self.platform.line.vent_s
         while True:
             working = [engine for engine in engines if self._advanced(engine)]
             if self.lockstep:  # a tick is all that a call may take; the caller repeats
                 with contextlib.suppress(HardwareError):
                     self._tick()
                 return
-            left_s = end_s - self._clock()
+            left_s = end_s - self.clock()
             self._watched()
             if left_s <= 0 or all(c.at_zero or not c.urgent for e in working for c in e.channels):
                 return
@@ -186,7 +174,7 @@ class SerialRegulator(Regulator):
 
     def now_ns(self) -> int:
         """Time of the lines: the clock's, or in lockstep the devices'."""
-        return self._line_ns if self.lockstep else round(self._clock() * 1e9)
+        return self._line_ns if self.lockstep else round(self.clock() * 1e9)
 
     def wait(self, timeout_s: float) -> None:
         """Let time pass until bytes come; in lockstep one cycle."""
@@ -212,8 +200,8 @@ class SerialRegulator(Regulator):
             for engine in self._engines:
                 engine.receive(self.now_ns())
             return
-        end_s = self._clock() + self.platform.cycle_budget_s
-        while (left_s := end_s - self._clock()) > 0:
+        end_s = self.clock() + self.platform.cycle_budget_s
+        while (left_s := end_s - self.clock()) > 0:
             self._await_bytes(self._engines, left_s)
             for engine in self._engines:
                 self._advance(engine)
@@ -234,7 +222,7 @@ class SerialRegulator(Regulator):
         for port in ports:
             port.end_cycle(mark)
         for port in ports:
-            port.await_cycle(self.platform.lockstep_timeout_s, self._clock)
+            port.await_cycle(self.platform.lockstep_timeout_s, self.clock)
         self._line_ns += self._period_ns
 
     def _await_bytes(self, engines: Sequence[LineEngine], timeout_s: float) -> None:

@@ -34,7 +34,7 @@ class VeabOptions(Freshness):
         5e3, gt=0, le=20e3, description="pressure below which a chamber counts as vented"
     )
     vent_timeout_s: float = Field(
-        2.0, gt=0, le=10, description="longest time from set point 0 to a vented chamber"
+        2.0, gt=0, le=10, description="longest wait for vented chambers at start-up and at the end"
     )
     stale_cycles: int = Field(5, ge=1, le=100, description="missed readings in a row that make a fault")
 

@@ -17,9 +17,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import checks, rest
+from soro_core.hardware import rest
+from soro_core.hardware.driver_base import ConnectionDriver
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Regulator
+from soro_core.hardware.port import Array, BusStatistics, Exchange
 from soro_core.hardware.supervisor_client import LOST
 from soro_core.hardware.transport.tcp import ByteLink, link_to
 from soro_core.hardware.veab.config import VeabPlatform
@@ -32,7 +33,7 @@ _SETTLE_NS = 10_000_000
 _LEAST_S = 0.05  # time at 0 Pa before leaving: readings may be older than the set points
 
 
-class VeabRegulator(Regulator):
+class VeabRegulator(ConnectionDriver[VeabPlatform]):
     """Regulators of one arm behind the published server.
 
     Parameters
@@ -41,10 +42,8 @@ class VeabRegulator(Regulator):
         Ports, range and times.
     link : ByteLink
         Connection to the server; opened by `configure`.
-    clock : callable
-        Monotonic time [s] for the limits of blocking steps.
-    lockstep : bool
-        Wait for one reading a message, pace nothing, keep nothing alive.
+    clock, lockstep
+        As for every driver; in lockstep it waits for one reading a message, and keeps nothing alive.
 
     Attributes
     ----------
@@ -52,29 +51,20 @@ class VeabRegulator(Regulator):
         Whether readings have shown every chamber empty since 0 Pa was last commanded.
     """
 
+    source = "link"
     device_watchdog = False
 
     def __init__(
         self, platform: VeabPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool = False
     ) -> None:
-        self.platform, self.lockstep = platform, lockstep
+        super().__init__(platform, platform.host, clock, lockstep)
         self.vent_confirmed = False
-        self._clock = clock
         self._stream = Stream(platform, link, clock)
-        self._names = platform.chamber_names
         self._lock = threading.Lock()
         self._keeper: Keeper | None = None
-        self._latched: dict[str, Fault] = {}
-        self._configured = self._closed = False
-        self._zero_ns: int | None = None  # since when 0 Pa has been commanded without a break
         self._broken_ns: int | None = None  # since when the readings make no sense
-        self._read_ns: int | None = None
-        self._now_ns = self._missed = self._cycles = self._lost = self._garbled = 0
+        self._now_ns = self._lost = self._garbled = 0
         self._zeros: Array = np.zeros(len(self._names))
-
-    @property
-    def chamber_names(self) -> tuple[str, ...]:
-        return self._names
 
     @property
     def update_hz(self) -> float:
@@ -96,13 +86,9 @@ class VeabRegulator(Regulator):
         yield Finding("published server", "warn", found, "start it again afterwards; soro_board's stays")
 
     def configure(self) -> None:
-        if self._closed:
-            raise HardwareError("the driver is closed; make a new one")
         with self._lock:
-            self._configured = False
-            self._latched.clear()
-            self._broken_ns = self._read_ns = self._zero_ns = None
-            self._missed = 0
+            self._begin()
+            self._broken_ns = None
             if self.platform.host.supervisor and not self.lockstep:
                 self._stream.supervise()
             is_new = self._stream.open()
@@ -112,22 +98,18 @@ class VeabRegulator(Regulator):
             self._configured = True
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        if not self._configured:
-            raise HardwareError("exchange before configure")
-        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
+        setpoint, refused = self._checked(setpoint_pa)
         if self._keeper is not None and not self._keeper.is_alive:
             self._latch("device_error", "the thread that keeps the server alive has died")
         with self._lock:
             self._now_ns = now_ns
-            self._cycles += 1
-            refused = checks.refused(self.platform.range, self._names, setpoint)
             if not self._stream.watched:
-                self._latched.setdefault(LOST.code, LOST)
+                self._latched.setdefault((LOST.code, ""), LOST)
             usable = not refused and not self._latched
-            fresh = self._cycle(setpoint if usable else self._zeros)
-            faults = (*refused, *self._judge(fresh, now_ns))
-            flags = np.full(self.n_chambers, fresh)
-            return Exchange(self._stream.sent_pa.copy(), self._stream.pressure_pa.copy(), flags, faults)
+            fresh = np.full(self.n_chambers, self._cycle(setpoint if usable else self._zeros))
+            self._confirm_vent(bool(fresh.all()))
+            faults = (*refused, *self._faults(fresh, now_ns))
+            return Exchange(self._stream.sent_pa.copy(), self._stream.pressure_pa.copy(), fresh, faults)
 
     def vent(self) -> None:
         with self._lock:
@@ -183,11 +165,9 @@ class VeabRegulator(Regulator):
         return new
 
     def _wait_for_reading(self) -> None:
-        stream, budget_s = self._stream, self.platform.cycle_budget_s
-        if self.lockstep and self._missed < self.platform.host.stale_cycles:
-            budget_s = self.platform.lockstep_timeout_s
-        deadline = self._clock() + budget_s
-        while not stream.has_new and not stream.broken and (left := deadline - self._clock()) > 0:
+        stream = self._stream
+        deadline = self.clock() + self._patience_s(self.platform.cycle_budget_s)
+        while not stream.has_new and not stream.broken and (left := deadline - self.clock()) > 0:
             if not stream.receive(left):
                 return
 
@@ -201,37 +181,18 @@ class VeabRegulator(Regulator):
         elif self._now_ns - self._broken_ns >= _SETTLE_NS:
             self._stream.give_up()
 
-    def _judge(self, fresh: bool, now_ns: int) -> list[Fault]:
-        """Everything that is wrong after a cycle."""
-        times = self.platform.host
-        self._read_ns = now_ns if fresh or self._read_ns is None else self._read_ns
-        self._missed = 0 if fresh else self._missed + 1
-        self._confirm_vent(fresh, now_ns)
-        faults = list(self._latched.values())
-        if times.is_stale(self._missed, now_ns - self._read_ns):
-            faults.append(Fault("stale_reading", "link", times.too_old(self._missed, now_ns - self._read_ns)))
-        return faults
-
-    def _confirm_vent(self, fresh: bool, now_ns: int) -> None:
-        """After a vent the readings must fall: this server is not taken at its word."""
+    def _confirm_vent(self, fresh: bool) -> None:
+        """Note whether readings show an empty arm: this server is not taken at its word."""
         if self._stream.sent_pa.any():
-            self._zero_ns, self.vent_confirmed = None, False
-            return
-        if self._zero_ns is None:
-            self._zero_ns = now_ns
-        limit, stream = self.platform.host, self._stream
-        if not fresh:
-            return
-        if stream.is_empty(limit.vented_pa):
+            self.vent_confirmed = False
+        elif fresh and self._stream.is_empty(self.platform.host.vented_pa):
             self.vent_confirmed = True
-        elif now_ns - self._zero_ns >= limit.vent_timeout_s * 1e9:
-            self._latch("not_vented", *self._fullest())
 
     def _paced(self, setpoint_pa: Array) -> Array:
         """One cycle of the shutdown."""
-        next_s = self._clock() + 1.0 / self.platform.cycle_hz
+        next_s = self.clock() + 1.0 / self.platform.cycle_hz
         fresh = self._cycle(setpoint_pa)
-        while not self.lockstep and self._stream.is_open and (left := next_s - self._clock()) > 0:
+        while not self.lockstep and self._stream.is_open and (left := next_s - self.clock()) > 0:
             self._stream.receive(left)
         return self._stream.pressure_pa if fresh else np.full(self.n_chambers, np.nan)
 
@@ -272,18 +233,9 @@ class VeabRegulator(Regulator):
                 return
         if not heard:
             raise HardwareError("start-up: the server sends no readings; is `ports` what it has?")
-        text, source = self._fullest()
-        raise HardwareError(f"{source}: start-up: {text}")
-
-    def _fullest(self) -> tuple[str, str]:
-        """What is wrong with the chamber that has kept the most, and which it is."""
-        pressure_pa = self._stream.pressure_pa
-        n = int(np.argmax(np.abs(pressure_pa)))
-        text = f"{pressure_pa[n] / 1e3:.1f} kPa after {self.platform.host.vent_timeout_s:g} s of set point 0"
-        return text, f"{self._names[n]} (port {self.platform.valves[n].port})"
-
-    def _latch(self, code: str, message: str, source: str = "link") -> None:
-        self._latched.setdefault(code, Fault(code, source, message, latched=True))
+        n = int(np.argmax(np.abs(stream.pressure_pa)))
+        kept = f"{stream.pressure_pa[n] / 1e3:.1f} kPa after {times.vent_timeout_s:g} s of set point 0"
+        raise HardwareError(f"{self._names[n]} (port {self.platform.valves[n].port}): start-up: {kept}")
 
 
 def open_driver(

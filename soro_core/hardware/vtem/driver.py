@@ -15,9 +15,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import checks, rest
+from soro_core.hardware import rest
+from soro_core.hardware.driver_base import ConnectionDriver
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault, Flags, Regulator
+from soro_core.hardware.port import Array, BusStatistics, Exchange, Flags
 from soro_core.hardware.supervisor_client import LOST, Supervisor, VentPlan, running
 from soro_core.hardware.transport.tcp import ByteLink, link_to
 from soro_core.hardware.vtem.config import VtemPlatform
@@ -32,7 +33,7 @@ _EXHAUST_S = 1.0
 _ANSWER_S, _LONGEST_S = 0.1, 10.0
 
 
-class VtemRegulator(Regulator):
+class VtemRegulator(ConnectionDriver[VtemPlatform]):
     """Regulators of one arm on one motion terminal.
 
     Parameters
@@ -41,36 +42,24 @@ class VtemRegulator(Regulator):
         Slots, range and times.
     link : ByteLink
         Connection to the bus node; opened by `configure`.
-    clock : callable
-        Monotonic time [s] for the limits of blocking steps.
-    lockstep : bool
-        Wait for every answer, pace nothing.
+    clock, lockstep
+        As for every driver.
     """
 
+    source = "terminal"
     device_watchdog = False
 
     def __init__(
         self, platform: VtemPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool = False
     ) -> None:
-        self.platform, self.lockstep = platform, lockstep
-        self._link, self._clock = link, clock
+        super().__init__(platform, platform.host, clock, lockstep)
+        self._link = link
         self._client = Client(link, platform.registers.unit, clock)
         self._terminal = Terminal(platform, self._client, clock, lockstep)
-        self._names = platform.chamber_names
         self._supervisor: Supervisor | None = None
-        self._latched: dict[tuple[str, str], Fault] = {}
-        self._configured = self._closed = self._was_lost = self._seen_empty = False
-        self._read_ns: int | None = None
-        self._missed = self._cycles = self._lost = 0
+        self._was_lost = self._seen_empty = False
+        self._lost = 0
         self._none: Flags = np.zeros(len(self._names), dtype=np.bool_)
-
-    @property
-    def chamber_names(self) -> tuple[str, ...]:
-        return self._names
-
-    @property
-    def update_hz(self) -> float:
-        return self.platform.cycle_hz
 
     @property
     def statistics(self) -> BusStatistics:
@@ -86,14 +75,11 @@ class VtemRegulator(Regulator):
         )
 
     def probe(self) -> Iterator[Finding]:
-        return look(self.platform, self._link, self._terminal, self._clock)
+        return look(self.platform, self._link, self._terminal, self.clock)
 
     def configure(self) -> None:
-        if self._closed:
-            raise HardwareError("the driver is closed; make a new one")
-        self._configured = self._was_lost = self._seen_empty = False
-        self._latched.clear()
-        self._read_ns, self._missed = None, 0
+        self._begin()
+        self._was_lost = self._seen_empty = False
         if self.platform.host.supervisor and not self.lockstep:
             self._supervisor = running(self._supervisor)
             self._supervisor.wait_until_ready()
@@ -102,7 +88,7 @@ class VtemRegulator(Regulator):
             # A connection that is in order is kept: a bus node may have few of them.
             if not self._is_answered():
                 self._link.open()
-            self._begin()
+            self._share()
             self._terminal.start()
         except HardwareError as error:
             self._link.close()
@@ -112,18 +98,14 @@ class VtemRegulator(Regulator):
         self._configured = True
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        if not self._configured:
-            raise HardwareError("exchange before configure")
-        setpoint = checks.setpoints(setpoint_pa, self.n_chambers)
-        self._cycles += 1
-        refused = checks.refused(self.platform.range, self._names, setpoint)
+        setpoint, refused = self._checked(setpoint_pa)
         if refused or self._latched:
             setpoint = np.zeros_like(setpoint)
         if not self._watched(setpoint):  # before pressure is asked for: a hang may follow at once
             self._latched.setdefault((LOST.code, ""), LOST)
             setpoint = np.zeros_like(setpoint)
         fresh = self._cycle(setpoint)
-        faults = (*refused, *self._judge(fresh, now_ns))
+        faults = (*refused, *self._faults(fresh, now_ns))
         terminal = self._terminal
         return Exchange(terminal.sent_pa.copy(), terminal.pressure_pa.copy(), fresh.copy(), faults)
 
@@ -157,9 +139,6 @@ class VtemRegulator(Regulator):
 
     def _cycle(self, setpoint_pa: Array) -> Flags:
         """One exchange with the terminal; where it gave readings of now. A lost connection is a fault."""
-        budget_s = self.platform.budget_s
-        if self.lockstep and self._missed < self.platform.host.stale_cycles:
-            budget_s = self.platform.lockstep_timeout_s
         try:
             if not self._link.is_open:
                 self._terminal.sent_pa, setpoint_pa = np.zeros_like(setpoint_pa), np.zeros_like(setpoint_pa)
@@ -167,8 +146,10 @@ class VtemRegulator(Regulator):
                 self._latch("link_lost", "the connection is gone")
                 if not self._link.reconnect():
                     return self._none
-                self._begin()
-            fresh = self._terminal.exchange(setpoint_pa, self._clock() + budget_s)
+                self._share()
+            fresh = self._terminal.exchange(
+                setpoint_pa, self.clock() + self._patience_s(self.platform.budget_s)
+            )
         except HardwareError as error:
             self._latch("link_lost", str(error))
             return self._none
@@ -193,24 +174,13 @@ class VtemRegulator(Regulator):
                 code = "device_error"
             self._latch(code, str(status), self._terminal.chambers_of(slot))
 
-    def _judge(self, fresh: Flags, now_ns: int) -> list[Fault]:
-        """Everything that is wrong after a cycle."""
-        times, is_fresh = self.platform.host, bool(fresh.all())
-        self._read_ns = now_ns if is_fresh or self._read_ns is None else self._read_ns
-        self._missed = 0 if is_fresh else self._missed + 1
-        faults = list(self._latched.values())
-        if times.is_stale(self._missed, now_ns - self._read_ns):
-            names = ", ".join(name for name, good in zip(self._names, fresh, strict=True) if not good)
-            faults.append(Fault("stale_reading", names, times.too_old(self._missed, now_ns - self._read_ns)))
-        return faults
-
     def _paced(self, setpoint_pa: Array) -> Array:
         """One cycle of the shutdown."""
-        next_s = self._clock() + 1.0 / self.platform.cycle_hz
+        next_s = self.clock() + 1.0 / self.platform.cycle_hz
         self._watched(setpoint_pa)
         fresh = self._cycle(setpoint_pa)
         if not self.lockstep:
-            time.sleep(max(next_s - self._clock(), 0.0))
+            time.sleep(max(next_s - self.clock(), 0.0))
         return np.where(fresh, self._terminal.pressure_pa, np.nan)
 
     # -- the connection ----------------------------------------------------------------------------
@@ -221,7 +191,7 @@ class VtemRegulator(Regulator):
             return self._link.is_open and self._terminal.read(self.platform.host.answer_timeout_s)
         return False
 
-    def _begin(self) -> None:
+    def _share(self) -> None:
         """Begin with a connection, and share it with the process that vents in need."""
         self._client.reset()
         if self._supervisor is None:
@@ -234,9 +204,6 @@ class VtemRegulator(Regulator):
         """Tell the supervisor whether it would have to vent, by what is on its way; false if it has gone."""
         pressed = bool(setpoint_pa.any() or self._terminal.sent_pa.any())
         return self._supervisor is None or self._supervisor.watches(pressed)
-
-    def _latch(self, code: str, message: str, source: str = "terminal") -> None:
-        self._latched.setdefault((code, source), Fault(code, source, message, latched=True))
 
 
 def open_driver(

@@ -1,0 +1,68 @@
+"""Whether an arm becomes empty after a vent: a chamber that keeps its pressure is named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from soro_core.safety.limits import Limits
+from soro_core.safety.remembered import Array, Flags, chamber
+
+# A chamber that was named is empty only below this part of the limit, so that noise does not name it again.
+EMPTY_AGAIN = 0.8
+
+
+@dataclass(frozen=True)
+class Emptying:
+    """What is known of a vent; arrays have one entry a chamber.
+
+    Attributes
+    ----------
+    full, named : ndarray (n,) of bool
+        Whose last reading showed pressure, and who of them has been named.
+    begun_ns : int or None
+        Time of the first exchange after the vent.
+    not_vented : str or None
+        Which chambers have kept their pressure for too long; None again when all of them are empty.
+    """
+
+    full: Flags
+    named: Flags
+    begun_ns: int | None = None
+    not_vented: str | None = None
+
+
+def not_begun(n: int) -> Emptying:
+    """Return the state of `n` chambers that have not been vented."""
+    nobody = np.zeros(n, dtype=np.bool_)
+    return Emptying(nobody, nobody)
+
+
+def watch_vent(
+    limits: Limits, state: Emptying, names: Sequence[str], reading_pa: Array, fresh: Flags, now_ns: int
+) -> Emptying:
+    """Take the readings of one exchange in a vent in.
+
+    Parameters
+    ----------
+    reading_pa : ndarray (n,)
+        Measured pressures [Pa gauge].
+    fresh : ndarray (n,) of bool
+        Whose reading was sampled in this exchange; of the others the last one counts.
+    """
+    begun_ns = now_ns if state.begun_ns is None else state.begun_ns
+    # No pressure is below a vacuum: an open wire, like a reading that is not a number, tells nothing.
+    live = fresh & (reading_pa >= limits.monitors.open_circuit_pa)
+    top_pa = limits.vented_pa * (1.0 if state.not_vented is None else EMPTY_AGAIN)
+    full = np.where(live, np.abs(reading_pa) >= top_pa, state.full)
+    if not full.any():
+        return Emptying(full, full, begun_ns)
+    took_s, named, text = (now_ns - begun_ns) * 1e-9, state.named, state.not_vented
+    if took_s >= limits.vent_limit_s and np.any(full & ~named):
+        kept = ", ".join(
+            f"{chamber(names, int(n))} still at {reading_pa[n] / 1e3:.1f} kPa" for n in np.flatnonzero(full)
+        )
+        named, text = named | full, f"{kept} {took_s:.1f} s after the vent: open the dump valve"
+    return Emptying(full, named, begun_ns, text)

@@ -15,6 +15,7 @@ from benchmarks import (
     air_fit,
     board,
     can_rates,
+    discovery,
     extremes,
     faults,
     forward,
@@ -37,6 +38,7 @@ TELL_S = 20.0
 
 SECTIONS = {
     "startup": startup,
+    "discovery": discovery,
     "forward": forward,
     "terms": terms,
     "realtime": realtime,

@@ -20,7 +20,8 @@ def emulate(
         typer.Option(help="Name to make for what the host opens: a link, or a folder of them."),
     ] = None,
     plant_link: Annotated[
-        Path | None, typer.Option(help="Unix socket on which the true chamber pressures are published.")
+        Path | None,
+        typer.Option(help="Unix socket to a twin: pressures and what the valves do, and pressures back."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of chance faults.")] = 0,
     control: Annotated[
@@ -36,9 +37,9 @@ def emulate(
 
     Prints one line, `ready: <path or address>`, when the devices answer; several ports stand in it with
     commas between them. Give that (or --device-link) to the regulator node as its parameter `device`, and
-    --plant-link to the twin as its parameter `plant_link`, with `pressures:=valves`. The devices behave as
-    real ones do: they boot, check what they are sent, and those that have a watchdog vent when their host
-    falls silent.
+    --plant-link to the twin as its parameter `plant_link`, with `pressures:=valves`, and with `air:=states`
+    where the twin is to move the air. The devices behave as real ones do: they boot, check what they are
+    sent, and those that have a watchdog vent when their host falls silent.
 
     Faults are words of one vocabulary, the same on every family (docs/safety.md); a wrong one is answered
     with all of them.

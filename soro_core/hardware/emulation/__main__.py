@@ -19,7 +19,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("platform", help="name of a shipped platform, or path of a platform file")
     parser.add_argument("--lockstep", action="store_true", help="advance by exchanges, not by the clock")
     parser.add_argument("--device-link", type=Path, help="name to make for what the host opens")
-    parser.add_argument("--plant-link", type=Path, help="Unix socket on which true pressures are published")
+    parser.add_argument("--plant-link", type=Path, help="Unix socket to a twin")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sensor noise")
     parser.add_argument("--control", type=Path, help="Unix socket on which faults are taken")
     parser.add_argument("--fault", action="append", default=[], help="a fault as YAML, see `soro emulate`")

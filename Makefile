@@ -9,6 +9,8 @@ BIN    := $(VENV)/bin
 run: $(VENV)/.installed
 	@$(BIN)/soro run config/scenes/track_circle.yaml
 
+# The tests start hundreds of processes: where byte code is forbidden, each would compile the package anew.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/.installed-test lint
 	$(BIN)/pytest -n 2
 

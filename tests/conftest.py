@@ -63,6 +63,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 # them all, first what compiles their kernels, while the others compute. Others that need them are last.
 _COMPILES = "tests/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/twin/", "tests/ros/")
+# What takes longest to compile, the other variants of a step, meanwhile: two workers that came to it together
+# would both compile it. Before it what needs no kernels, until those of the nodes are there.
+_VARIANTS = ("tests/bag/", "tests/safety/", "tests/integrate/", "tests/model/")
 _LAST = "tests/loop/"
 
 
@@ -70,7 +73,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the kernels' compilation before the runs of nodes."""
 
     def rank(item: pytest.Item) -> int:
-        beginnings = (*_NODES, "", _LAST)
+        beginnings = (*_NODES, *_VARIANTS, "", _LAST)
         first = (n for n, one in enumerate(beginnings) if one and item.nodeid.startswith(one))
         return next(first, beginnings.index(""))
 

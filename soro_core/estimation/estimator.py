@@ -18,9 +18,10 @@ from scipy.special import chdtri
 
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Belief, Filter
-from soro_core.estimation.measurement import innovation
+from soro_core.estimation.measurement import Innovation, innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
 from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
+from soro_core.estimation.transition import Transition
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 
@@ -34,7 +35,7 @@ class Segment:
     start_s: float
     end_s: float
     pressure_pa: Array
-    system: Array
+    transition: Transition
     belief: Belief
     samples: tuple[Sample, ...] = ()
 
@@ -81,6 +82,11 @@ class Estimator:
         self.filter = Filter(self.arm, self.config)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
+        position, orientation = (
+            self.config.pose.position_model_std_m,
+            self.config.pose.orientation_model_std_rad,
+        )
+        self._kinematics = np.diag(3 * [position**2] + 3 * [orientation**2])
         self._gates = {m: float(chdtri(m, 1.0 - self.config.gate_probability)) for m in (3, 6, 9)}
 
     def initial_state(
@@ -141,9 +147,9 @@ class Estimator:
         measured, counts = self._pressure(state, pressure_pa)
         mean = 0.5 * (state.pressure_pa + measured)
         parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
-        system = self.filter.linearise(state.belief, mean)
+        transition = self.filter.transition(state.belief, mean)
         edges = [state.t_s + dt * i / parts for i in range(parts + 1)]
-        added = [Segment(edges[i], edges[i + 1], mean, system, state.belief) for i in range(parts)]
+        added = [Segment(edges[i], edges[i + 1], mean, transition, state.belief) for i in range(parts)]
         return replace(
             state,
             t_s=state.t_s + dt,
@@ -177,7 +183,7 @@ class Estimator:
             first -= 1
         belief = history[first].belief
         for i in range(first, len(history)):
-            part = replace(history[i], belief=belief)
+            part, begun = history[i], belief
             arrivals = new.get(i, [])
             kept, t = [], part.start_s
             for sample in sorted([*part.samples, *arrivals], key=lambda one: one.stamp_s):
@@ -189,7 +195,7 @@ class Estimator:
                     kept.append(sample)
                     last = max(last, sample.stamp_s)
             belief, counts = self._predicted(belief, part, part.end_s - t, counts)
-            history[i] = replace(part, samples=tuple(kept))
+            history[i] = replace(part, belief=begun, samples=tuple(kept))
         if not belief.finite():
             counts = replace(counts, restarted=counts.restarted + 1)
             belief, history = self.filter.start(), []
@@ -230,18 +236,21 @@ class Estimator:
         return replace(state, counts=counts, stamps=stamps), fresh, tuple(waiting[-16:])
 
     def _predicted(self, belief: Belief, part: Segment, dt: float, counts: Counts) -> tuple[Belief, Counts]:
-        moved, ok = self.filter.predict(belief, part.pressure_pa, part.system, dt)
-        if not (ok and moved.finite()):
+        moved, ok = self.filter.predict(belief, part.pressure_pa, part.transition, dt)
+        finite = moved.finite()
+        if not (ok and finite):
             counts = replace(counts, failed=counts.failed + 1)
-        return (moved, counts) if moved.finite() else (self.filter.widen(belief), counts)
+        return (moved if finite else self.filter.widen(belief)), counts
 
     def _updated(
         self, belief: Belief, sample: Sample, refused: dict[str, int], gated: bool, counts: Counts
     ) -> tuple[Belief, Counts, bool]:
         """Fuse one sample; `gated` for one seen for the first time (a replay does not judge again)."""
-        seen = innovation(self.arm, self.config, sample, belief.q, belief.qd)
-        if seen is None:
-            return belief, counts, False
+
+        def measure(q: Array, qd: Array) -> Innovation:
+            return innovation(self.arm, self.config, sample, q, qd)
+
+        seen = measure(belief.q, belief.qd)
         name = sample.sensor
         if gated and self.filter.distance(belief, seen) > self._gates[seen.residual.shape[0]]:
             refused[name] = refused.get(name, 0) + 1
@@ -251,8 +260,9 @@ class Estimator:
             # This sensor has disagreed for so long that the state is the likelier to be wrong.
             # From straight, not from where the state strayed to: the update finds its way from there.
             belief = self.filter.start()
+            seen = measure(belief.q, belief.qd)
             counts = replace(counts, reacquired=counts.reacquired + 1)
-        updated = self.filter.update(belief, lambda q, qd: innovation(self.arm, self.config, sample, q, qd))
+        updated = self.filter.update(belief, seen, measure)
         if updated is None:
             return self.filter.start(), replace(counts, failed=counts.failed + 1), False
         if gated:
@@ -264,10 +274,8 @@ class Estimator:
         belief, n = state.belief, self.arm.n_q
         pose, jacobian = self.arm.pose_and_jacobian(belief.q, self.length)
         rotation = pose[:3, :3]
-        world = np.vstack([rotation @ jacobian[3:], rotation @ jacobian[:3]])
-        noise = self.config.pose
-        model = np.repeat([noise.position_model_std_m**2, noise.orientation_model_std_rad**2], 3)
-        tip = world @ belief.covariance[:n, :n] @ world.T + np.diag(model)
+        world = np.concatenate([rotation @ jacobian[3:], rotation @ jacobian[:3]])
+        tip = world @ belief.covariance[:n, :n] @ world.T + self._kinematics
         age = state.t_s - state.last_s
         if not trouble and age > self.config.lost_after_s:
             trouble = (

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.measurement import Innovation
+from soro_core.estimation.transition import Transition
 from soro_core.integrate import State, make_stepper
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
@@ -54,7 +55,7 @@ class Belief:
 
     def finite(self) -> bool:
         """Whether every number is one."""
-        return bool(np.all(np.isfinite(self.mean)) and np.all(np.isfinite(self.covariance)))
+        return bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
 
 
 class Filter:
@@ -143,7 +144,13 @@ class Filter:
             system[3 * n :, 3 * n :] = -fade
         return system
 
-    def predict(self, belief: Belief, pressure_pa: Array, system: Array, dt: float) -> tuple[Belief, bool]:
+    def transition(self, belief: Belief, pressure_pa: Array) -> Transition:
+        """Return how errors move from the belief on, as long as the pressures are about these."""
+        return Transition(self.linearise(belief, pressure_pa), self.process)
+
+    def predict(
+        self, belief: Belief, pressure_pa: Array, transition: Transition, dt: float
+    ) -> tuple[Belief, bool]:
         """Advance by `dt` with the pressures held; False where the stepper failed and the mean was held.
 
         The disturbance acts as half a kick before and half a kick after the step (Strang splitting): second
@@ -162,11 +169,7 @@ class Filter:
         q, qd, internal = (
             (state.q, state.qd + push, state.internal) if ok else (belief.q, 0.0 * belief.qd, belief.internal)
         )
-        # The Cayley form is the trapezoidal rule's own transition: bounded for modes faster than the step.
-        whole, middle = _cayley(system, dt), _cayley(system, 0.5 * dt)
-        # Simpson's rule over the step for the white noise that enters along it.
-        noise = (middle @ self.process) @ middle.T * (4.0 * dt / 6.0)
-        noise += (whole @ self.process) @ whole.T * (dt / 6.0) + self.process * (dt / 6.0)
+        whole, noise = transition.over(dt)
         spread = whole @ belief.covariance @ whole.T + noise
         if not ok:
             spread += self.initial * dt
@@ -177,55 +180,59 @@ class Filter:
         """Return the normalised innovation squared: chi-square distributed for a good sample."""
         H = innovation.jacobian
         P = belief.covariance[: 2 * self.n, : 2 * self.n]
-        S = H @ P @ H.T + np.diag(innovation.variance)
         try:
-            return float(innovation.residual @ np.linalg.solve(S, innovation.residual))
+            solved = np.linalg.solve(_plus_diagonal(H @ P @ H.T, innovation.variance), innovation.residual)
         except np.linalg.LinAlgError:
             return float("inf")
+        return float(innovation.residual @ solved)
 
-    def update(self, belief: Belief, measure: Callable[[Array, Array], Innovation | None]) -> Belief | None:
-        """Fuse one sample (iterated update, Joseph form); None where that gives no finite result."""
+    def update(
+        self, belief: Belief, seen: Innovation, measure: Callable[[Array, Array], Innovation]
+    ) -> Belief | None:
+        """Fuse one sample (iterated update, Joseph form); None where that gives no finite result.
+
+        Parameters
+        ----------
+        seen : Innovation
+            Of the sample at the belief's mean.
+        measure : callable
+            The same at another (q, qd).
+        """
         n, size = self.n, belief.covariance.shape[0]
         prior = belief.mean
         mean: Array = np.array(prior)
         scale = np.sqrt(np.maximum(np.diag(belief.covariance), self._negligible))
-        gain: Array = np.zeros((0, 0))
-        jacobian: Array = gain
-        variance: Array = np.zeros(0)
-        for _ in range(_PASSES):
-            innovation = measure(mean[:n], mean[n : 2 * n])
-            if innovation is None:
-                return belief
-            jacobian = np.hstack(
-                [innovation.jacobian, np.zeros((innovation.residual.shape[0], size - 2 * n))]
-            )
-            variance = innovation.variance
+        for left in reversed(range(_PASSES)):
+            jacobian = np.zeros((seen.residual.shape[0], size))
+            jacobian[:, : 2 * n] = seen.jacobian
             crossed = belief.covariance @ jacobian.T
             try:
-                solved = np.linalg.solve(jacobian @ crossed + np.diag(variance), crossed.T)
+                solved = np.linalg.solve(_plus_diagonal(jacobian @ crossed, seen.variance), crossed.T)
             except np.linalg.LinAlgError:
                 return None
-            gain = np.asarray(solved.T, dtype=np.float64)
-            step = prior + gain @ (innovation.residual + jacobian @ (mean - prior)) - mean
-            if not np.all(np.isfinite(step)):
+            gain = solved.T
+            step = prior + gain @ (seen.residual + jacobian @ (mean - prior)) - mean
+            if not np.isfinite(step).all():
                 return None
             mean += step
             mean[:n] = self.fields.within(mean[:n], self.limit)
-            if float(np.max(np.abs(step) / scale)) < _CONVERGED:
+            if left == 0 or float((np.abs(step) / scale).max()) < _CONVERGED:
                 break
+            seen = measure(mean[:n], mean[n : 2 * n])
         rest = np.eye(size) - gain @ jacobian
-        covariance = rest @ belief.covariance @ rest.T + (gain * variance) @ gain.T
-        q, qd, disturbance, drift = np.split(mean, [n, 2 * n, 2 * n + self.n_d])
-        symmetric = 0.5 * (covariance + covariance.T)
-        updated = Belief(q, qd, disturbance, drift, belief.internal, symmetric)
+        covariance = rest @ belief.covariance @ rest.T + (gain * seen.variance) @ gain.T
+        updated = Belief(
+            q=mean[:n],
+            qd=mean[n : 2 * n],
+            disturbance=mean[2 * n : 2 * n + self.n_d],
+            drift=mean[2 * n + self.n_d :],
+            internal=belief.internal,
+            covariance=0.5 * (covariance + covariance.T),
+        )
         return updated if updated.finite() else None
 
 
-def _cayley(system: Array, dt: float) -> Array:
-    half = 0.5 * dt * system
-    one = np.eye(system.shape[0])
-    try:
-        return np.asarray(np.linalg.solve(one - half, one + half))
-    except np.linalg.LinAlgError:
-        # An unstable mode of exactly this rate; the caller sees that the covariance is not finite.
-        return np.full_like(system, np.nan)
+def _plus_diagonal(matrix: Array, diagonal: Array) -> Array:
+    """Add to the diagonal of a matrix, in place."""
+    matrix.flat[:: len(diagonal) + 1] += diagonal
+    return matrix

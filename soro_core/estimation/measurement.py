@@ -35,19 +35,13 @@ class Innovation:
     variance: Array
 
 
-def innovation(
-    arm: SoftArm, config: EstimatorConfig, sample: Sample, q: Array, qd: Array
-) -> Innovation | None:
-    """Compare a sample with the state; None where the sample says nothing (an IMU that is shaken)."""
-    s = min(max(sample.s, 0.0), _length(arm))
+def innovation(arm: SoftArm, config: EstimatorConfig, sample: Sample, q: Array, qd: Array) -> Innovation:
+    """Compare a sample with the state."""
+    s = min(max(sample.s, 0.0), arm.length)
     pose, jacobian = arm.pose_and_jacobian(q, s)
     if isinstance(sample, PoseSample):
         return _pose(config, sample, pose, jacobian)
     return _imu(config, sample, pose, jacobian, qd, np.asarray(arm.robot.gravity, dtype=np.float64))
-
-
-def _length(arm: SoftArm) -> float:
-    return float(sum(link.length for link in arm.robot.links))
 
 
 def _pose(config: EstimatorConfig, sample: PoseSample, pose: Array, jacobian: Array) -> Innovation:
@@ -57,19 +51,15 @@ def _pose(config: EstimatorConfig, sample: PoseSample, pose: Array, jacobian: Ar
     rows[:3, :n] = rotation @ jacobian[3:]
     rows[3:, :n] = _log_jacobian(angle, jacobian)
     noise = config.pose
-    variance = np.repeat(
-        [
-            noise.position_std_m**2 + noise.position_model_std_m**2,
-            noise.orientation_std_rad**2 + noise.orientation_model_std_rad**2,
-        ],
-        3,
-    )
+    position = noise.position_std_m**2 + noise.position_model_std_m**2
+    orientation = noise.orientation_std_rad**2 + noise.orientation_model_std_rad**2
+    variance = np.array(3 * [position] + 3 * [orientation])
     return Innovation(np.concatenate([sample.position - pose[:3, 3], angle]), rows, variance)
 
 
 def _imu(
     config: EstimatorConfig, sample: ImuSample, pose: Array, jacobian: Array, qd: Array, gravity: Array
-) -> Innovation | None:
+) -> Innovation:
     rotation, n, noise = pose[:3, :3], jacobian.shape[1], config.imu
     # d(omega)/dq = dJ/dq qd is left out: second order at the speeds of an arm, and it vanishes at rest.
     residuals, rows, variances = (

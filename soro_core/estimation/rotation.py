@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 
+_ONE = np.eye(3)
 # Below this angle [rad] the closed forms lose digits; their series are exact to round-off there.
 _SMALL = 1e-4
 
 
 def skew(v: Array) -> Array:
     """Return the (3, 3) matrix [v]x with [v]x w = v x w."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    x, y, z = v.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rotation_exp(v: Array) -> Array:
@@ -24,9 +26,9 @@ def rotation_exp(v: Array) -> Array:
     angle = math.sqrt(float(v @ v))
     k = skew(v)
     if angle < _SMALL:
-        return np.asarray(np.eye(3) + k + 0.5 * k @ k)
+        return np.asarray(_ONE + k + 0.5 * k @ k)
     return np.asarray(
-        np.eye(3) + math.sin(angle) / angle * k + (1.0 - math.cos(angle)) / (angle * angle) * (k @ k)
+        _ONE + math.sin(angle) / angle * k + (1.0 - math.cos(angle)) / (angle * angle) * (k @ k)
     )
 
 
@@ -37,7 +39,7 @@ def rotation_log(rotation: Array) -> Array:
 
 def quaternion_log(quaternion: Array) -> Array:
     """Return the rotation vector [rad] (3,) of a unit quaternion (x, y, z, w), its length at most pi."""
-    x, y, z, w = (float(c) for c in quaternion)
+    x, y, z, w = quaternion.tolist()
     if w < 0.0:  # q and -q are one rotation; this is the short way round
         x, y, z, w = -x, -y, -z, -w
     sine = math.sqrt(x * x + y * y + z * z)
@@ -50,16 +52,16 @@ def left_jacobian_inverse(v: Array) -> Array:
     angle = math.sqrt(float(v @ v))
     k = skew(v)
     if angle < _SMALL:
-        return np.asarray(np.eye(3) - 0.5 * k + k @ k / 12.0)
+        return np.asarray(_ONE - 0.5 * k + k @ k / 12.0)
     half = 0.5 * angle
     # 1/a^2 - cot(a/2)/(2a): finite at pi, where the cotangent is 0.
     factor = (1.0 - half * math.cos(half) / math.sin(half)) / (angle * angle)
-    return np.asarray(np.eye(3) - 0.5 * k + factor * (k @ k))
+    return np.asarray(_ONE - 0.5 * k + factor * (k @ k))
 
 
 def matrix_from_quaternion(quaternion: Array) -> Array:
     """Return the rotation matrix (3, 3) of a quaternion (x, y, z, w) of any length above 0."""
-    x, y, z, w = quaternion / math.sqrt(float(quaternion @ quaternion))
+    x, y, z, w = (quaternion / math.sqrt(float(quaternion @ quaternion))).tolist()
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -71,21 +73,22 @@ def matrix_from_quaternion(quaternion: Array) -> Array:
 
 def quaternion_from_matrix(rotation: Array) -> Array:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (Shepperd's method)."""
-    trace = float(rotation[0, 0] + rotation[1, 1] + rotation[2, 2])
+    R = rotation.tolist()
+    trace = R[0][0] + R[1][1] + R[2][2]
     # The largest of the four squared components is at least 1/4: dividing by it is safe at every angle.
-    squares = np.array([*(1.0 + 2.0 * np.diag(rotation) - trace), 1.0 + trace])
-    i = int(np.argmax(squares))
+    squares = [*(1.0 + 2.0 * R[a][a] - trace for a in range(3)), 1.0 + trace]
+    i = squares.index(max(squares))
     q = np.empty(4)
     if i == 3:
         q[3] = squares[3]
         for a in range(3):
             b, c = (a + 1) % 3, (a + 2) % 3
-            q[a] = rotation[c, b] - rotation[b, c]
+            q[a] = R[c][b] - R[b][c]
     else:
         j, k = (i + 1) % 3, (i + 2) % 3
         q[i] = squares[i]
-        q[j] = rotation[j, i] + rotation[i, j]
-        q[k] = rotation[k, i] + rotation[i, k]
-        q[3] = rotation[k, j] - rotation[j, k]
+        q[j] = R[j][i] + R[i][j]
+        q[k] = R[k][i] + R[i][k]
+        q[3] = R[k][j] - R[j][k]
     q /= math.sqrt(float(q @ q))
     return -q if q[3] < 0.0 else q

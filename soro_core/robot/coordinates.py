@@ -56,6 +56,8 @@ class StrainFields:
         modes the least-squares projection.
     samples : ndarray (n_q, n)
         Shape functions at points along the link, ends included.
+    largest : ndarray (n_q,)
+        Their largest absolute values.
     """
 
     links: tuple[int, ...]
@@ -69,6 +71,7 @@ class StrainFields:
     mean: Array
     uniform: Array
     samples: Array
+    largest: Array
 
     def of(self, strain: str, link: int | None = None) -> Array:
         """Return 1 on the coordinates of a strain (of one link, or of all), 0 elsewhere, (n_q,)."""
@@ -85,6 +88,10 @@ class StrainFields:
         """Scale down each field that is beyond its limit somewhere along the link; `limit` (n_q,)."""
         # A sum of coefficients must not overflow.
         q = np.clip(q, -_HUGE, _HUGE)
+        # Coefficients that add up to less than the limit need no look along the link.
+        most = np.add.reduceat(np.abs(q) * self.largest, self.first)[self.index]
+        if (most <= limit).all():
+            return q
         peaks = self.peaks(q)
         return np.where(peaks > limit, q / np.maximum(peaks, limit) * limit, q)
 
@@ -100,6 +107,7 @@ def strain_fields(robot: Robot) -> StrainFields:
         weight[first:behind, first:behind] = shape_integrals(link) / link.length
         first = behind
     places = np.linspace(0.0, 1.0, _POINTS)
+    samples = np.concatenate([shape_values(link, places * link.length) for link in robot.links])
     return StrainFields(
         links=tuple(i for i, link in enumerate(robot.links) for _ in link.strains),
         strains=tuple(strain for link in robot.links for strain in link.strains),
@@ -111,7 +119,8 @@ def strain_fields(robot: Robot) -> StrainFields:
         root=np.linalg.inv(np.linalg.cholesky(weight)),
         mean=np.concatenate([shape_means(link) for link in robot.links]),
         uniform=np.concatenate([_uniform(link) for link in robot.links]),
-        samples=np.concatenate([shape_values(link, places * link.length) for link in robot.links]),
+        samples=samples,
+        largest=np.max(np.abs(samples), axis=1),
     )
 
 

@@ -11,10 +11,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import rclpy
 import yaml
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 from soro_core.bag import BagReader
 from soro_core.config import find_config, read_yaml
+from soro_ros import messages, middleware, qos
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]
 SCENE = "track_circle"
@@ -65,6 +69,30 @@ def wait_until(condition: Callable[[], bool], limit_s: float, what: str, every_s
     while not condition():
         assert time.monotonic() < deadline, f"{what} not within {limit_s} s"
         time.sleep(every_s)
+
+
+class ClockListener:
+    """Hears /clock in the domain of this process, until it is closed."""
+
+    def __init__(self) -> None:
+        middleware.init()
+        self._node, self._now_ns = Node("listener"), -1
+        self._node.create_subscription(Clock, "/clock", self._hear, qos.LOCKSTEP)
+
+    def _hear(self, tick: Clock) -> None:
+        self._now_ns = messages.to_ns(tick.clock)
+
+    def wait(self, time_s: float, limit_s: float) -> None:
+        """Wait until it has come to a time."""
+        deadline = time.monotonic() + limit_s
+        while self._now_ns < time_s * 1e9:
+            assert time.monotonic() < deadline, f"/clock not at {time_s} s within {limit_s} s"
+            rclpy.spin_once(self._node, timeout_sec=0.1)
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._node.destroy_node()
+        rclpy.shutdown()
 
 
 def child(parent: int, word: str) -> int | None:

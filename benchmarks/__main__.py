@@ -18,6 +18,7 @@ from benchmarks import (
     discovery,
     extremes,
     faults,
+    faults_on_flow,
     forward,
     fuzz,
     kills,
@@ -51,6 +52,7 @@ SECTIONS = {
     "board": board,
     "kills": kills,
     "faults": faults,
+    "faults_on_flow": faults_on_flow,
     "fuzz": fuzz,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)

@@ -11,8 +11,7 @@ import numpy as np
 
 from benchmarks.faults import cells
 from benchmarks.faults.cells import Result
-from benchmarks.faults.flow import LAG_S, NARROW, VALVE, VOLUME_M3, behind_a_twin
-from benchmarks.faults.matrix import FOUR, MATRIX, air
+from benchmarks.faults.matrix import FOUR, MATRIX
 from benchmarks.faults.rigs import Loop, Rig, rig_of
 from benchmarks.faults.rows import Row
 from benchmarks.options import Options
@@ -37,12 +36,11 @@ def run(options: Options) -> str:
             found = cells.run(family, row, real=True)
             results.append(replace(found, row=replace(row, fault=f"{row.fault} (real line)")))
         total, bad = total + len(results), bad + sum(bool(result.problems) for result in results)
-        sections[family] = [f"### {family}", _summary(results), _table(results)]
+        sections[family] = [f"### {family}", summary(results), results_table(results)]
     beside.rig.close()
     hours = {family: options.pick(600 if family == FOUR else 3600, 1) for family in MATRIX}
     for family, end in _without_a_fault(hours, options):
         sections[family].append(end)
-    sections["flow"] = [_ON_FLOW, *_on_flow(options)]
     parts = [
         _INTRO,
         f"{total} cells, {bad} of them not as stated: {met(not bad)}.",
@@ -63,26 +61,6 @@ goes on beside it. A bound is the family's own (CANopen, our board and the VTEM 
 150 ms, serial lines the age at which a reading is lost and a round of the line: 236 ms ITV, 213 ms Alicat),
 after the time in which the fault becomes visible: 300 or 500 ms of a monitor and the motion that it needs
 (benchmarks/faults/matrix.py says which, ADR 0013 why)."""
-
-
-def _on_flow(options: Options) -> Iterator[str]:
-    """Rows of the air on every family, in the chambers of a twin."""
-    for family in MATRIX:
-        results = []
-        rows = air(family, NARROW)
-        for row in rows[: options.pick(len(rows), 1)]:
-            options.say(f"{family} on a flow: {row.fault}")
-            results.append(cells.run(family, row, air=behind_a_twin))
-        yield from (f"#### {family}", _summary(results), _table(results))
-        yield healthy(family, options.pick(600, 1), behind_a_twin)
-
-
-_ON_FLOW = f"""\
-### Flow into the chambers of a twin
-
-The same on air that a twin moves behind the emulated valves: {1e8 * VALVE.fill_m3_s_pa:g} l/(s bar) after
-ISO 6358 on chambers of {1e6 * VOLUME_M3:g} ml, which change with the arm; the bound of a vent is that of this
-flow. The monitors expect a lag of {1e3 * LAG_S:g} ms: so this valve follows what the limiter lets through."""
 
 
 def _without_a_fault(hours: dict[str, int], options: Options) -> Iterator[tuple[str, str]]:
@@ -124,14 +102,14 @@ def healthy_command(t: float, n: int = 3) -> np.ndarray:
     return 45e3 + size * np.sin(2 * np.pi * ((0.0 if held else t / period) + np.arange(n) / 3))
 
 
-def _summary(results: list[Result]) -> str:
+def summary(results: list[Result]) -> str:
     bad = [result for result in results if result.problems]
     kinds = {must: sum(r.row.must == must for r in results) for must in ("tolerate", "degrade", "trip")}
     counts = ", ".join(f"{number} {must}" for must, number in kinds.items())
     return f"{len(results)} faults ({counts}): {len(results) - len(bad)} as stated, {len(bad)} not."
 
 
-def _table(results: list[Result]) -> str:
+def results_table(results: list[Result]) -> str:
     head = ["fault", "must", "vent command, ms (bound)", "below 5 kPa, ms", "cause, count", "as stated"]
     return table(head, [_line(result) for result in results])
 

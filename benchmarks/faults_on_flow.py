@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.faults import cells, healthy, results_table, summary
 from benchmarks.faults.flow import LAG_S, NARROW, VALVE, VOLUME_M3, behind_a_twin
-from benchmarks.faults.matrix import MATRIX, air
+from benchmarks.faults.matrix import FOUR, MATRIX, air
 from benchmarks.options import Options
 
 TITLE = "Faults on the flow into a twin"
@@ -13,7 +13,7 @@ TITLE = "Faults on the flow into a twin"
 def run(options: Options) -> str:
     """Run every row of the air on every family, then each family with nothing wrong, and write."""
     parts = [_INTRO]
-    for family in MATRIX:
+    for family in [one for one in MATRIX if one != FOUR]:  # which is an arm of twelve chambers
         results = []
         rows = air(family, NARROW)
         for row in rows[: options.pick(len(rows), 1)]:

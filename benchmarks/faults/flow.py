@@ -59,7 +59,7 @@ def behind_a_twin(rig: Rig) -> Rig:
     rig = replace(rig, platform=rig.platform.model_copy(update={"emulation": emulation}))
     plant = Plant(rig)
     rig.devices.on_tick = plant.hear
-    rig.devices.move_air_elsewhere(lambda: plant.pressure_pa)
+    rig.devices.connect_plant(lambda: plant.pressure_pa)
 
     def vent_s(from_pa: float, to_pa: float, slower: float) -> float:
         return expected.delay_s + slower * vent_time(float(plant.volume_m3.max()), from_pa, to_pa)

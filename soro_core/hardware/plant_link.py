@@ -1,10 +1,13 @@
 """Plant link: a Unix stream socket between emulated valves and the twin that owns the arm.
 
 The emulator sends one frame after each SYNC (lockstep) or each step (real time): magic, number of chambers,
-number of spans, sequence, time; then as float64 the true gauge pressures, the condition of the valves, and
-each span with the targets of the valves over it. A twin whose chambers hold the air themselves sends the
-pressures back: magic, number of chambers, sequence of the frame that it answers, and the pressures; no
-chambers: the air is the emulator's again. All little-endian.
+number of spans, sequence, time; then as float64 the gauge pressures, the condition of the valves, and each
+span with the targets of the valves over it.
+
+A twin begins with a message that asks for the present frame, which comes with the sequence 0, and without
+chambers where the twin is refused. One whose chambers hold the air themselves claims it with that message,
+answers each frame with the pressures, and releases the air at its end. A message is magic, what it says,
+number of chambers, sequence of the frame that it answers, and the pressures. All little-endian.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import select
 import socket
 import struct
 from dataclasses import astuple
+from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,23 +30,50 @@ from soro_core.pneumatics.valve_condition import ValveAction, ValveCondition
 
 _HEADER = struct.Struct("<4sIIQq")
 _MAGIC = b"SPL2"
-_ANSWER = struct.Struct("<4sIQ")
-_ANSWER_MAGIC = b"SPA2"
+_MESSAGE = struct.Struct("<4sIIQ")
+_MESSAGE_MAGIC = b"SPM2"
 _ROWS = 1 + len(ValveCondition.__dataclass_fields__)  # pressures and condition
 _SEND_S = 5.0  # longest wait for an emulator that does not read
 _LONGEST = 4096  # chambers and spans that a frame may have
+_NO_PRESSURES = np.empty(0)
+
+
+class Says(IntEnum):
+    """What a message of a twin says."""
+
+    ASK = 1
+    CLAIM = 2
+    ANSWER = 3
+    RELEASE = 4
 
 
 class PlantFrame(NamedTuple):
-    """Pressures [Pa gauge] at a time of the emulated world, and what the valves do up to it from then before.
+    """One step of the emulated world.
 
-    `sequence` counts the frames from 1; without a twin that moves the air `action` has no spans.
+    Attributes
+    ----------
+    sequence : int
+        Counts the frames from 1; 0 in the one that a twin has asked for.
+    time_ns : int
+        End of the step.
+    pressures : ndarray (n,)
+        True pressures [Pa gauge] at that time; where a twin moves the air, those that it has given last.
+    action : ValveAction
+        What the valves did since the frame before, without spans where no twin moves the air.
     """
 
     sequence: int
     time_ns: int
     pressures: Array
     action: ValveAction
+
+
+class Message(NamedTuple):
+    """What a twin says, of the frame with that sequence, with pressures [Pa gauge] where it answers."""
+
+    says: Says
+    sequence: int
+    pressures: Array
 
 
 def pack_frame(frame: PlantFrame) -> bytes:
@@ -77,21 +108,23 @@ def take_frame(buffer: bytes) -> tuple[PlantFrame | None, bytes]:
     return PlantFrame(sequence, time_ns, rows[0], action), buffer[end:]
 
 
-def pack_answer(sequence: int, pressures: Array) -> bytes:
-    """Bytes of an answer to the frame of that sequence, 0 before the first one."""
-    return _ANSWER.pack(_ANSWER_MAGIC, pressures.size, sequence) + pressures.astype("<f8").tobytes()
+def pack_message(message: Message) -> bytes:
+    """Bytes of a message."""
+    says, sequence, pressures = message
+    return _MESSAGE.pack(_MESSAGE_MAGIC, says, pressures.size, sequence) + pressures.astype("<f8").tobytes()
 
 
-def take_answer(buffer: bytes) -> tuple[tuple[int, Array] | None, bytes]:
-    """Sequence and pressures of the first answer in a buffer, and what follows; as `take_frame`."""
-    if len(buffer) < _ANSWER.size:
+def take_message(buffer: bytes) -> tuple[Message | None, bytes]:
+    """First message of a buffer, and what follows it; as `take_frame`."""
+    if len(buffer) < _MESSAGE.size:
         return None, buffer
-    magic, n, sequence = _ANSWER.unpack_from(buffer)
-    _check(magic, _ANSWER_MAGIC, n)
-    end = _ANSWER.size + 8 * n
+    magic, says, n, sequence = _MESSAGE.unpack_from(buffer)
+    _check(magic, _MESSAGE_MAGIC, n)
+    end = _MESSAGE.size + 8 * n
     if len(buffer) < end:
         return None, buffer
-    return (sequence, np.frombuffer(buffer, "<f8", n, _ANSWER.size).astype(np.float64)), buffer[end:]
+    pressures = np.frombuffer(buffer, "<f8", n, _MESSAGE.size).astype(np.float64)
+    return Message(Says(says), sequence, pressures), buffer[end:]
 
 
 def _check(magic: bytes, expected: bytes, size: int) -> None:
@@ -154,22 +187,37 @@ class PlantLinkClient:
             pass
         return self._last
 
-    def answer(self, pressures: Array) -> None:
-        """Tell the pressures [Pa gauge] of the air after the last frame, which is moved here from now on."""
-        self._send(pack_answer(0 if self._last is None else self._last.sequence, pressures))
+    def join(self, moves_air: bool, timeout_s: float = 5.0) -> PlantFrame:
+        """Ask for the present frame, and with `moves_air` claim the air; what came before is old.
+
+        Raises
+        ------
+        HardwareError
+            If the emulator does not answer, or another twin moves the air.
+        """
+        self._send(Message(Says.CLAIM if moves_air else Says.ASK, 0, _NO_PRESSURES))
+        while (frame := self.receive(timeout_s)).sequence:
+            pass
+        if not frame.pressures.size:
+            raise HardwareError(f"{self._path}: another twin moves the air of these valves")
+        return frame
+
+    def answer(self, frame: PlantFrame, pressures: Array) -> None:
+        """Tell the pressures [Pa gauge] of the air at the time of a frame."""
+        self._send(Message(Says.ANSWER, frame.sequence, pressures))
 
     def release(self) -> None:
         """Let the emulator move the air again."""
         with contextlib.suppress(HardwareError):  # where it has gone there is nothing to release
-            self._send(pack_answer(0, np.empty(0)))
+            self._send(Message(Says.RELEASE, 0, _NO_PRESSURES))
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
 
-    def _send(self, answer: bytes) -> None:
+    def _send(self, message: Message) -> None:
         try:
-            self._socket.sendall(answer)
+            self._socket.sendall(pack_message(message))
         except OSError as error:
             raise HardwareError(f"{self._path}: the emulator has gone ({reason(error)})") from None
 

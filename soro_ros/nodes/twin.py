@@ -48,6 +48,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._twin = Twin(robot, config)
         # Of emulated valves: they say what they do, and hear what pressures come of it.
         self._moves_air = config.pressures == "valves" and config.air == "states"
+        self._holds_air = False
         self._names, self._true_names = robot.chamber_names, self._twin.plant.arm.robot.coordinate_names
         self.compile(self._warm_up)
         self._state = self._twin.initial()
@@ -82,6 +83,9 @@ class TwinNode(SoroNode[TwinConfig]):
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)
+            if (n := self._link.join(moves_air=False).pressures.size) != len(self._names):
+                allowed = f"valves of {len(self._names)} chambers, as {robot.name} has, not of {n}"
+                raise ConfigError("parameters of twin", "plant_link", config.plant_link, allowed)
             if config.fault_link:
                 self._faults = FaultInterface(self, config.fault_link)
         else:
@@ -119,10 +123,10 @@ class TwinNode(SoroNode[TwinConfig]):
         self._running = True
         if self._config.pressures == "measured":
             return
-        if self._moves_air:
-            if (frame := self._link.latest()) is not None:
-                self._state = self._twin.at_pressures(self._state, frame.pressures)
-            self._link.answer(self._state.air.pressure_pa)
+        if self._link is not None:
+            present = self._link.join(self._moves_air).pressures
+            self._state = self._twin.at_pressures(self._state, present)
+            self._holds_air = self._moves_air
         if self._lockstep:
             self._observe()
             if self._link is not None:
@@ -157,7 +161,8 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def _release_air(self) -> None:
         """Nobody is to wait for pressures from a twin whose time stands still."""
-        if self._moves_air and self._link is not None:
+        if self._holds_air:
+            self._holds_air = False
             self._link.release()
 
     def _advance_with_commands(self) -> None:
@@ -220,28 +225,25 @@ class TwinNode(SoroNode[TwinConfig]):
         self._chambers.tell()
         self._arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
 
-    def _step_with_valves(self, frame: PlantFrame | None) -> None:
-        """With nothing from the valves yet their chambers are as they were."""
-        pressure = self._state.air.pressure_pa
+    def _step_with_valves(self, frame: PlantFrame) -> None:
         if not self._moves_air:
-            given = pressure if frame is None else frame.pressures
-            self._arrive(self._twin.step_pressures(self._state, given))
+            self._arrive(self._twin.step_pressures(self._state, frame.pressures))
             return
-        if frame is None or not frame.action.spans:
+        pressure = self._state.air.pressure_pa
+        if not frame.action.spans:  # not heard of this twin yet
             action = ValveAction(((self._twin.dt, pressure),), healthy(pressure.size))
         elif self._lockstep:
             action = frame.action
         else:  # what they do at last holds for a tick of this clock
             action = replace(frame.action, spans=((self._twin.dt, frame.action.spans[-1][1]),))
         self._arrive(self._twin.step_valves(self._state, action))
+        self._link.answer(frame, self._state.air.pressure_pa)
 
     def _arrive(self, state: TwinState) -> None:
         self._state = state
         if not state.status.ok:
             self._running = False
             raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {state.status}")
-        if self._moves_air:
-            self._link.answer(state.air.pressure_pa)
 
     def _observe(self) -> None:
         """Publish what is seen at this tick, once."""

@@ -1,9 +1,11 @@
 """Both ends of the plant link in this process."""
 
 import math
+import selectors
 import socket
 import struct
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -14,29 +16,55 @@ from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.pneumatics import ValveAction, ValveCondition, healthy
 
 
+class Served(PlantLinkServer):
+    """A server with its loop, turned by hand."""
+
+    def __init__(self, path, **keys):
+        self.path, self.present, self.loop = path, np.array([7.0, 8.0, 9.0]), selectors.SelectSelector()
+        super().__init__(path, lambda: self.present, self.loop, **keys)
+
+    def turn(self):
+        while ready := self.loop.select(0):
+            for key, _ in ready:
+                key.data()
+
+    def join(self, client, moves_air=True):
+        """What `client.join` gives, or raises, while the loop goes round."""
+        with ThreadPoolExecutor(1) as pool:
+            asked = pool.submit(client.join, moves_air, 2.0)
+            while not asked.done():
+                self.turn()
+        return asked.result()
+
+    def close(self):
+        if self.loop.get_map() is not None:
+            super().close()
+            self.loop.close()
+
+
 @pytest.fixture
 def server(tmp_path):
-    server = PlantLinkServer(tmp_path / "plant", 3)
+    server = Served(tmp_path / "plant")
     yield server
     server.close()
 
 
 @pytest.fixture
 def in_lockstep(tmp_path):
-    server = PlantLinkServer(tmp_path / "plant", 3, lockstep=True, timeout_s=0.1)
+    server = Served(tmp_path / "plant", lockstep=True, timeout_s=0.1)
     yield server
     server.close()
 
 
-def joined(server):
+def connected(server):
     client = PlantLinkClient(server.path)
-    server.accept()
+    server.turn()
     return client
 
 
 @pytest.fixture
 def client(server):
-    client = joined(server)
+    client = connected(server)
     yield client
     client.close()
 
@@ -59,7 +87,7 @@ def test_frames_come_in_order(server, client):
 def test_bytes_on_the_socket(server):
     raw = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     raw.connect(str(server.path))
-    server.accept()
+    server.turn()
     condition = ValveCondition(
         *(np.array(row) for row in ([1.0, 0.5], [1.0, 0.0], [math.inf, 2e4], [0, 3], [0, 1]))
     )
@@ -126,14 +154,14 @@ def test_socket_left_by_a_killed_server_is_replaced(tmp_path):
     left = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     left.bind(str(tmp_path / "plant"))
     left.close()
-    PlantLinkServer(tmp_path / "plant", 3).close()
+    Served(tmp_path / "plant").close()
     assert not (tmp_path / "plant").exists()
 
 
 def test_file_in_the_way_is_kept(tmp_path):
     (tmp_path / "plant").write_text("mine")
     with pytest.raises(HardwareError, match="a file of that name is in the way"):
-        PlantLinkServer(tmp_path / "plant", 3)
+        Served(tmp_path / "plant")
     assert (tmp_path / "plant").read_text() == "mine"
 
 
@@ -150,6 +178,31 @@ def test_something_else_on_the_socket(tmp_path):
         sock.close()
 
 
+def test_a_second_server_leaves_a_living_one_alone(server, tmp_path):
+    with pytest.raises(
+        HardwareError, match=r"plant: cannot listen for a twin \(another emulator listens there\)"
+    ):
+        Served(server.path)
+    client = connected(server)
+    publish(server, 0, np.zeros(3))
+    assert client.receive(1.0).sequence == 1
+    client.close()
+
+
+def test_one_that_ends_takes_only_its_own_file_away(server):
+    server.path.unlink()
+    other = Served(server.path)
+    server.close()
+    assert server.path.exists()
+    other.close()
+    assert not server.path.exists()
+
+
+def test_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(HardwareError, match=f"there is no folder {tmp_path / 'no'}"):
+        Served(tmp_path / "no" / "plant")
+
+
 # A twin that moves the air ------------------------------------------------------------------------
 def test_what_the_valves_do_comes_over(server, client):
     condition = ValveCondition(*np.arange(15.0).reshape(5, 3))
@@ -164,67 +217,93 @@ def test_what_the_valves_do_comes_over(server, client):
         np.testing.assert_array_equal(getattr(frame.action.condition, name), getattr(condition, name))
 
 
+def answer(server, client, pressures):
+    publish(server, 0, np.zeros(3))
+    client.answer(client.receive(1.0), np.asarray(pressures, dtype=float))
+    server.turn()
+
+
+@pytest.mark.parametrize("moves_air", [True, False])
+def test_a_twin_begins_where_the_air_is(server, client, moves_air):
+    for n in range(5000):  # what came while nobody read is old, and the newest of it is lost
+        publish(server, n, np.zeros(3))
+    frame = server.join(client, moves_air)
+    assert (frame.sequence, frame.time_ns) == (0, 4999)
+    np.testing.assert_array_equal(frame.pressures, [7.0, 8.0, 9.0])
+    if moves_air:
+        np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.0])
+    else:
+        assert server.pressures() is None
+
+
 def test_pressures_come_back_until_they_are_released(server, client):
-    assert server.pressures() is None
-    client.answer(np.array([1.0, 2.0, 3.0]))
+    server.join(client)
+    answer(server, client, [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(server.pressures(), [1.0, 2.0, 3.0])
-    client.answer(np.array([4.0, 5.0, 6.0]))
-    client.answer(np.array([7.0, 8.0, 9.0]))
-    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.0])
-    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.0])
+    answer(server, client, [4.0, 5.0, 6.0])
+    answer(server, client, [7.0, 8.0, 9.5])
+    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.5])
+    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.5])
     client.release()
+    server.turn()
     assert server.pressures() is None
 
 
 def test_a_twin_that_dies_leaves_the_air(server, client):
-    client.answer(np.ones(3))
+    server.join(client)
     assert server.pressures() is not None
     client.close()
+    server.turn()
     assert server.pressures() is None
 
 
-@pytest.mark.parametrize(
-    "answer", [np.ones(2), np.array([1.0, math.nan, 1.0]), np.array([1.0, math.inf, 0.0])]
-)
-def test_pressures_that_are_none_never_reach_the_devices(server, client, answer):
-    client.answer(np.ones(3))
-    server.pressures()
-    client.answer(answer)
+@pytest.mark.parametrize("pressures", [np.ones(2), [1.0, math.nan, 1.0], [1.0, math.inf, 0.0]])
+def test_pressures_that_are_none_never_reach_the_devices(server, client, pressures):
+    server.join(client)
+    answer(server, client, pressures)
     assert server.pressures() is None
     with pytest.raises(HardwareError, match="gone"):
         client.receive(1.0)
 
 
 def test_only_one_moves_the_air(server, client):
-    second = joined(server)
-    client.answer(np.ones(3))
-    server.pressures()
-    second.answer(np.zeros(3))
+    second = connected(server)
+    server.join(client)
+    with pytest.raises(HardwareError, match="another twin moves the air of these valves"):
+        server.join(second)
+    answer(server, client, np.ones(3))
     np.testing.assert_array_equal(server.pressures(), np.ones(3))
-    with pytest.raises(HardwareError, match="gone"):
-        second.receive(1.0)
+    client.release()
+    server.turn()
+    server.join(second)
+    assert server.pressures() is not None
     second.close()
+
+
+def test_an_answer_without_a_claim_is_none(server, client):
+    answer(server, client, np.ones(3))
+    assert server.pressures() is None
 
 
 def test_nonsense_from_a_client_costs_only_its_connection(server, client):
     raw = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     raw.connect(str(server.path))
-    raw.sendall(b"GET / HTTP/1.1\r\n\r\n")
-    client.answer(np.ones(3))
+    raw.sendall(b"GET / HTTP/1.1\r\nHost: soro\r\n\r\n")
+    server.join(client)
     assert server.pressures() is not None
     assert len(server._clients) == 1
     raw.close()
 
 
 def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
-    client = joined(in_lockstep)
-    client.answer(np.zeros(3))
+    client = connected(in_lockstep)
+    publish(in_lockstep, 0, np.zeros(3))  # of before it joined: nobody waits for an answer to this one
+    in_lockstep.join(client)
     assert in_lockstep.pressures() is not None, "nothing was asked yet"
     publish(in_lockstep, 0, np.zeros(3))
 
     def twin():
-        client.receive(1.0)
-        client.answer(np.full(3, 5.0))
+        client.answer(client.receive(1.0), np.full(3, 5.0))
 
     thread = threading.Timer(0.02, twin)
     thread.start()
@@ -238,7 +317,7 @@ def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
 
 
 def test_in_lockstep_nobody_waits_for_one_that_only_listens(in_lockstep):
-    client = joined(in_lockstep)
+    client = connected(in_lockstep)
     publish(in_lockstep, 0, np.zeros(3))
     assert in_lockstep.pressures() is None
     client.close()

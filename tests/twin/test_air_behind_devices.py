@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from benchmarks.faults.matrix import FOUR
+from benchmarks.faults.rigs import PLATFORMS, rig_of
+from benchmarks.faults.rows import Row
 from soro_core.errors import ModelError
 from soro_core.hardware import load_platform
 from soro_core.hardware.emulation.faults import Injection
@@ -24,7 +27,7 @@ class Coupled:
     """Emulated devices in lockstep whose valves are told directly, and a twin that moves their air."""
 
     def __init__(self, robot, platform="emulated_canopen"):
-        self.platform = load_platform(platform)
+        self.platform = load_platform(platform) if isinstance(platform, str) else platform
         self.devices = FAMILIES[self.platform.family].emulate(self.platform, True, 1)
         config = TwinConfig(air="states", valve=VALVE, regulator=self.platform.emulation.regulator, refine=1)
         self.twin = Twin(robot, config)
@@ -32,7 +35,7 @@ class Coupled:
         self.demands = [0.0] * len(self.devices.air.pressure_pa)
         self.devices.air._demands = [lambda n=n: self.demands[n] for n in range(len(self.demands))]
         self.devices.on_tick = self.heard
-        self.devices.move_air_elsewhere(lambda: self.state.air.pressure_pa)
+        self.devices.connect_plant(lambda: self.state.air.pressure_pa)
 
     def heard(self, time_ns, pressures, action):
         self.state = self.twin.step_valves(self.state, action)
@@ -87,10 +90,8 @@ def test_a_vent_takes_the_time_of_the_flow(robot):
     while coupled.run(1).max() >= 5e3:
         ticks += 1
         assert ticks < 200
-    expected = Coupled(robot)
     assert 0.1 < ticks * 5e-3 < 0.35
     assert coupled.run(200).max() < 10.0
-    assert expected.run(1).max() < 1.0
 
 
 @pytest.mark.parametrize(
@@ -101,7 +102,7 @@ def test_a_vent_takes_the_time_of_the_flow(robot):
         ("stuck_at", {"value": 50e3}, 49e3, 51e3),
         ("leak", {"value": 20.0}, 5e3, 69e3),
         ("burst", {}, -1.0, 5e3),
-        ("supply_drop", {"value": 20e3}, 19e3, 31e3),
+        ("supply_drop", {"value": 20e3}, 19e3, 21e3),
         ("vent_blocked", {}, 69e3, 71e3),
         ("kinked_line", {"value": 50.0}, 31e3, 55e3),
         ("slow_valve", {"value": 50.0}, 31e3, 55e3),
@@ -142,11 +143,11 @@ def test_without_a_twin_the_air_goes_on_from_where_it_is(robot):
     coupled = Coupled(robot)
     coupled.run(100, 40e3, 40e3, 40e3)
     before = coupled.devices.pressure_pa.copy()
-    coupled.devices.air.connect(lambda: None, coupled.devices.places)
+    coupled.devices.connect_plant(lambda: None)
     coupled.devices.on_tick = lambda *_: None
     after = coupled.run(1)
     np.testing.assert_allclose(after, before, atol=500)
-    assert coupled.devices.air.action.spans == ()
+    assert coupled.devices.air.take_action().spans == ()
     assert coupled.run(200, None, None, None).max() < 10.0
 
 
@@ -164,3 +165,33 @@ def test_a_twin_with_a_lag_takes_no_actions(robot):
     twin = Twin(robot, TwinConfig(refine=1))
     with pytest.raises(ModelError, match="a condition of valves without valves"):
         twin.step_valves(twin.initial(), ValveAction(((twin.dt, np.zeros(3)),), healthy(3)))
+
+
+@pytest.mark.parametrize("family", sorted(set(PLATFORMS) - {FOUR}))
+def test_the_valves_tell_of_all_time_that_passes(family):
+    """By the family's own bytes: some advance their air more than once in a cycle."""
+    rig, told = rig_of(family, Row("", "tolerate")), []
+    rig.devices.connect_plant(lambda: np.zeros(3))
+    rig.regulator.configure()
+    rig.devices.on_tick = lambda time_ns, pressures, action: told.append(action.spans)
+    try:
+        for cycle in range(100):
+            rig.regulator.exchange(np.array([30e3, 20e3, 10e3]), round(cycle * rig.period_s * 1e9))
+    finally:
+        rig.close()
+    assert len(told) >= 100
+    times = [sum(span for span, _ in spans) for spans in told[1:]]
+    np.testing.assert_allclose(times, rig.period_s, rtol=1e-9)
+
+
+def test_chambers_on_any_ports_of_a_board_keep_their_own_faults(robot):
+    platform = load_platform("soro_board")
+    valves = [v.model_copy(update={"port": n}) for v, n in zip(platform.valves, (5, 2, 9), strict=True)]
+    coupled = Coupled(robot, platform.model_copy(update={"valves": tuple(valves)}))
+    assert coupled.devices.places == [5, 2, 9]
+    coupled.run(200, 20e3, 40e3, 60e3)
+    np.testing.assert_allclose(coupled.devices.pressure_pa, [20e3, 40e3, 60e3], atol=1500)
+    coupled.inject("vent_blocked", "link0/chamber2")
+    pressure = coupled.run(100, None, None, None)
+    assert pressure[:2].max() < 100.0
+    assert pressure[2] > 55e3

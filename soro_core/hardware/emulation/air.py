@@ -1,7 +1,7 @@
 """The air behind the registers: one regulated pressure a valve, advanced to the time it is asked for.
 
 By default each follows its valve's set point with a lag. A twin whose chambers hold air moves it in place of
-this one: it is told what the valves do, and gives back the pressures (`Air.connect`, ADR 0001).
+this one: it is told what the valves do, and gives back the pressures (`Air.connect_plant`, ADR 0001).
 """
 
 from __future__ import annotations
@@ -46,8 +46,6 @@ class Air:
 
     Attributes
     ----------
-    action : ValveAction
-        What the valves did in the last step; without spans where nobody moves the air elsewhere.
     faults : Faults
         Of valves, lines, chambers and sensors.
     """
@@ -62,23 +60,31 @@ class Air:
         self._reading_ns = -1
         self._reading: list[float] = [0.0] * len(demands)
         self._followed: list[float] = [0.0] * len(demands)
-        self._elsewhere: Callable[[], Array | None] = lambda: None
+        self._plant_pa: Callable[[], Array | None] = lambda: None
         self._places = list(range(len(demands)))
-        self._no_action = self.action = ValveAction((), healthy(len(demands)))
+        self._condition = healthy(len(demands))
+        self._spans: list[tuple[float, Array]] = []
 
-    def connect(self, elsewhere: Callable[[], Array | None], places: Sequence[int]) -> None:
-        """Let the air of the chambers at these places be moved elsewhere.
+    def connect_plant(self, plant_pa: Callable[[], Array | None], places: Sequence[int]) -> None:
+        """Let a plant move the air of the chambers at these places.
 
         Parameters
         ----------
-        elsewhere : callable
-            Gives the pressures [Pa gauge] of these chambers at the time last advanced to, or None while
-            nobody moves their air: it then follows with the lag, from where it is.
+        plant_pa : callable
+            Gives the pressures [Pa gauge] of these chambers after the last action that was taken, or None
+            while no plant moves their air: it then follows with the lag, from where it is.
         places : sequence of int
             Valve of each of these chambers.
         """
-        self._elsewhere, self._places = elsewhere, list(places)
-        self._no_action = self.action = ValveAction((), healthy(len(places)))
+        self._plant_pa, self._places = plant_pa, list(places)
+
+    def take_action(self) -> ValveAction:
+        """What the valves of the chambers have done since the last call; no spans without a plant.
+
+        Their condition is the one at the end: a fault or a vent within the time counts from its start.
+        """
+        spans, self._spans = tuple(self._spans), []
+        return ValveAction(spans, self._condition).at(self._places)
 
     @property
     def pressure_pa(self) -> Array:
@@ -89,15 +95,16 @@ class Air:
     def advance(self, now_ns: int) -> None:
         """Advance to a time with what the valves do now; call it before that changes."""
         if now_ns > self._now_ns:
-            is_elsewhere = self._settle()
+            is_plant = self._settle()
             demands = [self._demand(n, demand()) for n, demand in enumerate(self._demands)]
             setpoint = np.array([self._setpoint(n, demand) for n, demand in enumerate(demands)])
             dt = (now_ns - self._now_ns) * 1e-9
-            self.action = self._action(setpoint, demands, dt) if is_elsewhere else self._no_action
+            if is_plant:
+                self._act(setpoint, demands, dt)
             before, self._state = self._state, step(self._model, self._state, setpoint, dt)
             if self.faults.is_active:
                 self._distort(before, demands, dt)
-            if is_elsewhere:
+            if is_plant:
                 self._take(before.pressure_pa[self._places])
             self._now_ns = now_ns
 
@@ -118,8 +125,8 @@ class Air:
         return min(supply_pa, self.faults.of(valve).get("supply_drop", supply_pa))
 
     def _settle(self) -> bool:
-        """Take the pressures that the air has elsewhere; False where it is here."""
-        held = self._elsewhere()
+        """Take the pressures that a plant gives; False where there is none."""
+        held = self._plant_pa()
         if held is not None:
             self._take(held)
         return held is not None
@@ -129,16 +136,14 @@ class Air:
         pressure[self._places] = pressure_pa
         self._state = replace(self._state, pressure_pa=pressure)
 
-    def _action(self, setpoint_pa: Array, demands: Sequence[float | None], dt: float) -> ValveAction:
-        """What the valves do over `dt`."""
+    def _act(self, setpoint_pa: Array, demands: Sequence[float | None], dt: float) -> None:
+        """Note what the valves do over `dt`."""
         _, spans = targets(self._model, self._state, setpoint_pa, dt)
         faults = [self.faults.of(n) for n in range(len(demands))]
-        followed = tuple(
-            (span, np.array([faulty_target(active, pa) for active, pa in zip(faults, target, strict=True)]))
-            for span, target in spans
-        )
-        condition = condition_of(faults, [demand is None for demand in demands])
-        return ValveAction(followed, condition).at(self._places)
+        for span, target in spans:
+            followed = [faulty_target(active, pa) for active, pa in zip(faults, target, strict=True)]
+            self._spans.append((span, np.array(followed)))
+        self._condition = condition_of(faults, [demand is None for demand in demands])
 
     def _demand(self, valve: int, demand_pa: float | None) -> float | None:
         """What a valve really follows: one that ignores its set points keeps the last, and still lets go."""

@@ -8,12 +8,12 @@ from __future__ import annotations
 import contextlib
 import selectors
 import socket
-import stat
 from pathlib import Path
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.emulation.faults import Faults, Injection, read_injection
-from soro_core.hardware.reason import no_socket, reason
+from soro_core.hardware.emulation.unix_socket import UnixListener
+from soro_core.hardware.reason import reason
 
 _LONGEST = 4096
 
@@ -37,19 +37,9 @@ class ControlServer:
     """
 
     def __init__(self, path: str | Path, faults: Faults, selector: selectors.BaseSelector) -> None:
-        self.path = Path(path)
         self._faults, self._selector = faults, selector
         self._clients: dict[socket.socket, bytes] = {}
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            if self.path.exists() and stat.S_ISSOCK(self.path.stat().st_mode):
-                self.path.unlink()
-            self._listener.bind(str(self.path))
-            self._listener.listen()
-        except OSError as error:
-            self._listener.close()
-            raise HardwareError(f"{path}: cannot listen for faults ({no_socket(error)})") from None
-        self._listener.setblocking(False)
+        self._listener = UnixListener(path, "faults")
         selector.register(self._listener, selectors.EVENT_READ, self._accept)
 
     def close(self) -> None:
@@ -58,12 +48,9 @@ class ControlServer:
             self._drop(client)
         self._selector.unregister(self._listener)
         self._listener.close()
-        self.path.unlink(missing_ok=True)
 
     def _accept(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            client, _ = self._listener.accept()
-            client.setblocking(False)
+        if (client := self._listener.accept()) is not None:
             self._clients[client] = b""
             self._selector.register(client, selectors.EVENT_READ, lambda: self._read(client))
 

@@ -116,9 +116,9 @@ class EmulatedDevices(ABC):
         """Valve of each chamber, its place in the air."""
         return list(range(len(self.air.pressure_pa)))
 
-    def move_air_elsewhere(self, elsewhere: Callable[[], Array | None]) -> None:
-        """Let the air of the chambers be moved by who gives their pressures; see `Air.connect`."""
-        self.air.connect(elsewhere, self.places)
+    def connect_plant(self, plant_pa: Callable[[], Array | None]) -> None:
+        """Let a plant move the air of the chambers; see `Air.connect_plant`."""
+        self.air.connect_plant(plant_pa, self.places)
 
     @property
     def next_event_ns(self) -> int:
@@ -154,8 +154,9 @@ class EmulatedDevices(ABC):
         self.now_ns = now_ns
         self.ticks += 1
         self.air.advance(now_ns)
+        action = self.air.take_action()
         if is_cycle:  # before anybody looks at the air: it may be moved by who hears of this
-            self.on_tick(now_ns, self.air.pressure_pa[self.places], self.air.action)
+            self.on_tick(now_ns, self.air.pressure_pa[self.places], action)
         self.faults.advance(now_ns)
         for line in self._line_faults:
             line.release()

@@ -34,7 +34,7 @@ class Emulator:
         Name to make for the line: a symbolic link to its pseudo-terminal (or, for TCP, one that reads as its
         address). For several lines it is a folder of links 0, 1, ... An older link is replaced.
     plant_link : Path, optional
-        Unix socket on which the true pressures are published.
+        Unix socket to a twin, see `soro_core.hardware.plant_link`.
     control : Path, optional
         Unix socket on which faults are taken.
 
@@ -76,10 +76,11 @@ class Emulator:
             if control is not None:
                 self._control = ControlServer(control, devices.faults, self._selector)
             if plant_link is not None:
-                self._plant = PlantLinkServer(plant_link, len(devices.places), lockstep)
-                self._selector.register(self._plant, selectors.EVENT_READ, self._plant.accept)
+                self._plant = PlantLinkServer(
+                    plant_link, lambda: devices.pressure_pa, self._selector, lockstep
+                )
                 devices.on_tick = self._plant.publish
-                devices.move_air_elsewhere(self._plant.pressures)
+                devices.connect_plant(self._plant.pressures)
             self._plug()
         except HardwareError:
             self.close()

@@ -77,17 +77,21 @@ class Watched(Loop):
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
         self.problems: list[str] = []
+        self._sent_pa: np.ndarray | None = None
 
     def cycle(self, command_pa: np.ndarray | None) -> None:
         was_vented, cause, before = self.vented, self.cause, self.exchange
         super().cycle(command_pa)
         if was_vented and (not self.vented or self.cause != cause):
             self.problems.append(f"the latch opened by itself, or says {self.cause!r} after {cause!r}")
-        if was_vented and before is not None and self.exchange is not None:
-            sent = self.exchange.sent_pa
-            # A serial device has what it was sent last until its turn comes.
-            if np.any((sent != 0.0) & (sent != before.sent_pa)):
-                self.problems.append(f"sent {sent} after {before.sent_pa} while latched")
+        # The cycle in which a connection breaks may have sent something, and does not say what.
+        had, self._sent_pa = self._sent_pa, None
+        if self.exchange is None or self.exchange is before:
+            return
+        sent = self._sent_pa = self.exchange.sent_pa
+        # A serial device has what it was sent last until its turn comes.
+        if was_vented and had is not None and np.any((sent != 0.0) & (sent != had)):
+            self.problems.append(f"sent {sent} after {had} while latched")
 
     def spin(self, seconds: float, pressed: bool = True, until_vented: bool = False) -> None:
         """Some time on the circle, or at zero."""

@@ -55,7 +55,7 @@ class ChamberInterface:
         """Stamp of the latest message on chambers/command, accepted or not."""
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
         node.create_subscription(JointState, "chambers/command", self._on_joint_state, qos.command(lockstep))
-        node.create_subscription(Float64MultiArray, "chambers/commands", self._on_array, qos.RELIABLE)
+        node.create_subscription(Float64MultiArray, "chambers/commands", self._on_array, qos.array(lockstep))
         node.create_service(Trigger, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/vent", self._on_vent)
         node.create_service(Trigger, "~/reset", self._on_reset)

@@ -34,6 +34,11 @@ def command(lockstep: bool) -> QoSProfile:
     return LOCKSTEP if lockstep else NEWEST
 
 
+def array(lockstep: bool) -> QoSProfile:
+    """QoS of the reader of commands without a stamp, which anybody may publish."""
+    return RELIABLE if lockstep else NEWEST
+
+
 def sensor(lockstep: bool) -> QoSProfile:
     """QoS of a reader of sensors: nothing may be lost in lockstep, nothing may block in real time."""
     return LOCKSTEP if lockstep else SENSOR

@@ -30,7 +30,7 @@ class DriverBase(Regulator, Generic[P]):
     def __init__(self, platform: P, clock: Callable[[], float], lockstep: bool = False) -> None:
         self.platform, self.clock, self.lockstep = platform, clock, lockstep
         self._names = platform.chamber_names
-        self._configured = self._closed = False
+        self._begun = self._configured = self._closed = False
         self._cycles = 0
 
     @property
@@ -45,7 +45,7 @@ class DriverBase(Regulator, Generic[P]):
         """Begin a start-up; without its end there is no exchange."""
         if self._closed:
             raise HardwareError("the driver is closed; make a new one")
-        self._configured = False
+        self._begun, self._configured = True, False
 
     def _checked(self, setpoint_pa: Array) -> tuple[Array, list[Fault]]:
         """Begin a cycle: set points (n,) [Pa gauge] as floats, and a fault for each that is not to be sent.

@@ -59,7 +59,9 @@ class GuardedRegulator(safety.Limiter):
         else:
             self.lost = self.lost or result.trouble
             self.judge(result.known_pa, result.fresh, now_ns, result.trouble, result.supply_pa)
-        if self.state.vented and not was_vented:
+        # Of devices that keep their pressure nobody else gets it out when they can be reached again.
+        unreached = result is None and not self.regulator.device_watchdog
+        if self.state.vented and (unreached or not was_vented):
             self.regulator.vent()
         return result
 

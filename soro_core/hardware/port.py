@@ -224,8 +224,9 @@ class Regulator(ABC):
     def vent(self) -> None:
         """Command 0 Pa for every chamber at once, without slew; idempotent, from any state, never raises.
 
-        Nothing is sent before the first `configure` (the devices are safe by themselves) or when the
-        connection is gone (their own watchdogs vent them).
+        Nothing is sent before the first `configure` (the devices are safe by themselves) or while the
+        connection is gone. Devices with a watchdog vent then; where they have none a call takes a step to get
+        the connection back, also after a start-up that has failed.
         """
 
     @abstractmethod

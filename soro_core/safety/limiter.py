@@ -226,7 +226,12 @@ def _refuse(
         return f"from the future: stamped {-age:.3f} s ahead"
     if source == state.command_source:
         return "out of order: not newer than the last command" if stamp_ns <= state.command_stamp_ns else None
-    if state.command_ns is not None and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s:
+    # One that has fallen silent is not followed by another: the next cycle trips, and who is first after the
+    # reset may command.
+    in_force = state.cycle_ns is not None and not state.vented
+    if state.command_ns is not None and (
+        in_force or (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
+    ):
         return f"second source: {source} while {state.command_source} is live"
     return None
 

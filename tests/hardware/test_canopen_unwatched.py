@@ -25,7 +25,8 @@ class Cable:
         self.bench.driver.configure()
 
     def _open(self):
-        self._require()
+        if not self.is_in:
+            raise HardwareError("unplugged")
         return self.bench.bus
 
     def _require(self):
@@ -80,3 +81,27 @@ def test_configuring_warns_once_of_devices_that_nothing_vents(caplog):
         "canopen: aventics_aes: the EDS names no watchdog, so nothing vents these devices when the driver "
         "dies: a normally open dump valve is needed"
     ]
+
+
+def test_a_start_up_without_adapter_does_not_end_the_vent(monkeypatch):
+    """As after a reset that was refused: it is opened again, and the coupler gets its zeros."""
+    cable = Cable(analog(), monkeypatch)
+    cable.bench.run(100, 50e3)
+    cable.pull()
+    with pytest.raises(HardwareError, match="unplugged"):
+        cable.bench.driver.configure()
+    cable.plug_in()
+    cable.bench.driver.vent()
+    assert "> 201 [8] 64 00 64 00 64 00 64 00" in cable.bench.bus.take_log()
+
+
+def test_the_zero_of_a_coupler_is_known_before_its_start_up_has_got_far(monkeypatch):
+    """0 Pa are 100 counts there, and 0 counts less than that."""
+    cable = Cable(analog(), monkeypatch)
+    bench = cable.bench
+    monkeypatch.setattr(startup, "wait_for_boot", lambda *_: (_ for _ in ()).throw(HardwareError("silent")))
+    with pytest.raises(HardwareError, match="silent"):
+        bench.driver.configure()
+    bench.bus.take_log()
+    bench.driver.vent()
+    assert "> 201 [8] 64 00 64 00 64 00 64 00" in bench.bus.take_log()

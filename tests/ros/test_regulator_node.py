@@ -233,6 +233,26 @@ def test_of_commands_that_waited_the_newest_counts_in_real_time_and_each_in_lock
         rclpy.shutdown()
 
 
+def test_of_a_flood_without_stamps_a_cycle_looks_at_the_newest_only(domain):
+    middleware.init()
+    try:
+        node, limiter = Node("holder"), Limiter(Limits(), NAMES)
+        ChamberInterface(node, limiter, time.monotonic_ns, lambda: node.get_clock().now().nanoseconds)
+        flood = node.create_publisher(Float64MultiArray, "chambers/commands", qos.RELIABLE)
+        wait_until(lambda: flood.get_subscription_count() == 1, 20, "discovery")
+        executor = EventsExecutor()
+        executor.add_node(node)
+        for _ in range(50):
+            flood.publish(Float64MultiArray(data=[80e3, 80e3, float("nan")]))
+        time.sleep(0.3)
+        for _ in range(60):
+            executor.spin_once(timeout_sec=0.02)
+        assert limiter.state.rejected == {"not finite": 1}
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
 def test_a_command_without_a_stamp_is_as_old_as_the_last_cycle(domain):
     """What has waited while the node was held up says nothing of when it was made."""
     middleware.init()

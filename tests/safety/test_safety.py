@@ -103,6 +103,18 @@ def test_one_live_source_at_a_time():
     assert refusal is None
 
 
+def test_a_source_that_falls_silent_trips_and_no_other_takes_its_place_before():
+    """However many commands of another one come between two cycles."""
+    state = run(commanded([1e3] * 3, 0, source="controller")[0], 0, 100)
+    state, refusal = commanded([80e3] * 3, 101, state, source="joystick")
+    assert refusal == "second source: joystick while controller is live"
+    state = run(state, 105, 105)
+    assert state.cause == "command lost: last one 105 ms old"
+    state, refusal = commanded([0.0] * 3, 106, state, source="joystick")
+    assert refusal is None
+    assert reset(LIMITS, state, 107 * MS)[1] is None
+
+
 def test_watchdog_vents_within_one_cycle_of_100_ms_and_latches():
     state, _ = commanded([50e3] * 3)
     state = run(state, 0, 100)

@@ -85,8 +85,8 @@ class Decoder:
         self._buffer += chunk
         found: list[Frame] = []
         while self._buffer:
-            if not MAGIC.startswith(bytes(self._buffer[:2])):
-                self._drop(1)
+            if start := self._noise():
+                self._drop(start)
                 continue
             if len(self._buffer) < _HEADER.size:
                 break
@@ -111,6 +111,11 @@ class Decoder:
         """Begin with a new connection; the count goes on."""
         self._buffer.clear()
         self._in_garbage = False
+
+    def _noise(self) -> int:
+        """Bytes before the first that may begin a frame."""
+        start = self._buffer.find(MAGIC)
+        return start if start >= 0 else len(self._buffer) - self._buffer.endswith(MAGIC[:1])
 
     def _drop(self, count: int) -> None:
         del self._buffer[:count]

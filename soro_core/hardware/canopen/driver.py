@@ -148,7 +148,12 @@ class CanopenRegulator(DriverBase[CanopenPlatform]):
         )
 
     def vent(self) -> None:
-        if not self._link.is_open or self._link.is_bus_off or self._guard.fault is not None:
+        if self.device_watchdog and self._guard.fault is not None:
+            return
+        if self._begun and not (self.device_watchdog or self._closed):
+            with contextlib.suppress(HardwareError):
+                self._guard.usable()  # opens a lost bus again
+        if not self._link.is_open or self._link.is_bus_off:
             return
         # In lockstep a round is a tick of the devices' clock, so there is one a call and the caller repeats.
         for _ in range(1 if self.lockstep else 2):

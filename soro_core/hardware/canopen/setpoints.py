@@ -9,6 +9,7 @@ import numpy as np
 from soro_core.errors import HardwareError
 from soro_core.hardware.canopen.cia408 import Control
 from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_core.hardware.canopen.mapping import FixedScaling
 from soro_core.hardware.canopen.monitor import ChannelMonitor, NodeMonitor
 from soro_core.hardware.port import Array
 from soro_core.hardware.transport.frame import Frame
@@ -37,6 +38,9 @@ class Setpoints:
         self._places = [(valve.node, valve.channel) for valve in platform.valves]
         by_chamber = {channel.chamber: channel for node in nodes for channel in node.channels}
         self.channels = [by_chamber[name] for name in platform.chamber_names]
+        fixed = platform.canopen.mapping.scaling
+        # Before the start-up has read the scaling of a device; one that tells it has 0 Pa at 0.
+        self._zero_count = fixed.setpoint.zero_count if isinstance(fixed, FixedScaling) else 0
         self._zero_rounds = 0  # rounds of zeros since the last set point
         self.sent_pa: Array = np.zeros(len(self.channels))
 
@@ -63,7 +67,7 @@ class Setpoints:
         first = self._zero_rounds == 0
         self._zero_rounds += 1
         self.sent_pa = np.zeros(len(self.channels))
-        counts = [0 if c.scaling is None else c.scaling.setpoint_zero for c in self.channels]
+        counts = [self._zero_count if c.scaling is None else c.scaling.setpoint_zero for c in self.channels]
         rpdos = self._rpdos(lambda c: Control.ACTIVE if first and c.active else Control.HOLD, counts, repeat)
         for channel in self.channels:
             channel.stand_down()

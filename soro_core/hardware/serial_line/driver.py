@@ -32,6 +32,7 @@ from soro_core.hardware.serial_line.session import Session
 from soro_core.hardware.supervisor_client import LOST, Supervisor, VentPlan, running
 
 LONGEST_WAIT_S = 1.0
+_BOOTED_S = 0.2  # for devices that must have booted
 _ROUNDS = 20  # of the supervisor, while nothing confirms
 
 
@@ -111,9 +112,7 @@ class SerialRegulator(DriverBase[SerialPlatform]):
         self._engines = self.make_lines(self._ports)
         by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
         self._channels = [by_name[name] for name in self._names]
-        for engine in self._engines:
-            self._start_devices(engine)
-            engine.discard(self.now_ns())
+        self._start_devices()
         self._vent_plan = [self._plan_of(engine) for engine in self._engines]
         self._share()
         self._last_ns = now_ns = self.now_ns()
@@ -183,12 +182,25 @@ class SerialRegulator(DriverBase[SerialPlatform]):
         else:
             self._await_bytes(self._engines, timeout_s)
 
-    def _start_devices(self, engine: LineEngine) -> None:
-        self.calm(Session(engine, self, engine.port.name, self.platform.line))
-        for channel in engine.channels:
-            session = Session(engine, self, channel.source, self.platform.line)
-            session.wait_for_boot(channel.wake)
-            channel.start(session)
+    def _start_devices(self) -> None:
+        """Start all: one that does not is no reason to leave the others at the pressure that they have."""
+        boot_s, failed = self.platform.line.boot_timeout_s, None
+        for engine in self._engines:
+            try:
+                self.calm(Session(engine, self, engine.port.name, self.platform.line))
+            except HardwareError as error:
+                failed = failed or error
+            for channel in engine.channels:
+                session = Session(engine, self, channel.source, self.platform.line)
+                try:
+                    session.wait_for_boot(channel.wake, boot_s)
+                    channel.start(session)
+                except HardwareError as error:
+                    failed, boot_s = failed or error, _BOOTED_S  # by now the others have had their time
+            with contextlib.suppress(HardwareError):  # a port that is gone has said so
+                engine.discard(self.now_ns())
+        if failed is not None:
+            raise failed
 
     # -- a cycle -----------------------------------------------------------------------------------
 

@@ -56,7 +56,7 @@ def look(
                 session = Session(engine, waiter, channel.source, platform.line)
                 advice = f"check its kind, power, TX and RX, {platform.baud} baud, and /dev/serial/by-id"
                 try:
-                    session.wait_for_boot(channel.wake)
+                    session.wait_for_boot(channel.wake, platform.line.boot_timeout_s)
                     advice = "correct the device's settings, or the platform file if it is another device"
                     yield Finding(channel.source, "ok", channel.look(session))
                 except HardwareError as error:

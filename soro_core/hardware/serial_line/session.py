@@ -99,7 +99,7 @@ class Session:
         found = self._lines(LineSplitter(b"\r\n"), self._options.answer_timeout_s + len(question) * 0.005)
         return found[0] if found else None
 
-    def wait_for_boot(self, question: bytes) -> None:
+    def wait_for_boot(self, question: bytes, limit_s: float) -> None:
         """Ask until something comes back.
 
         Raises
@@ -107,7 +107,6 @@ class Session:
         HardwareError
             If nothing does.
         """
-        limit_s = self._options.boot_timeout_s
         end_ns = self.now_ns() + round(1e9 * limit_s)
         while self.try_ask(question) is None:
             if self.now_ns() > end_ns:

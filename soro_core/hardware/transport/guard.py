@@ -45,7 +45,11 @@ class BusGuard:
                     f"it can be opened again in {wait_s:.0f} s"
                 )
             time.sleep(wait_s)
-        self._link.open()
+        try:
+            self._link.open()
+        except HardwareError:
+            self._reconnect.broken(self._clock())
+            raise
         self._reconnect.opened()
         self.fault = None
 

@@ -91,10 +91,11 @@ class Decoder:
 
     def feed(self, chunk: bytes) -> list[Event]:
         """Return the events completed by `chunk`, in order."""
-        data, end = self._rest + chunk, 0
+        data = self._rest + chunk
+        # Not beyond the last end of a line: the search would begin anew at every byte of noise behind it.
+        end = max(data.rfind(CR), data.rfind(BEL)) + 1
         events: list[Event] = []
-        for match in _LINE.finditer(data):
-            end = match.end()
+        for match in _LINE.finditer(data, 0, end):
             line, stop = match.groups()
             if self._skipping:  # the end of an overlong line, counted when it was found
                 self._skipping = False

@@ -113,10 +113,11 @@ class VeabRegulator(ConnectionDriver[VeabPlatform]):
 
     def vent(self) -> None:
         with self._lock:
-            if self._configured and self._stream.is_open:
+            if self._begun and not self._closed:
                 try:
-                    self._stream.drain()
-                    self._stream.send(self._zeros)
+                    if self._stream.reconnect():
+                        self._stream.drain()
+                        self._stream.send(self._zeros)
                 except HardwareError as error:
                     self._latch("link_lost", str(error))
 

@@ -99,6 +99,8 @@ class Stream:
 
     def reconnect(self) -> bool:
         """Take one step, without waiting, to get a lost connection back; True once it stands."""
+        if self.is_open:
+            return True
         if not self._link.reconnect():
             return False
         self._begin()

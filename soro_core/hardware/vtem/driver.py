@@ -110,9 +110,10 @@ class VtemRegulator(ConnectionDriver[VtemPlatform]):
         return Exchange(terminal.sent_pa.copy(), terminal.pressure_pa.copy(), fresh.copy(), faults)
 
     def vent(self) -> None:
-        if self._link.is_open and not self._closed:
+        if self._begun and not self._closed:
             try:
-                self._terminal.vent()
+                if self._link.is_open or self._reconnected():
+                    self._terminal.vent()
             except HardwareError as error:
                 self._latch("link_lost", str(error))
             self._watched(self._terminal.sent_pa)
@@ -144,9 +145,8 @@ class VtemRegulator(ConnectionDriver[VtemPlatform]):
                 self._terminal.sent_pa, setpoint_pa = np.zeros_like(setpoint_pa), np.zeros_like(setpoint_pa)
                 self._was_lost = True
                 self._latch("link_lost", "the connection is gone")
-                if not self._link.reconnect():
+                if not self._reconnected():
                     return self._none
-                self._share()
             fresh = self._terminal.exchange(
                 setpoint_pa, self.clock() + self._patience_s(self.platform.budget_s)
             )
@@ -190,6 +190,13 @@ class VtemRegulator(ConnectionDriver[VtemPlatform]):
         with contextlib.suppress(HardwareError):
             return self._link.is_open and self._terminal.read(self.platform.host.answer_timeout_s)
         return False
+
+    def _reconnected(self) -> bool:
+        """Take one step, without waiting, to get a lost connection back; whether it stands."""
+        if not self._link.reconnect():
+            return False
+        self._share()
+        return True
 
     def _share(self) -> None:
         """Begin with a connection, and share it with the process that vents in need."""

@@ -79,7 +79,7 @@ class GuardedRegulator(safety.Limiter):
         """Leave the latch, after the devices' start-up where they complained; the refusal, or None."""
         _, refusal = safety.reset(self.limits, self.state, now_ns())
         # Devices that keep their pressure may need their start-up to let it go.
-        if refusal not in (None, self.not_vented):
+        if refusal not in (None, self.state.kept):
             return refusal
         if self.lost is not None:
             try:

@@ -50,6 +50,12 @@ class SafetyState:
         return self.emptying.not_vented
 
     @property
+    def kept(self) -> str | None:
+        """Pressure that is there although the arm is vented, for which the latch stays, or None."""
+        over = "a measured pressure is still above the limit"
+        return self.not_vented or (over if self.over_ns is not None else None)
+
+    @property
     def complaint(self) -> str | None:
         """All that a latched state has to say: its cause, and which chambers have not become empty."""
         return "; ".join(filter(None, (self.cause, self.not_vented))) or None
@@ -185,10 +191,8 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     if np.any(state.command_pa != 0.0):
         asks = "still asks" if live else "asked last"
         return state, f"{state.command_source} {asks} for pressure: the command must be zero"
-    if state.over_ns is not None:
-        return state, "a measured pressure is still above the limit"
-    if state.not_vented is not None:
-        return state, state.not_vented
+    if state.kept is not None:
+        return state, state.kept
     return (
         replace(
             initial_state(state.setpoint_pa.shape[0], state.monitors.names),

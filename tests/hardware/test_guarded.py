@@ -147,3 +147,18 @@ def test_devices_that_keep_their_pressure_are_taken_through_their_start_up_befor
     it.run(0.3, 0.0)
     assert it.reset() is None
     assert len(started) == 1
+
+
+def test_a_device_over_its_limit_is_taken_through_its_start_up_too():
+    it = Guarded()
+    it.run(0.5, 40e3)
+    it.inject("stuck_open, supply_pa: 120e3, chamber: link0/chamber1")
+    it.run(0.5, 0.0)
+    assert it.loop.cause.startswith(("over-pressure", "implausible"))
+    it.loop.lost = "chamber1: complained"
+    started = []
+    configure = it.driver.configure
+    it.driver.configure = lambda: started.append(configure())
+    assert it.reset() == "a measured pressure is still above the limit"
+    assert len(started) == 1
+    assert it.loop.cause is not None

@@ -88,7 +88,15 @@ def read_value(text: str, where: str) -> Any:
         return yaml.load(text, Loader=_StrictLoader)
     except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         # Others than YAMLError: a date that does not exist, a list as a key, a thousand brackets.
-        raise ConfigError(where, "", " ".join(str(error).split()), "valid YAML") from None
+        raise ConfigError(where, "", _trouble(error), "valid YAML") from None
+
+
+def _trouble(error: Exception) -> str:
+    """Where the text ceases to be YAML, and why, in few words."""
+    mark = getattr(error, "problem_mark", None)
+    if mark is None:
+        return " ".join(str(error).split())
+    return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"  # type: ignore[attr-defined]
 
 
 def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
@@ -193,7 +201,8 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
     if details["type"] == "missing":
         return ConfigError(where, key, "nothing", "a value; this key is required")
     allowed = _PLAIN.get(details["type"]) or details["msg"].removeprefix("Value error, ")
-    return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:])
+    is_rule = details["type"] == "value_error"
+    return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:], is_rule)
 
 
 def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:

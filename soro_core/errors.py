@@ -23,14 +23,16 @@ class ConfigError(SoroError):
         What was found.
     allowed : str
         What is allowed there.
+    is_rule : bool
+        Whether that is a rule across keys, which a whole mapping breaks; so it is where `key` is empty.
     """
 
-    def __init__(self, where: str, key: str, got: object, allowed: str) -> None:
+    def __init__(self, where: str, key: str, got: object, allowed: str, is_rule: bool = False) -> None:
         self.where, self.key, self.got, self.allowed = where, key, got, allowed
         at = f"{where}: {key}" if key else where
-        # A rule across keys is broken by a whole mapping, and the beginning of a long one says nothing.
-        is_whole = not key and isinstance(got, dict) and len(repr(got)) > LONGEST
-        found = "" if is_whole else f"got {short(got)}; "
+        # The beginning of a long mapping says nothing of a rule across its keys.
+        is_long = (is_rule or not key) and isinstance(got, dict) and len(repr(got)) > LONGEST
+        found = "" if is_long else f"got {short(got)}; "
         super().__init__(f"{at}: {found}allowed: {allowed}")
 
 

@@ -157,10 +157,17 @@ def table(summary: Summary, scene: Scene) -> Table:
         ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
         *_punctuality(summary, scene),
         *shadow_report.rows(summary.shadow),
-        ("faults", "; ".join(summary.faults) or "none"),
+        *_injected(scene),
+        ("trips", "; ".join(summary.faults) or "none"),
     ):
         rows.add_row(name, value)
     return rows
+
+
+def _injected(scene: Scene) -> list[tuple[str, str]]:
+    """Faults that the scene asked for, which may trip the arm or not."""
+    told = "; ".join(f"{fault} at {fault.at:g} s" for fault in scene.faults)
+    return [("injected faults", told)] if told else []
 
 
 def _settling(summary: Summary, scene: Scene) -> str:

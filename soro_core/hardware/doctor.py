@@ -26,6 +26,7 @@ from soro_core.safety import Limits, check_rating, for_regulators
 
 OFFSET_WARN_PA, OFFSET_FAIL_PA = 2e3, 5e3
 NEEDED_PRIORITY = 30  # of the regulator node
+START_UP = "start-up"
 DUMP_VALVE = "a normally open dump valve is needed"
 
 
@@ -67,8 +68,11 @@ def examine(
         for finding in () if failed else regulator.probe():
             failed |= finding.level == "fail"
             yield finding
-        if not failed and run_s > 0:
-            yield from hold_at_zero(platform, regulator, run_s, clock)
+        for finding in hold_at_zero(platform, regulator, run_s, clock) if run_s > 0 and not failed else ():
+            failed |= finding.level == "fail" and finding.name == START_UP
+            yield finding
+        if failed:
+            return
         # Devices that differ in their rates have told it by now.
         yield check_update(platform, regulator.update_hz)
         yield check_age(regulator.update_hz, regulator.reading_age_s)
@@ -209,9 +213,9 @@ def hold_at_zero(
     try:
         regulator.configure()
     except HardwareError as error:
-        yield Finding("start-up", "fail", str(error), platform.start_advice)
+        yield Finding(START_UP, "fail", str(error), platform.start_advice)
         return
-    yield Finding("start-up", "ok", f"{regulator.n_chambers} regulators hold 0 Pa")
+    yield Finding(START_UP, "ok", f"{regulator.n_chambers} regulators hold 0 Pa")
     readings, lost = [], regulator.statistics.frames_lost
     cycles = max(round(run_s * platform.cycle_hz), 1)
     start = clock()

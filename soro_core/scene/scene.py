@@ -94,6 +94,8 @@ class Scene(Strict):
         twice = sorted(STATED_ONCE & self.twin.model_fields_set)
         if twice:
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
+        if self.platform and "regulator" in self.twin.model_fields_set:
+            raise ValueError("no regulator under twin beside a platform, whose emulation.regulator counts")
         if self.faults and not self.platform:
             raise ValueError("no faults without a platform: they are those of emulated devices")
         if self.valves == "real" and self.twin.air == "states":
@@ -123,7 +125,8 @@ class Scene(Strict):
 
     def to_dict(self) -> dict[str, Any]:
         """All keys with their values, defaults too, as a scene file has them."""
-        return self.model_dump(mode="json", exclude={"twin": set(STATED_ONCE)})
+        elsewhere = STATED_ONCE | {"regulator"} if self.platform else STATED_ONCE
+        return self.model_dump(mode="json", exclude={"twin": set(elsewhere)})
 
     @property
     def discretisation(self) -> Discretisation:

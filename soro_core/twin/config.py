@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Strict
 from soro_core.pneumatics import RegulatorModel, ValveModel
@@ -86,9 +86,14 @@ class TwinConfig(Strict):
     def _used(self) -> TwinConfig:
         if self.air == "states" and self.pressures == "measured":
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
-        if self.air == "lag" and self.valve != ValveModel():
-            raise ValueError("no valve beside air: lag, only beside air: states")
         return self
+
+    @field_validator("valve")
+    @classmethod
+    def _has_air(cls, value: ValveModel, info: ValidationInfo) -> ValveModel:
+        if info.data.get("air") == "lag" and value != ValveModel():
+            raise ValueError("none beside air: lag, only beside air: states")
+        return value
 
 
 class ShadowConfig(TwinConfig):

@@ -150,6 +150,7 @@ def test_doctor_reads_slots_and_speed_and_commands_nothing():
     assert "registers.inputs" in lost["motion terminal"].do
     gone = {finding.name: finding for finding in doctor.examine(platform, "127.0.0.1:9", run_s=0.0)}
     assert "address and port" in gone["motion terminal"].do
+    assert list(gone)[-1] == "motion terminal", "what comes later is left out"
 
 
 @pytest.mark.parametrize(

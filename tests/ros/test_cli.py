@@ -37,6 +37,14 @@ def test_every_command_explains_itself(arguments):
         ("mode: warp\n", "mode: got 'warp'; allowed: input should be 'real_time' or 'lockstep'"),
         ("mode: lockstep\nmode: lockstep\n", "stands twice"),
         ("twin: {seed: 3}\n", "no seed under twin"),
+        (
+            "platform: emulated_canopen\ntwin: {regulator: {tau_s: 0.1}}\n",
+            "no regulator under twin beside a platform, whose emulation.regulator counts",
+        ),
+        (
+            "twin: {payload_kg: 0.02, integrator: trapezoidal, valve: {supply_pa: 200e3}}\n",
+            "twin.valve: got {'supply_pa': 200000.0}; allowed: none beside air: lag, only beside air: states",
+        ),
         ("twin: {pose: {rate_hz: 90}}\n", "a pose rate that divides rate_hz"),
         (
             "twin: {regulator: {tau: 0.05}}\n",
@@ -45,6 +53,10 @@ def test_every_command_explains_itself(arguments):
         (
             "limits: {maximum_pa: 120e3, over_pressure_pa: 125e3, burst_pressure_pa: 130e3}\n",
             "limits.maximum_pa: got 120000.0; allowed: input should be less than 100000: the platform",
+        ),
+        (
+            "limits: {minimum_pa: 0.0, maximum_pa: 4e+4, over_pressure_pa: 3e+4, burst_pressure_pa: 9e+4}\n",
+            "limits: allowed: over_pressure_pa must be above maximum_pa",
         ),
         (
             "controller: {gains: {k_p: [1, x]}}\n",
@@ -69,7 +81,10 @@ def test_every_command_explains_itself(arguments):
             "links[0].damping: got 'losses of each coordinate'",
         ),
         ("- a\n- b\n", "allowed: a mapping of keys to values"),
-        ("robot: [\n", "allowed: valid YAML"),
+        (
+            "robot: [\n",
+            "line 2, column 1: expected the node content, but found '<stream end>'\"; allowed: valid YAML",
+        ),
     ],
 )
 def test_a_wrong_scene_is_one_line(tmp_path, text, says):
@@ -142,7 +157,7 @@ def test_a_missing_device_is_told_before_anything_starts(tmp_path):
     ("change", "says"),
     [
         ("twin.air=1e-3", "twin.air: got 0.001; allowed: input should be"),  # a number, as in a file
-        ("rate_hz=[", "--set rate_hz: got 'while parsing a flow node"),
+        ("rate_hz=[", '--set rate_hz: got "line 1, column 2: expected the node'),
     ],
 )
 def test_changes_are_read_as_files_are(change, says):

@@ -11,14 +11,14 @@ from soro_ros import recording, report
 from soro_ros.recording import EMPTY, Recording, Series
 
 
-def rows(monkeypatch, ends_s: float, diagnostics=None, faults=(), **changes) -> dict[str, str]:
+def rows(monkeypatch, ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]:
     """The table of a recording that ends at a time, with a tip error of 2 mm."""
     scene = load_scene("track_circle", {key.replace("__", "."): value for key, value in changes.items()})
     t = np.arange(0.0, ends_s, 0.005)
     wanted, true = Series(t, np.zeros((t.size, 3))), Series(t, np.full((t.size, 3), [2e-3, 0.0, 0.0]))
     half = Series(t, np.full((t.size, 3), [1e-3, 0.0, 0.0]))
     differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
-    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, faults, half)
+    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, trips, half)
     if changes.get("arm") == "real":
         recording = replace(recording, shadow=differences)
     monkeypatch.setattr(report, "read", lambda bag, name: recording)
@@ -88,7 +88,7 @@ def test_a_window_that_the_run_did_not_fill_is_a_dash(monkeypatch, ends_s, durat
     ids=["complete", "interrupted", "vented", "vented at the end"],
 )
 def test_what_was_cut_short_has_not_settled(monkeypatch, ends_s, faults, settling):
-    assert rows(monkeypatch, ends_s, faults=faults)["settling to 5% of the length"] == settling
+    assert rows(monkeypatch, ends_s, trips=faults)["settling to 5% of the length"] == settling
 
 
 def test_faults_of_another_arm_are_not_this_one_s():
@@ -105,6 +105,17 @@ def test_faults_of_another_arm_are_not_this_one_s():
 def test_without_adaptation_nothing_is_said_of_it(monkeypatch):
     found = rows(monkeypatch, 20.0, controller__adapt=False)
     assert found[FIRST] == "2.00 mm"
+
+
+def test_what_the_scene_injected_is_told_apart_from_what_tripped(monkeypatch):
+    leak = {"fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0}
+    injected = [{"at": 5.0, **leak}, {"at": 6.5, "fault": "drop"}]
+    found = rows(monkeypatch, 20.0, platform="emulated_canopen", faults=injected)
+    told = "leak of link0/chamber0 (rate_1_s 3) at 5 s; drop (p 0.2) at 6.5 s"
+    assert (found["injected faults"], found["trips"]) == (told, "none")
+    plain = rows(monkeypatch, 20.0, trips=("regulator: vented: stuck",))
+    assert plain["trips"] == "regulator: vented: stuck"
+    assert "injected faults" not in plain
 
 
 def test_what_was_not_measured_is_a_dash(monkeypatch):

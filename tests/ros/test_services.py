@@ -38,7 +38,7 @@ NODES = textwrap.dedent(
 
     NAMES = ("link0/chamber0",)
     middleware.init()
-    executor = EventsExecutor()
+    executor, ended = EventsExecutor(), []
 
     def holder(namespace):
         node = Node("regulator", namespace=namespace)
@@ -49,7 +49,9 @@ NODES = textwrap.dedent(
 
         def cycle():
             limiter.judge(np.zeros(1), True, time.monotonic_ns())
-            if limiter.cause:
+            if limiter.cause and namespace == "passing":  # as in a run, which ends with its arm
+                ended.append(node)
+            elif limiter.cause:
                 diagnostics.update(ERROR, f"vented: {limiter.cause}")
             else:
                 diagnostics.update(OK, "active")
@@ -86,6 +88,10 @@ NODES = textwrap.dedent(
     print("ready", flush=True)
     while True:
         executor.spin_once(timeout_sec=1.0)
+        while ended:
+            node = ended.pop()
+            executor.remove_node(node)
+            node.destroy_node()
     """
 )
 
@@ -159,6 +165,15 @@ def test_a_vent_that_reaches_no_valve_is_no_success(nodes, capfd):
     assert capfd.readouterr().out == "/left/controller: commanding zero\n"
     with pytest.raises(SoroError, match="no node with a service ~/reset that publishes chambers/state"):
         reset("")
+
+
+@pytest.mark.parametrize("nodes", [("passing",)], indirect=True)
+def test_a_run_that_ends_because_of_the_vent_did_hold_the_air(nodes, capfd, monkeypatch):
+    monkeypatch.setattr(services, "FIND_S", 2.0)  # the search goes on after its nodes are gone
+    vent("")
+    assert "/passing/regulator: vented until ~/reset" in capfd.readouterr().out
+    with commands._visiting() as visitor:
+        assert visitor.offering("vent") == ["/left/controller"]
 
 
 def test_a_node_that_hangs_keeps_no_command_waiting(nodes, capfd):

@@ -182,6 +182,12 @@ def test_mistakes_are_named(keys, message):
         TwinConfig(**keys)
 
 
+def test_a_robot_without_volumes_is_refused_with_what_it_lacks():
+    allowed = "lag, or a volume_m3 of link0/chamber0 in the robot file"
+    with pytest.raises(ConfigError, match=rf"parameters of twin: air: got 'states'; allowed: {allowed}"):
+        Twin(load_robot("asu_two_segment"), TwinConfig(air="states"))
+
+
 def test_a_scene_refuses_what_has_no_air_of_its_own(robot):
     with pytest.raises(ConfigError, match="no air: states under twin beside valves: real"):
         Scene(platform="emulated_canopen", valves="real", twin={"air": "states"})

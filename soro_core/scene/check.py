@@ -6,6 +6,7 @@ from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene.scene import Scene
+from soro_core.twin.config import check_volumes
 
 
 def check_model(scene: Scene, robot: Robot, where: str) -> None:
@@ -36,10 +37,7 @@ def _check_air(integrator: str, robot: Robot, where: str) -> None:
     if integrator in EXPLICIT:
         allowed = f"an implicit integrator of the twin, not {integrator}; or lag"
         raise ConfigError(where, "twin.air", "states", allowed)
-    chambers = [chamber for link in robot.links for chamber in link.chambers]
-    for name, chamber in zip(robot.chamber_names, chambers, strict=True):
-        if chamber.volume_m3 is None and chamber.alpha_eps == 0.0:
-            raise ConfigError(where, "twin.air", "states", f"lag, or a volume_m3 of {name} in the robot file")
+    check_volumes(robot, where, "twin.air")
 
 
 def _check(key: str, model: Discretisation, robot: Robot, refine: int, where: str) -> None:

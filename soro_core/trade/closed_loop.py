@@ -13,6 +13,7 @@ from soro_core.config import find_config
 from soro_core.control import Controller
 from soro_core.errors import ModelError
 from soro_core.estimation import Estimator
+from soro_core.hardware import load_platform
 from soro_core.loop import Loop
 from soro_core.robot import Discretisation, load_robot
 from soro_core.scene import Scene
@@ -51,7 +52,7 @@ class LoopRecord:
 def drive(scene: Scene, model: Discretisation, seconds: float, plant: TwinConfig | None = None) -> LoopRecord:
     """Run the loop of `scene` in lockstep.
 
-    Chambers are filled by the twin's own regulators, whatever the platform of the scene.
+    Chambers are filled by regulators as the scene's platform has them, without its bus.
 
     Parameters
     ----------
@@ -70,7 +71,10 @@ def drive(scene: Scene, model: Discretisation, seconds: float, plant: TwinConfig
     """
     robot = load_robot(find_config(scene.robot, "robots"))
     config = scene.twin_node() if plant is None else plant
-    twin = Twin(robot, config.model_copy(update={"pressures": "regulators", "plant_link": ""}))
+    changes: dict[str, object] = {"pressures": "regulators", "plant_link": ""}
+    if scene.platform:
+        changes["regulator"] = load_platform(scene.platform).emulation.regulator
+    twin = Twin(robot, config.model_copy(update=changes))
     dt = 1.0 / scene.rate_hz
     loop = Loop(Estimator(robot, scene.estimator, dt, model), Controller(robot, scene.controller, model))
     state, inner = twin.initial(), loop.initial_state()

@@ -7,8 +7,9 @@ from typing import Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Strict
+from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel, ValveModel
-from soro_core.robot import Discretisation
+from soro_core.robot import Discretisation, Robot
 from soro_core.robot.discretisation import Integrator
 from soro_core.safety import Limits
 
@@ -94,6 +95,20 @@ class TwinConfig(Strict):
         if info.data.get("air") == "lag" and value != ValveModel():
             raise ValueError("none beside air: lag, only beside air: states")
         return value
+
+
+def check_volumes(robot: Robot, where: str, key: str) -> None:
+    """Refuse `air: states` for a robot whose chambers have neither a volume nor an area.
+
+    Raises
+    ------
+    ConfigError
+        One line that names the first such chamber.
+    """
+    chambers = [chamber for link in robot.links for chamber in link.chambers]
+    for name, chamber in zip(robot.chamber_names, chambers, strict=True):
+        if chamber.volume_m3 is None and chamber.alpha_eps == 0.0:
+            raise ConfigError(where, key, "states", f"lag, or a volume_m3 of {name} in the robot file")
 
 
 class ShadowConfig(TwinConfig):

@@ -14,7 +14,7 @@ from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
 from soro_core.robot import Robot
-from soro_core.twin.config import TwinConfig
+from soro_core.twin.config import TwinConfig, check_volumes
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -36,12 +36,19 @@ class Plant:
         As the robot file describes it.
     config : TwinConfig
         What differs in truth, and how it is integrated.
+
+    Raises
+    ------
+    ConfigError
+        If air is a part of the state and a chamber has no volume.
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
         self.arm = discretised(true_robot(robot, config), config.model)
         self.has_air = config.air == "states"
         """Whether pressures are set points of valves, and the air behind them is a part of the state."""
+        if self.has_air:
+            check_volumes(robot, where="parameters of twin", key="air")
         valves = config.valve if self.has_air else None
         self._stepper = make_stepper(config.integrator, self.arm, valves=valves)
         self._step_s = config.step_s

@@ -106,7 +106,7 @@ def test_the_published_server_is_not_touched_by_looking():
     assert findings["published server"].level == "warn"
     started = {f.name: f for f in doctor.examine(platform, "127.0.0.1:9", run_s=0.1)}
     assert started["start-up"].level == "fail"
-    assert "start the server" in started["start-up"].do
+    assert started["start-up"].do == "start the server on the Pi, it ends with each client"
     assert list(started)[-1] == "start-up", "what comes later is left out"
 
 

@@ -76,6 +76,15 @@ def test_venting_takes_two_and_a_half_times_as_long_as_filling(robot):
     assert 2.2 < times[1] / times[0] < 2.6
 
 
+@pytest.mark.parametrize(("conductance", "fills_s"), [(1e-9, 0.0020), (5e-11, 0.048)])
+def test_how_fast_a_valve_is_for_the_chambers_of_the_shipped_robot(conductance, fills_s):
+    """Of 1.5 ml; docs/model_terms.md has these figures beside the lag of 52 ms."""
+    valve = ValveModel(fill_m3_s_pa=conductance, vent_m3_s_pa=conductance)
+    twin = twin_of(load_robot("tue_three_bellow"), valve, rate_hz=1000.0)
+    fill = advance(twin, twin.initial(), np.full(3, 50e3), 60)
+    assert time_to(fill, 50e3 * (1.0 - np.exp(-1.0)), twin.dt) == pytest.approx(fills_s, rel=0.1)
+
+
 def test_the_volume_grows_with_the_arm_and_thins_the_air():
     """Chambers of 1.5 ml, without tubes: their growth counts."""
     twin = twin_of(load_robot("tue_three_bellow"), ValveModel(fill_m3_s_pa=2e-11, vent_m3_s_pa=2e-11))
@@ -180,6 +189,12 @@ def test_pressures_from_elsewhere_are_refused(robot):
 def test_mistakes_are_named(keys, message):
     with pytest.raises(ConfigError, match=message):
         TwinConfig(**keys)
+
+
+def test_a_robot_without_volumes_is_refused_with_what_it_lacks():
+    allowed = "lag, or a volume_m3 of link0/chamber0 in the robot file"
+    with pytest.raises(ConfigError, match=rf"parameters of twin: air: got 'states'; allowed: {allowed}"):
+        Twin(load_robot("asu_two_segment"), TwinConfig(air="states"))
 
 
 def test_a_scene_refuses_what_has_no_air_of_its_own(robot):

@@ -55,10 +55,7 @@ class VeabPlatform(PlatformBase):
     """VEAB valves behind the published server."""
 
     where_device: ClassVar[str] = "transport.host"
-    start_advice: ClassVar[str] = (
-        "no connection: start the server on the Pi, it ends with each client; a pressure that stays: look at "
-        "that valve, its sensor and its wires"
-    )
+    start_advice: ClassVar[str] = "start the server on the Pi, it ends with each client"
     where_supervisor: ClassVar[str] = "host.supervisor"
 
     family: Literal["veab_tcp"]

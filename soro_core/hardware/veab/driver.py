@@ -236,7 +236,8 @@ class VeabRegulator(ConnectionDriver[VeabPlatform]):
             raise HardwareError("start-up: the server sends no readings; is `ports` what it has?")
         n = int(np.argmax(np.abs(stream.pressure_pa)))
         kept = f"{stream.pressure_pa[n] / 1e3:.1f} kPa after {times.vent_timeout_s:g} s of set point 0"
-        raise HardwareError(f"{self._names[n]} (port {self.platform.valves[n].port}): start-up: {kept}")
+        which = f"{self._names[n]} (port {self.platform.valves[n].port})"
+        raise HardwareError(f"{which}: start-up: {kept}; look at that valve, its sensor and its wires")
 
 
 def open_driver(

@@ -50,7 +50,7 @@ def test_sections_not_asked_for_stay(run, tmp_path):
 def test_an_unknown_section_is_refused_by_name(run):
     result, text = run("--only", "forward,walk")
     assert result.exit_code == 2
-    assert "walk: allowed are startup, forward" in re.sub(r"[│\s]+", " ", result.output)
+    assert "walk: allowed are startup, discovery, forward" in re.sub(r"[│\s]+", " ", result.output)
     assert text == ""
 
 

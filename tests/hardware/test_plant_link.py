@@ -217,9 +217,13 @@ def test_what_the_valves_do_comes_over(server, client):
         np.testing.assert_array_equal(getattr(frame.action.condition, name), getattr(condition, name))
 
 
-def answer(server, client, pressures):
+def client_frame(server, client):
     publish(server, 0, np.zeros(3))
-    client.answer(client.receive(1.0), np.asarray(pressures, dtype=float))
+    return client.receive(1.0)
+
+
+def answer(server, client, pressures):
+    client.answer(client_frame(server, client), np.asarray(pressures, dtype=float))
     server.turn()
 
 
@@ -244,8 +248,10 @@ def test_pressures_come_back_until_they_are_released(server, client):
     answer(server, client, [7.0, 8.0, 9.5])
     np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.5])
     np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.5])
+    client.answer(client_frame(server, client), np.array([1.0, 1.0, 2.0]))
     client.release()
     server.turn()
+    np.testing.assert_array_equal(server.pressures(), [1.0, 1.0, 2.0], "what nobody has read is not lost")
     assert server.pressures() is None
 
 
@@ -254,6 +260,7 @@ def test_a_twin_that_dies_leaves_the_air(server, client):
     assert server.pressures() is not None
     client.close()
     server.turn()
+    np.testing.assert_array_equal(server.pressures(), [7.0, 8.0, 9.0])
     assert server.pressures() is None
 
 
@@ -261,7 +268,7 @@ def test_a_twin_that_dies_leaves_the_air(server, client):
 def test_pressures_that_are_none_never_reach_the_devices(server, client, pressures):
     server.join(client)
     answer(server, client, pressures)
-    assert server.pressures() is None
+    assert server.pressures() is None, "the last frame has no answer"
     with pytest.raises(HardwareError, match="gone"):
         client.receive(1.0)
 

@@ -25,7 +25,7 @@ from tests.ros.running import SORO, run, wait_until
 
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize(
-    "air", ["air: lag", "air: states, valve: {fill_m3_s_pa: 1.0e-11}"], ids=["of the valves", "of the twin"]
+    "air", ["air: lag", "air: states, valve: {fill_m3_s_pa: 5.0e-11}"], ids=["of the valves", "of the twin"]
 )
 def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain, tmp_path, air):
     """With the air of the valves, and with that of the twin, which is told of the fault."""

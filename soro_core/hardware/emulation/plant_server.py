@@ -66,6 +66,8 @@ class PlantLinkServer:
         self._clients: list[_Client] = []
         self._owner: _Client | None = None
         self._pressures: Array = np.empty(0)
+        self._left: Array | None = None
+        """The last pressures of one that has let the air go; the devices may not have read them yet."""
         self._listener = UnixListener(path, "a twin")
         selector.register(self._listener, selectors.EVENT_READ, self._accept)
 
@@ -86,7 +88,8 @@ class PlantLinkServer:
     def pressures(self) -> Array | None:
         """Pressures [Pa gauge] of the air where a client moves it, None where nobody does.
 
-        In real time these are the last ones; in lockstep those that answer the last frame.
+        In real time these are the last ones; in lockstep those that answer the last frame. The last ones of a
+        client that has let the air go are given once more.
 
         Raises
         ------
@@ -100,7 +103,10 @@ class PlantLinkServer:
                     f"{self._timeout_s:g} s"
                 )
             self._read(self._owner)
-        return None if self._owner is None else self._pressures
+        if self._owner is not None:
+            return self._pressures
+        left, self._left = self._left, None
+        return left
 
     def close(self) -> None:
         """Let the clients go and remove the socket."""
@@ -143,9 +149,9 @@ class PlantLinkServer:
         if message.says is Says.CLAIM and self._owner in (None, client):
             # From where the air is, and not before the next frame.
             self._pressures, self._asked = self._present_pa(), 0
-            self._owner = client
+            self._owner, self._left = client, None
         elif client is self._owner:
-            self._owner = None
+            self._let_go()
         if message.says is not Says.RELEASE:
             is_refused = message.says is Says.CLAIM and self._owner is not client
             self._tell_present(client, np.empty(0) if is_refused else self._present_pa())
@@ -184,4 +190,9 @@ class PlantLinkServer:
         self._selector.unregister(client.socket)
         client.socket.close()
         if client is self._owner:
-            self._owner = None
+            self._let_go()
+
+    def _let_go(self) -> None:
+        self._owner = None
+        if self._answered >= self._asked:
+            self._left = self._pressures

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.faults import cells, healthy, results_table, summary
-from benchmarks.faults.flow import LAG_S, NARROW, VALVE, VOLUME_M3, behind_a_twin
+from benchmarks.faults.flow import LAG_S, LEAK, NARROW, VALVE, VOLUME_M3, behind_a_twin
 from benchmarks.faults.matrix import FOUR, MATRIX, air
 from benchmarks.options import Options
 
@@ -15,7 +15,7 @@ def run(options: Options) -> str:
     parts = [_INTRO]
     for family in [one for one in MATRIX if one != FOUR]:  # which is an arm of twelve chambers
         results = []
-        rows = air(family, NARROW)
+        rows = air(family, NARROW, LEAK)
         for row in rows[: options.pick(len(rows), 1)]:
             options.say(f"{family}: {row.fault}")
             results.append(cells.run(family, row, air=behind_a_twin))

@@ -17,8 +17,9 @@ VALVE = ValveModel(fill_m3_s_pa=1e-9, vent_m3_s_pa=1e-9)
 VOLUME_M3 = 30e-6
 # With which it follows what the limiter lets through, and which the monitors expect: band over fastest rise.
 LAG_S = 0.01
-# By how much less a valve or line must let through for the circle to show it.
-NARROW = 50.0
+# How narrow a valve or line, how large a leak must be for the circle to show it in the time that the table
+# gives a motion: this valve makes up for a leak of 20 a second until its set point is above 39 kPa.
+NARROW, LEAK = 50.0, 30.0
 _STEP_S = 1e-3
 
 

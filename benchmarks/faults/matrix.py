@@ -40,11 +40,11 @@ def _supply(family: str, model_ms: float) -> Row:
     )
 
 
-def air(family: str, narrow: float = 20.0) -> tuple[Row, ...]:
+def air(family: str, narrow: float = 20.0, leak: float = 20.0) -> tuple[Row, ...]:
     """Rows of valves, chambers and sensors: the air is the same for every family, and so are the monitors.
 
-    `narrow` is the factor by which what is narrow lets less through: the flow of a healthy valve can do more
-    than the circle asks for, and hides a smaller one.
+    `narrow` is the factor by which what is narrow lets less through, `leak` the rate of a leak [1/s]: the
+    flow of a healthy valve can do more than the circle asks for, and hides smaller ones for longer.
     """
     own = FAMILY_MS[family]
     model, frozen = MOTION_MS + MODEL_MS + own, MOTION_MS + FROZEN_MS + own
@@ -58,7 +58,7 @@ def air(family: str, narrow: float = 20.0) -> tuple[Row, ...]:
         Row(f"slow_valve, factor: {narrow:g}", "trip", WRONG, model, slower=narrow),
         Row("slow_valve, factor: 1.3", "tolerate"),
         Row("leak, rate_1_s: 1.0", "tolerate"),
-        Row("leak, rate_1_s: 20", "trip", WRONG, model),
+        Row(f"leak, rate_1_s: {leak:g}", "trip", WRONG, model),
         Row(
             "stuck_closed; leak, rate_1_s: 0.1",
             "trip",

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.faults import healthy
 from benchmarks.faults.cells import command, run
-from benchmarks.faults.flow import NARROW, behind_a_twin
+from benchmarks.faults.flow import LEAK, NARROW, behind_a_twin
 from benchmarks.faults.matrix import FOUR, MATRIX, air
 from benchmarks.faults.rigs import Loop, rig_of
 from benchmarks.faults.rows import CHAMBER, Row
@@ -38,11 +38,11 @@ def test_cell(family, row):
 
 def on_flow():
     """All rows of valves, lines and chambers on CANopen, on each other family one that needs its vent."""
-    rows = [row for row in air("canopen_408", NARROW) if not row.fault.startswith("sensor")]
+    rows = [row for row in air("canopen_408", NARROW, LEAK) if not row.fault.startswith("sensor")]
     yield from (("canopen_408", row) for row in rows)
-    own = ("stuck_open", "vent_blocked", "leak, rate_1_s: 20", "kinked_line", "burst")
+    own = ("stuck_open", "vent_blocked", "leak, rate_1_s: 30", "kinked_line", "burst")
     for family, fault in zip(FAMILIES[1:], own, strict=True):
-        yield family, next(row for row in air(family, NARROW) if row.fault.startswith(fault))
+        yield family, next(row for row in air(family, NARROW, LEAK) if row.fault.startswith(fault))
 
 
 @pytest.mark.parametrize(("family", "row"), [pytest.param(*c, id=f"{c[0]}-{c[1].fault}") for c in on_flow()])

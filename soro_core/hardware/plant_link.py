@@ -146,6 +146,7 @@ class PlantLinkClient:
     def __init__(self, path: str | Path) -> None:
         self._path, self._buffer = str(path), b""
         self._last: PlantFrame | None = None
+        self._holds_air = False
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self._socket.connect(self._path)
@@ -200,6 +201,7 @@ class PlantLinkClient:
             pass
         if not frame.pressures.size:
             raise HardwareError(f"{self._path}: another twin moves the air of these valves")
+        self._holds_air = moves_air
         return frame
 
     def answer(self, frame: PlantFrame, pressures: Array) -> None:
@@ -207,7 +209,10 @@ class PlantLinkClient:
         self._send(Message(Says.ANSWER, frame.sequence, pressures))
 
     def release(self) -> None:
-        """Let the emulator move the air again."""
+        """Let the emulator move the air again, once, where this end has claimed it."""
+        is_claimed, self._holds_air = self._holds_air, False
+        if not is_claimed:
+            return
         with contextlib.suppress(HardwareError):  # where it has gone there is nothing to release
             self._send(Message(Says.RELEASE, 0, _NO_PRESSURES))
 

@@ -48,7 +48,6 @@ class TwinNode(SoroNode[TwinConfig]):
         self._twin = Twin(robot, config)
         # Of emulated valves: they say what they do, and hear what pressures come of it.
         self._moves_air = config.pressures == "valves" and config.air == "states"
-        self._holds_air = False
         self._names, self._true_names = robot.chamber_names, self._twin.plant.arm.robot.coordinate_names
         self.compile(self._warm_up)
         self._state = self._twin.initial()
@@ -126,7 +125,6 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._link is not None:
             present = self._link.join(self._moves_air).pressures
             self._state = self._twin.at_pressures(self._state, present)
-            self._holds_air = self._moves_air
         if self._lockstep:
             self._observe()
             if self._link is not None:
@@ -161,8 +159,7 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def _release_air(self) -> None:
         """Nobody is to wait for pressures from a twin whose time stands still."""
-        if self._holds_air:
-            self._holds_air = False
+        if self._link is not None:
             self._link.release()
 
     def _advance_with_commands(self) -> None:

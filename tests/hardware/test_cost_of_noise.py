@@ -1,7 +1,6 @@
-"""Noise costs a driver's cycle about as much as so many bytes of traffic: it may come without end."""
+"""Noise may come without end: what a decoder does with it grows as its length does, not as its square."""
 
 import random
-import time
 
 import pytest
 
@@ -10,33 +9,24 @@ from soro_core.hardware.serial_line.engine import LineSplitter
 from soro_core.hardware.transport import slcan_codec, socketcand_codec
 from soro_core.hardware.vtem import modbus
 
-SIZE = 16384
-STATE = frames.Frame(frames.Kind.STATE, 1, bytes(8))
-CASES = {
-    "slcan": (slcan_codec.Decoder, b"t18140F01D007\r"),
-    "socketcand": (socketcand_codec.Decoder, b"< frame 181 12.345678 0F01D007 >"),
-    "board": (lambda: frames.Decoder({frames.Kind.STATE: 8}), frames.encode(STATE)),
-    "modbus": (modbus.Frames, b"\x00\x01\x00\x00\x00\x06\x01\x10\x00\x00\x00\x03"),
-    "line": (lambda: LineSplitter(b"\r\n"), b"A +014.70 +015.00\r"),
+# Of the square of this every decoder that has had one took minutes: what goes on here is seen to end.
+SIZE = 1 << 20
+CODECS = {
+    "slcan": slcan_codec.Decoder,
+    "socketcand": socketcand_codec.Decoder,
+    "board": lambda: frames.Decoder({frames.Kind.STATE: 8}),
+    "modbus": modbus.Frames,
+    "line": lambda: LineSplitter(b"\r\n"),
 }
-NOISE = {"no end of a line": b"9" * SIZE, "zeros": bytes(SIZE), "random": random.Random(1).randbytes(SIZE)}
+NOISE = {
+    "no end of a line": lambda: b"9" * SIZE,
+    "zeros": lambda: bytes(SIZE),
+    "random": lambda: random.Random(1).randbytes(SIZE),
+}
 
 
-def cost_s(make, data):
-    """Shortest of three, so that what else the machine does is not in it."""
-    taken = []
-    for _ in range(3):
-        decoder, start = make(), time.perf_counter()
-        decoder.feed(data)
-        taken.append(time.perf_counter() - start)
-        if taken[-1] > 1.0:
-            break
-    return min(taken)
-
-
+@pytest.mark.timeout(30)
 @pytest.mark.parametrize("noise", NOISE)
-@pytest.mark.parametrize("codec", CASES)
-def test_noise_costs_about_as_much_as_traffic(codec, noise):
-    make, message = CASES[codec]
-    traffic = message * (SIZE // len(message))
-    assert cost_s(make, NOISE[noise]) < 3.0 * cost_s(make, traffic)
+@pytest.mark.parametrize("codec", CODECS)
+def test_noise_comes_to_an_end(codec, noise):
+    CODECS[codec]().feed(NOISE[noise]())

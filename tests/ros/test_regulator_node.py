@@ -9,6 +9,7 @@ import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.duration import Duration
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -244,7 +245,7 @@ def test_of_a_flood_without_stamps_a_cycle_looks_at_the_newest_only(domain):
         executor.add_node(node)
         for _ in range(50):
             flood.publish(Float64MultiArray(data=[80e3, 80e3, float("nan")]))
-        time.sleep(0.3)
+        assert flood.wait_for_all_acked(Duration(seconds=10.0))
         for _ in range(60):
             executor.spin_once(timeout_sec=0.02)
         assert limiter.state.rejected == {"not finite": 1}

@@ -3,16 +3,24 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run test lint bench clean
+.PHONY: run test pytest alicatlib lint bench newest-numba clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
 	@$(BIN)/soro run config/scenes/track_circle.yaml
 
+# Side by side, as the tests do not keep both cores busy; each runs to its end.
+test: $(VENV)/.installed-test
+	@$(MAKE) --no-print-directory --keep-going -j 2 lint pytest
+
 # The tests start hundreds of processes: where byte code is forbidden, each would compile the package anew.
-test: export PYTHONDONTWRITEBYTECODE =
-test: $(VENV)/.installed-test lint
+pytest: export PYTHONDONTWRITEBYTECODE =
+pytest: $(VENV)/.installed-test
 	$(BIN)/pytest -n 2
+
+# The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
+alicatlib: $(VENV)/.installed-test
+	$(BIN)/pytest tests/hardware/test_alicatlib.py
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
@@ -22,19 +30,29 @@ lint: $(VENV)/.installed-test
 
 # The peer that ours is measured beside is optional: without it ours is measured alone.
 bench: $(VENV)/.installed
+	-$(MAKE) newest-numba
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python -m benchmarks
+
+# Tests of the model on the newest numba, whatever pyproject.toml allows: where they pass, its limit may be raised.
+newest-numba: NUMBA := .venv-numba
+newest-numba:
+	$(PYTHON) -m venv $(NUMBA)
+	$(NUMBA)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	$(NUMBA)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade numba
+	$(NUMBA)/bin/python -c 'import numba; print("numba", numba.__version__)'
+	$(NUMBA)/bin/pytest -n 2 tests/model tests/integrate
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml setup.py | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all]'
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml setup.py | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,test]'
 	@touch $@ $(VENV)/.installed
 
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv* build *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -25,17 +25,15 @@ class RosDistribution(Distribution):
         return True
 
 
-options: dict[str, object] = {}
-if "--dry-run" in sys.argv:  # colcon's dry run chokes on requires-python
-    options["python_requires"] = None
-
-setup(
+distribution = setup(
     distclass=RosDistribution,
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/soro_ros"]),
-        ("share/soro_ros", ["package.xml"]),
+        # The last three: `colcon build --symlink-install` builds from links to the files of this list alone.
+        ("share/soro_ros", ["package.xml", "pyproject.toml", "README.md", "LICENSE"]),
         *files("config", "share/soro_ros"),
         *[("lib/soro_ros", [str(p.relative_to(HERE))]) for p in sorted((HERE / "lib/soro_ros").glob("*"))],
     ],
-    **options,
 )
+if "--dry-run" in sys.argv:  # colcon reads the attributes back from their text; a version range has none
+    distribution.python_requires = distribution.metadata.python_requires = None

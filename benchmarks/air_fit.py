@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import air_picture
+from benchmarks.air_picture import Pumped
 from benchmarks.options import Options
 from benchmarks.report import figure, table
 from soro_core.identification import air
@@ -42,15 +42,6 @@ GAINS = {
     "sweep_ki_700": (15.0, 700.0),
 }
 FULL_ABOVE_PA = 5e3
-
-
-@dataclass(frozen=True)
-class Pumped:
-    """A run of the pump and what two fits make of it: one to the other runs, and one to this run alone."""
-
-    run: PumpRun
-    others: PumpModel
-    own: PumpModel
 
 
 def run(options: Options) -> str:

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from soro_core.identification.air import AirFit
 from soro_core.identification.air_picture import DOT, responses, times
-from soro_core.identification.pump import pump_response
+from soro_core.identification.pump import PumpModel, PumpRun, pump_response
 from soro_core.identification.steps import FoundSteps
 from soro_core.identification.valves import grid
 
-if TYPE_CHECKING:
-    from benchmarks.air_fit import Pumped
-
 # Lines of the picture: the one that answers at once, and one that waits before it vents.
 PROMPT, LATE = "s2r", "s1r"
+
+
+@dataclass(frozen=True)
+class Pumped:
+    """A run of the pump and what two fits make of it: one to the other runs, and one to this run alone."""
+
+    run: PumpRun
+    others: PumpModel
+    own: PumpModel
 
 
 def air_fit(path: Path, found: FoundSteps, fits: Sequence[AirFit], pumped: Sequence[Pumped]) -> None:

@@ -23,7 +23,7 @@ NEAR = 0.995
 _TICKS = os.sysconf("SC_CLK_TCK")
 SERVERS = {
     "soro_board": ["-m", "benchmarks.board_server", "soro_board"],
-    "veab_tcp": ["-m", "soro_core.hardware.emulation", "veab_tcp"],
+    "veab_tcp": ["-m", "soro_core.emulation", "veab_tcp"],
 }
 
 

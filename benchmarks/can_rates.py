@@ -80,6 +80,9 @@ def platform(layout: Layout) -> dict[str, Any]:
         "cycle_budget_s": 0.1,
         "canopen": {
             "mapping": {"device": layout.device},
+            "sdo_timeout_s": 5.0,
+            "boot_timeout_s": 60.0,
+            "activation_timeout_s": 5.0,
             "heartbeat_consumer_s": 1.0,
             "rpdo_deadline_s": 0.5,
             "stale_cycles": 100,
@@ -96,7 +99,7 @@ def driven(layout: Layout) -> Iterator[tuple[Regulator, CanopenPlatform]]:
         path = Path(folder, "platform.yaml")
         path.write_text(yaml.safe_dump(platform(layout)))
         process = subprocess.Popen(
-            [sys.executable, "-m", "soro_core.hardware.emulation", str(path)],
+            [sys.executable, "-m", "soro_core.emulation", str(path)],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -106,10 +109,9 @@ def driven(layout: Layout) -> Iterator[tuple[Regulator, CanopenPlatform]]:
             address = process.stdout.readline().strip().removeprefix("ready: ")
             loaded = load_platform(str(path))
             assert isinstance(loaded, CanopenPlatform)
-            regulator = open_regulator(loaded, address)
-            regulator.configure()
-            yield regulator, loaded
-            regulator.close()
+            with contextlib.closing(open_regulator(loaded, address)) as regulator:
+                regulator.configure()
+                yield regulator, loaded
         finally:
             process.terminate()
             process.wait(10)

@@ -1,4 +1,4 @@
-"""Our forward dynamics in a compiled loop."""
+"""Our forward dynamics, and their derivatives, in a compiled loop."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from soro_core._box import Box, view
 from soro_core._jit import kernel
 from soro_core.model import dynamics
 from soro_core.model.checks import flat_wrench
+from soro_core.model.derivative import entries
 
 Array = NDArray[np.float64]
 
@@ -27,9 +28,37 @@ def loop(box: Box, q: Array, qd: Array, z: Array, p: Array, w: Array, qdd: Array
         for b in range(n_q):
             x[b] = q[i % q.shape[0], b] + 1e-30 * qdd[b]
             v[b] = qd[i % q.shape[0], b]
-        # The one call of a kernel of the model in the benchmarks.
         bad += dynamics.forward_dynamics(arm.tables, arm.work, x, v, z, p, w, qdd)
     return bad
+
+
+@kernel
+def derivative_loop(
+    box: Box, room: Box, q: Array, qd: Array, p: Array, w: Array, qdd: Array, by: Array, by_p: Array, n: int
+) -> int:
+    """Derive n times, as `loop`; `qdd` is that of one state, since its value does not change the time."""
+    n_q = qdd.shape[0]
+    x, v = np.empty(n_q), np.empty(n_q)
+    bad = 0
+    for i in range(n):
+        for b in range(n_q):
+            x[b] = q[i % q.shape[0], b] + 1e-30 * by[0, b, b]
+            v[b] = qd[i % q.shape[0], b]
+        bad += entries.acceleration_derivatives(box, room, p, w, x, v, qdd, by[0], by[1], by_p)
+    return bad
+
+
+def derivatives_in_a_loop(arm: SoftArm, q: Array, qd: Array) -> Callable[[int], None]:
+    """Run of n calls of what `SoftArm.derivatives` does after the forward dynamics, without pressures."""
+    n = arm.n_q
+    p, w = np.zeros(arm.n_u), flat_wrench(arm.robot, None)
+    qdd, by, by_p = arm.forward_dynamics(q[0], qd[0], p), np.zeros((2, n, n)), np.zeros((n, arm.n_u))
+
+    def run(n: int) -> None:
+        if derivative_loop(arm._box, arm._room, q, qd, p, w, qdd, by, by_p, n) != 0:
+            raise RuntimeError("derivatives failed")
+
+    return run
 
 
 def in_a_loop(
@@ -47,13 +76,16 @@ def in_a_loop(
     return run
 
 
-def from_python(arm: SoftArm, q: Array, qd: Array) -> Callable[[int], None]:
-    """Run of n calls of the method that users call."""
+def from_python(
+    arm: SoftArm, q: Array, qd: Array, method: Callable[..., object] | None = None
+) -> Callable[[int], None]:
+    """Run of n calls of a method that users call, by default the forward dynamics."""
     p = np.zeros(arm.n_u)
     rows = [(q[i], qd[i]) for i in range(len(q))]
+    called = method or arm.forward_dynamics
 
     def run(n: int) -> None:
         for i in range(n):
-            arm.forward_dynamics(*rows[i % len(rows)], p)
+            called(*rows[i % len(rows)], p)
 
     return run

@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks.can_rates import apart
 from benchmarks.options import Options
 from benchmarks.report import met, table
+from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
 from soro_core.hardware import Regulator, load_platform, open_regulator
-from soro_core.hardware.plant_link import PlantLinkClient
 
 TITLE = "Processes that are killed"
 # Names of shipped platforms, and what vents when the driver is killed, within which time [ms].
@@ -161,7 +161,7 @@ def served(name: str, folder: str | None = None) -> Iterator[Served]:
         device, plant = where / "device", where / "plant"
         process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "soro_core.hardware.emulation", name),
+                *(sys.executable, "-m", "soro_core.emulation", name),
                 *("--device-link", str(device), "--plant-link", str(plant)),
             ],
             stdout=subprocess.PIPE,

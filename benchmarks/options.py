@@ -20,7 +20,7 @@ class Options:
     """The smallest settings that go through every line: for tests, not for figures."""
     folder: Path
     """Where the results and pictures go."""
-    say: Callable[[str], None]
+    say: Callable[[str], None] = lambda text: None
     """Progress."""
 
     @property

@@ -93,6 +93,35 @@ def compiled(model: Any) -> Any:
     return jax().jit(lambda y: model.forward_dynamics(0.0, y))
 
 
+def derivatives(call: Any, q: Array, qd: Array) -> Array:
+    """Derivatives of the acceleration by q and qd at each state, (count, 2, n_q, n_q), in our coordinates."""
+    n = q.shape[1]
+    turn = np.array([to_peer(row) for row in np.eye(n)]).T
+    parts = np.array([np.asarray(call(y)) for y in states(q, qd)])[:, n:]
+    return np.stack([turn.T @ parts[:, :, :n] @ turn, turn.T @ parts[:, :, n:] @ turn], axis=1)
+
+
+def differentiated(model: Any) -> Any:
+    """Compiled function from a state to the derivative of `compiled`, forward mode."""
+    return jax().jit(jax().jacfwd(lambda y: model.forward_dynamics(0.0, y)))
+
+
+def derivatives_in_a_loop(model: Any, q: Array, qd: Array) -> Callable[[int], None]:
+    """Run of n calls of `differentiated` in a compiled loop, each depending on the one before."""
+    lax, jnp = jax().lax, jax().numpy
+    table = states(q, qd)
+    derive = jax().jacfwd(lambda y: model.forward_dynamics(0.0, y))
+    size = table.shape[1]
+
+    def repeat(n: int) -> Any:
+        return lax.fori_loop(
+            0, n, lambda i, last: derive(table[i % len(q)] + 1e-30 * last[-1]), jnp.zeros((size, size))
+        )
+
+    call = jax().jit(repeat)
+    return lambda n: call(n).block_until_ready()
+
+
 def accelerations(call: Any, q: Array, qd: Array) -> Array:
     """Accelerations at each state (count, n_q), in our coordinates; `call` is a `compiled` one."""
     return from_peer(np.array([np.asarray(call(y))[q.shape[1] :] for y in states(q, qd)]))

@@ -39,24 +39,24 @@ def met(good: bool) -> str:
     return "met" if good else "missed"
 
 
-def machine(share: float) -> str:
-    """Where and when, with which versions."""
+def machine(share: float | None) -> str:
+    """Where and when, with which versions, and the part of the core that timed calls had."""
+    timed = "" if share is None else f"; {100 * share:.0f} % of the core while timing"
     versions = ", ".join(
         f"{name} {_version(name)}" for name in ("numpy", "numba", "soromox", "jax", "diffrax")
     )
     return (
         f"{datetime.datetime.now().astimezone():%Y-%m-%d %H:%M %Z}; {_processor()}, {os.cpu_count()} cores, "
         f"{platform.system()} {platform.release()}; Python {platform.python_version()}, "
-        f"soro {_version('soro')} (kernels {source_hash()}), {versions}; "
-        f"{100 * share:.0f} % of the core while timing."
+        f"soro {_version('soro')} (kernels {source_hash()}), {versions}{timed}."
     )
 
 
-def write(path: Path, sections: dict[str, str]) -> None:
-    """Write the sections; those of an earlier run that were not measured again stay."""
+def write(path: Path, sections: dict[str, str], head: str = HEAD) -> None:
+    """Write the sections below `head`; those of an earlier run that were not measured again stay."""
     kept = _read(path)
     kept.update(sections)
-    path.write_text(HEAD + "".join(f"\n## {title}\n\n{text.strip()}\n" for title, text in kept.items()))
+    path.write_text(head + "".join(f"\n## {title}\n\n{text.strip()}\n" for title, text in kept.items()))
 
 
 def _read(path: Path) -> dict[str, str]:

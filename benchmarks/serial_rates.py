@@ -154,7 +154,7 @@ def _served(case: Case, budget_s: float, answer_s: float) -> Iterator[tuple[str,
         path.write_text(yaml.safe_dump({**common, **case.keys}))
         process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "soro_core.hardware.emulation", str(path)),
+                *(sys.executable, "-m", "soro_core.emulation", str(path)),
                 *("--device-link", str(device), "--plant-link", str(plant)),
             ],
             stdout=subprocess.PIPE,

@@ -24,12 +24,6 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, before)
 
 
-def every_core() -> None:
-    """Let this process use them all again: a worker that is started from `one_core` begins with that one."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, range(os.cpu_count() or 1))
-
-
 class Clock:
     """Stop watch that knows how much of the core it had."""
 
@@ -52,9 +46,9 @@ class Clock:
         return min(wall, cpu)
 
     @property
-    def share(self) -> float:
-        """Part of the core that the timed calls had; well below 1 on a machine that others use."""
-        return self.cpu / self.wall if self.wall else 1.0
+    def share(self) -> float | None:
+        """Part of the core that the timed calls had, well below 1 on a busy machine; None without a call."""
+        return self.cpu / self.wall if self.wall else None
 
 
 CLOCK = Clock()

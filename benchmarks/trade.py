@@ -15,7 +15,7 @@ from soro_core.trade.picture import logarithmic
 
 TITLE = "Trade: mde and exact on the six-link benchmark"
 RECOMPUTED = dict(zip(PUBLISHED, (9.2, 5.3, 3.4, 1.6, 1.1, 0.9), strict=True))
-"""An independent computation of the same table, over the last 2 s (theory.md section 7)."""
+"""An independent computation of the same table, over the last 2 s."""
 NODES = (2, 3, 4, 6, 8)
 FINE_HZ = 200
 
@@ -40,7 +40,7 @@ def run(options: Options) -> str:
     rows = [cells(p, rate) for (_, rate), these in points.items() for p in these]
     return "\n\n".join(
         [
-            "Error against spatial steps of the six-link benchmark (theory.md section 7), trapezoidal, at "
+            "Error against spatial steps of the six-link benchmark of [C22] (docs/model.md), trapezoidal, at "
             f"the published {RATE_HZ} Hz and at {FINE_HZ} Hz, where the error of time is small beside that "
             f"of space. Converged run: own error {figure(case.own_error, 2)} % of the length.",
             table(head, rows),

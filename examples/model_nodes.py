@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.model.soft_arm import default_nodes
+from soro_core.model.arm_base import default_nodes
 from soro_core.robot import Robot
 
 LENGTH = 0.2

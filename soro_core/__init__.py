@@ -8,10 +8,11 @@ from soro_core._lazy import lazy
 
 if TYPE_CHECKING:
     from soro_core.integrate.simulate import simulate
+    from soro_core.integrate.simulate_many import simulate_many
     from soro_core.model import SoftArm
     from soro_core.robot import Robot, load_robot, robot_from_dict
 
-__all__ = ["Robot", "SoftArm", "load_robot", "robot_from_dict", "simulate"]
+__all__ = ["Robot", "SoftArm", "load_robot", "robot_from_dict", "simulate", "simulate_many"]
 
 __getattr__ = lazy(
     __name__,
@@ -21,5 +22,6 @@ __getattr__ = lazy(
         "load_robot": "soro_core.robot",
         "robot_from_dict": "soro_core.robot",
         "simulate": "soro_core.integrate",
+        "simulate_many": "soro_core.integrate",
     },
 )

@@ -1,9 +1,9 @@
 """Tables of arrays behind one pointer.
 
-A named tuple of forty arrays is handed to a compiled function as four hundred machine words, at every call
-level anew; and each array that is looked at counts its references, atomically. For an arm of one link that
-is most of the time. So the tuple lies in a `Box`, and kernels get a view: its address. What is read through
-a view has no owner; the caller keeps the box.
+Numba passes a named tuple of forty arrays to a compiled function as four hundred machine words, at every
+level of calls, and each access to an array changes its reference count atomically. For an arm of one link
+this takes most of the time. So a `Box` holds the tuple, and kernels get a view, which is its address. A view
+does not keep what it refers to alive: the caller keeps the box.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""One name for a pair of kernels: which one is meant follows from the type of the first argument.
+"""One name for two kernels: the type of the first argument selects one of them.
 
-Numba's own `overload` would put a function between the two, and every such level is compiled with all that
-lies below it; a choice made while types are inferred costs nothing.
+Numba's own `overload` would put a function between the caller and the kernel, and numba compiles every such
+level with all that lies below it. A choice made while types are inferred costs nothing.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Choice:
-    """A pair of compiled functions of equal arguments; use `by_type`."""
+    """A pair of compiled functions of equal arguments; use `select_by_type`."""
 
-    def __init__(self, kind: type, its: Any, others: Any) -> None:
-        self.kind, self.its, self.others = kind, its, others
+    def __init__(self, type: type, then: Any, otherwise: Any) -> None:
+        self.type, self.then, self.otherwise = type, then, otherwise
 
     def __call__(self, first: Any, *rest: Any) -> Any:
-        """Call one of them, without compiling."""
-        return (self.its if isinstance(first, self.kind) else self.others)(first, *rest)
+        """Call the function that the type of `first` selects, without compiling."""
+        return (self.then if isinstance(first, self.type) else self.otherwise)(first, *rest)
 
 
 class ChoiceType(numba.types.Callable):  # type: ignore[misc]  # numba is not typed
@@ -33,15 +33,15 @@ class ChoiceType(numba.types.Callable):  # type: ignore[misc]  # numba is not ty
 
     def __init__(self, choice: Choice) -> None:
         self.choice = choice
-        super().__init__(f"choice({choice.its}, {choice.others})")
+        super().__init__(f"choice({choice.then}, {choice.otherwise})")
 
-    def _meant(self, arguments: Any) -> Any:
-        its = arguments[0].instance_class is self.choice.kind
-        return numba.types.Dispatcher(self.choice.its if its else self.choice.others)
+    def _selected(self, arguments: Any) -> Any:
+        selected = arguments[0].instance_class is self.choice.type
+        return numba.types.Dispatcher(self.choice.then if selected else self.choice.otherwise)
 
     def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
         """Signature of a call; compiles what is called."""
-        return self._meant(args).get_call_type(context, args, kws)
+        return self._selected(args).get_call_type(context, args, kws)
 
     def get_call_signatures(self) -> Any:
         """Signatures known before a call: none."""
@@ -49,7 +49,7 @@ class ChoiceType(numba.types.Callable):  # type: ignore[misc]  # numba is not ty
 
     def get_impl_key(self, signature: Any) -> Any:
         """Find the function that a signature means."""
-        return self._meant(signature.args).get_impl_key(signature)
+        return self._selected(signature.args).get_impl_key(signature)
 
 
 register_model(ChoiceType)(models.OpaqueModel)
@@ -65,6 +65,16 @@ def _constant(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return context.get_dummy_value()
 
 
-def by_type(kind: type, its: Function, others: Function) -> Function:
-    """Return a function: `its` where the first argument is (a view of) a `kind`, and `others` elsewhere."""
-    return cast(Function, Choice(kind, its, others))
+def select_by_type(type: type, then: Function, otherwise: Function) -> Function:
+    """Return a function that calls one of two kernels, selected by the type of its first argument.
+
+    Parameters
+    ----------
+    type : type
+        Class of a named tuple; the argument is one, or a view of one (`soro_core._box.view`).
+    then : function
+        Called for that class.
+    otherwise : function
+        Called for any other; it takes the same arguments.
+    """
+    return cast(Function, Choice(type, then, otherwise))

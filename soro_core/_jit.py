@@ -46,28 +46,28 @@ numba_config.CACHE_DIR = str(kernel_folder(source_hash()))
 
 
 class _Announcement(event.Listener):  # type: ignore[misc]
-    """Says once, to the log (by default stderr), that kernels are compiled: who waits should know for what.
+    """Logs once (by default to stderr) that kernels are compiled, which makes a first start slow.
 
-    Numba tells only of what is really compiled, not of what it finds in the cache.
+    Numba announces what it compiles, not what it finds in the cache.
     """
 
     def on_start(self, event: Any) -> None:
         # Functions that numba makes up have no module.
         function = getattr(event.data.get("dispatcher"), "py_func", None)
         ours = str(getattr(function, "__module__", "")).startswith("soro_core.")
-        # A worker leaves it to the process that started it.
-        if self.told or not ours or multiprocessing.parent_process() is not None:
+        # The process that started a worker logs it in the worker's place.
+        if self.is_logged or not ours or multiprocessing.parent_process() is not None:
             return
-        self.told = True
+        self.is_logged = True
         logging.getLogger("soro_core").warning(
             "soro: compiling the model's kernels (half a minute for all of them, cached in %s)",
             numba_config.CACHE_DIR,
         )
 
     def on_end(self, event: Any) -> None:
-        """Nothing to say."""
+        """Log nothing."""
 
-    told = False
+    is_logged = False
 
 
 event.register("numba:compile", _Announcement())
@@ -75,9 +75,9 @@ event.register("numba:compile", _Announcement())
 
 @contextlib.contextmanager
 def compiling_once() -> Iterator[None]:
-    """Let one process at a time compile; the others then find its kernels in the cache.
+    """Hold the lock under which one process at a time compiles; the others find its kernels in the cache.
 
-    Several nodes that start together would each compile the same kernels, each slower for the others.
+    Without it, nodes that start together compile the same kernels at the same time.
     """
     with locked(Path(numba_config.CACHE_DIR) / "compiling.lock"):
         yield
@@ -89,12 +89,12 @@ _FLAGS = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": Tru
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function that Python calls. With NUMBA_DISABLE_JIT=1 the plain function stays."""
+    """Compile a function that Python calls; with NUMBA_DISABLE_JIT=1 return it as it is."""
     return cast(Function, numba.njit(**_FLAGS)(function))
 
 
 def inner(function: Function) -> Function:
-    """Compile a function that only other kernels call: without the slow entry from Python."""
+    """Compile a function that only other kernels call, to be linked into them (`soro_core._linked`)."""
     return cast(Function, linked(function, **{**_FLAGS, "cache": False}))
 
 

@@ -1,6 +1,6 @@
-"""Public names that load their module when first asked for (PEP 562).
+"""Public names that load their module at first use (PEP 562).
 
-A command that only reads a file, or a process that only moves bytes, must not pay for numba and scipy.
+A command that only reads a file, or a process that only transfers bytes, must not load numba and scipy.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Compiled functions that are only linked into kernels: no machine code, and no optimisation, of their own.
 
-Numba makes machine code of every compiled function, and at every level of calls optimises once more all that
-lies below it. Of a function that only kernels call neither is used: the kernel's own passes optimise what was
-linked into it (docs/adr/0012-linked-functions.md). These are numba's own steps with those two left out.
+Numba makes machine code of every compiled function, and at every level of calls it optimises all callees
+again. A function that only kernels call needs neither: the kernel's own passes optimise what is linked into
+it. These are numba's own steps without those two (docs/adr/0012-linked-functions.md). They extend classes
+that numba does not document, so pyproject.toml limits its release.
 """
 
 from __future__ import annotations
@@ -16,22 +17,22 @@ from numba.core.compiler_machinery import register_pass
 
 
 class LinkedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # numba is not typed
-    """Code that other libraries take in."""
+    """Code of one function, for other libraries to link."""
 
     def _optimize_final_module(self) -> None:
-        """Leave it to them."""
+        """Do nothing: the library that links this one optimises it."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
 
     def serialize_using_object_code(self) -> tuple[str, bytes]:
-        """Give what a cache keeps: there is no object code."""
+        """Return what the cache stores: the name and LLVM code, since there is no object code."""
         return self.name, self._final_module.as_bitcode()
 
     @classmethod
     def load(cls, maker: Any, kept: tuple[str, bytes]) -> LinkedLibrary:
-        """Return the library that a cache has kept."""
+        """Return the library that the cache has stored."""
         name, code = kept
         library = cls(maker, name)
         library._final_module = codegen.ll.parse_bitcode(code)
@@ -40,7 +41,7 @@ class LinkedLibrary(codegen.JITCodeLibrary):  # type: ignore[misc]  # numba is n
 
 
 def _callable(place: Any, environment: Any, library: LinkedLibrary) -> Any:
-    """Object that stands for the function in numba's tables; it has no code to call."""
+    """Return the object that represents the function in numba's tables; it has no code to call."""
     return _dynfunc.make_function(
         place.lookup_module(), place.qualname.split(".")[-1], "", 0, environment, (library,)
     )
@@ -53,7 +54,7 @@ class LinkedLowering(typed_passes.NativeLowering):  # type: ignore[misc]
     _name = "linked_lowering"
 
     def run_pass(self, state: Any) -> bool:
-        """Lower, and register what a caller links."""
+        """Lower the function, and register the library that its callers link."""
         state.library = LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
         super().run_pass(state)
@@ -79,10 +80,10 @@ class LinkedCompiler(compiler.CompilerBase):  # type: ignore[misc]
 
 
 class LinkedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
-    """What the cache keeps of such a function."""
+    """Cache entry of a linked function."""
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Undo `CompileResult._reduce`."""
+        """Restore a compile result from what `CompileResult._reduce` stored."""
         kept, place, environment, signature, objectmode, lifted, annotation, reloads, environments = payload
         for reload in reloads:
             reload()
@@ -104,13 +105,21 @@ class LinkedResults(caching.CompileResultCacheImpl):  # type: ignore[misc]
 
 
 class LinkedCache(caching.FunctionCache):  # type: ignore[misc]
-    """Cache of such functions."""
+    """Cache of linked functions."""
 
     _impl_class = LinkedResults
 
 
 def linked(function: Any, **flags: Any) -> Any:
-    """Compile a function that only other kernels call."""
+    """Compile a function that only other kernels call.
+
+    Parameters
+    ----------
+    function : callable
+        Python function.
+    **flags
+        Options of `numba.njit`.
+    """
     compiled = numba.njit(
         no_cpython_wrapper=True, no_cfunc_wrapper=True, pipeline_class=LinkedCompiler, **flags
     )(function)

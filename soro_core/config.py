@@ -41,7 +41,7 @@ class Strict(BaseModel):
         try:
             super().__setattr__(name, value)
         except ValidationError:
-            allowed = "no change; make a new one with model_copy, a robot with replace"
+            allowed = "no change; make a new one with soro_core.config.changed, a robot with replace"
             raise ConfigError(type(self).__name__, name, value, allowed) from None
 
 
@@ -100,13 +100,49 @@ def _trouble(error: Exception) -> str:
 
 
 def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
-    """Check a mapping against `model`; `where` is named in the error."""
+    """Return the checked model of a mapping.
+
+    Parameters
+    ----------
+    data : mapping of str to object
+        Keys and values.
+    model : type of pydantic.BaseModel
+        Model that checks them.
+    where : str
+        File that errors name.
+
+    Raises
+    ------
+    ConfigError
+        If a key or a value is not allowed.
+    """
     if not isinstance(data, Mapping):
         raise ConfigError(where, "", data, "a mapping of keys to values")
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
         raise _first(error, model, where) from None
+
+
+def changed(model: Model, /, **values: Any) -> Model:
+    """Return a configuration object with other values, checked like the first one.
+
+    Pydantic's `model_copy(update=...)` does not check the new values.
+
+    Parameters
+    ----------
+    model : Strict
+        The object to start from; what it leaves to the defaults stays at the defaults.
+    **values
+        The new values by key.
+
+    Raises
+    ------
+    ConfigError
+        If a key is unknown, or a value or a combination of values is not allowed.
+    """
+    kept = {name: getattr(model, name) for name in model.model_fields_set}
+    return type(model)(**{**kept, **values})
 
 
 def find_config(name: str | Path, kind: str) -> Path:
@@ -137,16 +173,13 @@ def find_config(name: str | Path, kind: str) -> Path:
 def config_folder() -> Path:
     """Folder of the shipped configuration: beside the package in a checkout, else in share/soro_ros."""
     beside = Path(__file__).resolve().parent.parent
-    for root in (beside, Path(sys.prefix) / "share" / "soro_ros", *_shares_above(beside)):
-        if (root / "config" / "robots").is_dir():
+    prefixes = (*beside.parents, Path(sys.prefix))
+    for root in (beside, *(prefix / "share" / "soro_ros" for prefix in prefixes)):
+        if (root / "config" / "platforms").is_dir():
             return root / "config"
     raise ConfigError(
         "config", "", "no shipped configuration found", "an installation with share/soro_ros/config"
     )
-
-
-def _shares_above(folder: Path) -> list[Path]:
-    return [parent / "share" / "soro_ros" for parent in folder.parents]
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -175,7 +208,7 @@ _StrictLoader.add_implicit_resolver(
 )
 
 
-# Where pydantic speaks of Python's types.
+# Plain names in place of pydantic's names of types.
 _PLAIN = {
     "tuple_type": "a list",
     "dict_type": "a mapping of keys to values",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 # Characters of what was found that stand in an error.
 LONGEST = 80
 
@@ -37,15 +39,83 @@ class ConfigError(SoroError):
 
 
 class ModelError(SoroError):
-    """A model was asked for something that it has no value for (a strain of -1, a wrong shape)."""
+    """A model has no value for a request (a strain of -1, a wrong shape).
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    key : str
+        Argument or quantity that is wrong (``dt``, ``q0``, ``elongation``); empty where it is no single one.
+    """
+
+    def __init__(self, text: str, key: str = "") -> None:
+        self.key = key
+        super().__init__(text)
+
+
+HARDWARE_CODES = {
+    "open": "a port, an adapter, a server or a socket cannot be opened",
+    "gone": "a connection that was open is lost",
+    "silent": "no answer has come in time",
+    "refused": "a device or an adapter does not answer as requested",
+    "flood": "bytes or frames come without a pause",
+    "setting": "the platform, the endpoint or an argument lacks a value, or has a wrong one",
+    "order": "a call came before configure or after close",
+    "pressure": "a chamber is not empty after set point 0",
+    "vented": "the limiter has vented during a measurement",
+}
 
 
 class HardwareError(SoroError):
-    """A device, a bus or an adapter did not do what its protocol says."""
+    """A device, a bus or an adapter did not do what its protocol says.
+
+    Parameters
+    ----------
+    text : str
+        What happened; the message is ``device: step: text``.
+    device : str
+        Address, path or name of the part, for example ``link0/chamber1 (node 2)``.
+    code : str
+        One of `HARDWARE_CODES`, or of the drivers' `FAULT_CODES` where it stands for a fault.
+    step : str
+        Step of the start-up.
+    """
+
+    def __init__(self, text: str, device: Path | str = "", code: str = "", step: str = "") -> None:
+        self.text, self.device, self.code, self.step = text, str(device), code, step
+        super().__init__(": ".join(part for part in (self.device, step, text) if part))
+
+
+BAG_CODES = {
+    "missing": "there is no such file, folder or topic",
+    "exists": "the folder or the topic is there already",
+    "closed": "the bag is closed",
+    "damaged": "bytes are not what the format says",
+    "format": "a storage, compression or version that is not read",
+    "disk": "the operating system refuses to read or to write, or the disk is too small",
+    "value": "an argument or a value in metadata.yaml is not allowed",
+}
 
 
 class BagError(SoroError):
-    """A recording cannot be read or written."""
+    """A recording cannot be read or written.
+
+    Parameters
+    ----------
+    text : str
+        What is wrong; the message is ``file: place: text``.
+    file : path or str
+        File or folder of the bag.
+    code : str
+        One of `BAG_CODES`.
+    place : str
+        Where in it: a byte (``byte 1234``), a key of metadata.yaml, a topic.
+    """
+
+    def __init__(self, text: str, file: Path | str = "", code: str = "", place: str = "") -> None:
+        self.file, self.code, self.place = str(file), code, place
+        super().__init__(": ".join(part for part in (self.file, place, text) if part))
 
 
 def short(value: object, limit: int = LONGEST) -> str:

@@ -1,18 +1,73 @@
-"""Estimator and controller for one tick: the same object in tests, in the nodes' places and without ROS."""
+"""The closed loop: estimator and controller, built in one place, and run on a plant in lockstep.
+
+The nodes build their halves with `estimator_of` and `controller_of` and step them over topics. `soro trade`,
+the tests and the benchmarks build the same halves and close the loop with `Loop.run`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control import Command, Controller, ControllerState, Reference
-from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
+from soro_core.config import changed
+from soro_core.errors import ModelError
+
+if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
+    from soro_core.control import Command, Controller, ControllerState, Reference
+    from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
+    from soro_core.hardware import PlatformBase
+    from soro_core.integrate import Status
+    from soro_core.robot import Discretisation, Robot
+    from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, Scene
 
 Array: TypeAlias = NDArray[np.float64]
+
+
+class Seen(Protocol):
+    """What a plant lets the loop see at one tick; `soro_core.twin.Observation` is one."""
+
+    @property
+    def reading_pa(self) -> Array:
+        """Measured gauge pressures (n_u,) [Pa]."""
+
+    @property
+    def poses(self) -> Sequence[PoseSample]:
+        """Pose samples that arrive at this tick."""
+
+    @property
+    def imus(self) -> Sequence[ImuSample]:
+        """IMU samples that arrive at this tick."""
+
+
+class PlantState(Protocol):
+    """State of a plant, with the status of its last step."""
+
+    @property
+    def status(self) -> Status:
+        """Status of the last step."""
+
+
+S = TypeVar("S", bound=PlantState)
+O = TypeVar("O", bound=Seen, covariant=True)  # noqa: E741 -- the observation
+
+
+class Plant(Protocol[S, O]):
+    """What the loop acts on; `soro_core.twin.Twin` is one."""
+
+    def initial(self) -> S:
+        """Return the state at the first tick."""
+
+    def observe(self, state: S) -> tuple[S, O]:
+        """Sample the sensors; called once a tick."""
+
+    def step_setpoints(self, state: S, setpoint_pa: Array) -> S:
+        """Advance by one tick with set points (n_u,) [Pa gauge]."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +79,35 @@ class LoopState:
 
 
 @dataclass(frozen=True)
+class Tick(Generic[S, O]):
+    """One tick of the closed loop.
+
+    Attributes
+    ----------
+    t_s : float
+        Time since the first tick [s].
+    plant : object
+        State of the plant at this tick.
+    seen : object
+        What its sensors gave.
+    estimate : Estimate
+    command : Command
+        The answer; it is held back where its status is not ok.
+    cpu_us : float
+        CPU time of estimator and controller [us].
+    """
+
+    t_s: float
+    plant: S
+    seen: O
+    estimate: Estimate
+    command: Command
+    cpu_us: float
+
+
+@dataclass(frozen=True)
 class Loop:
-    """An estimator and the controller that believes it.
+    """An estimator and the controller that acts on its estimate.
 
     The command passes the limiter of `soro_core.safety` on the regulator's side, not here.
     """
@@ -49,10 +131,12 @@ class Loop:
         dt: float,
         reference: Reference | None = None,
     ) -> tuple[LoopState, Estimate, Command]:
-        """Advance by `dt`: pressures measured now and samples that came in, command out.
+        """Advance by `dt`: from pressures and samples to the command.
 
         Parameters
         ----------
+        state : LoopState
+            After the last tick.
         pressure_pa : ndarray (n_u,)
             Measured gauge pressures [Pa].
         poses, imus : sequence
@@ -61,9 +145,127 @@ class Loop:
             Time since the last tick [s].
         reference : Reference or None
             None for the configured one.
+
+        Returns
+        -------
+        state : LoopState
+        estimate : Estimate
+        command : Command
         """
         estimator, estimate = self.estimator.step(state.estimator, pressure_pa, poses, imus, dt)
         controller, command = self.controller.step(
             state.controller, estimate.q, estimate.qd, estimator.t_s, dt, pressure_pa, reference
         )
         return LoopState(estimator, controller), estimate, command
+
+    def run(
+        self,
+        plant: Plant[S, O],
+        ticks: int,
+        dt: float,
+        delay: int = 1,
+        reference: Callable[[float, LoopState], Reference | None] | None = None,
+    ) -> Iterator[Tick[S, O]]:
+        """Close the loop with a plant and give one tick after the other.
+
+        Parameters
+        ----------
+        plant : Plant
+            Arm, regulators and sensors.
+        ticks : int
+            Number of ticks.
+        dt : float
+            Period [s].
+        delay : int
+            Ticks from a command to its effect. 1 as over topics in lockstep: the command that answers a tick
+            acts from the next one on. 0: it acts at once.
+        reference : callable, optional
+            Gives the reference from the time [s] and the state before the tick; None for the configured one.
+
+        Raises
+        ------
+        ModelError
+            If the plant fails.
+        """
+        state, inner = plant.initial(), self.initial_state()
+        setpoint: Array = np.zeros(self.controller.arm.n_u)
+        under_way = deque([setpoint] * delay)
+        for k in range(ticks):
+            if k > 0:
+                state = plant.step_setpoints(state, under_way.popleft())
+                if not state.status.ok:
+                    raise ModelError(f"the plant stopped at {(k - 1) * dt:.3f} s: {state.status}")
+            state, seen = plant.observe(state)
+            wanted = None if reference is None else reference(k * dt, inner)
+            begun = time.thread_time_ns()
+            inner, estimate, command = self.step(inner, seen.reading_pa, seen.poses, seen.imus, dt, wanted)
+            spent = 1e-3 * (time.thread_time_ns() - begun)
+            if command.status.ok:
+                setpoint = command.setpoint_pa
+            under_way.append(setpoint)
+            yield Tick(k * dt, state, seen, estimate, command, spent)
+
+
+def estimator_of(config: EstimatorNodeConfig, robot: Robot) -> Estimator:
+    """Return the estimator that a node's parameters describe.
+
+    Raises
+    ------
+    ConfigError
+        If the parameters do not fit the robot.
+    """
+    from soro_core.estimation import Estimator
+
+    return Estimator(robot, config.filter, 1.0 / config.rate_hz, config.model)
+
+
+def controller_of(
+    config: ControllerNodeConfig,
+    robot: Robot,
+    platform: PlatformBase | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Controller:
+    """Return the controller that a node's parameters describe.
+
+    Parameters
+    ----------
+    config : ControllerNodeConfig
+    robot : Robot
+        As its file describes it.
+    platform : PlatformBase, optional
+        The platform that `config` names, where it is read already.
+    say : callable
+        Takes a line for each key of the law that limits or regulators contradict.
+
+    Raises
+    ------
+    ConfigError
+        If the parameters do not fit the robot or the platform.
+    """
+    from soro_core.control import Controller
+
+    control, contradictions = config.known_control(platform)
+    for line in contradictions:
+        say(line)
+    return Controller(robot, control, config.model)
+
+
+def loop_of(scene: Scene, model: Discretisation | None = None) -> Loop:
+    """Return the loop that the nodes of a scene make.
+
+    Parameters
+    ----------
+    scene : Scene
+    model : Discretisation, optional
+        How estimator and controller compute the arm; default as the scene says.
+
+    Raises
+    ------
+    ConfigError
+        If estimator or controller do not fit the robot.
+    """
+    estimator, controller = scene.estimator_node(), scene.controller_node()
+    if model is not None:
+        estimator, controller = changed(estimator, model=model), changed(controller, model=model)
+    robot = scene.loaded_robot
+    return Loop(estimator_of(estimator, robot), controller_of(controller, robot, scene.loaded_platform))

@@ -1,4 +1,4 @@
-"""The chamber topics and services of whoever holds the air: the regulator node, or the twin in its place."""
+"""Topics and services of the chambers, for the regulator node or the twin in its place."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from soro_core.safety import Limiter
 from soro_ros import messages, qos
+from soro_ros.command_topic import CommandTopic
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ class ChamberInterface:
     node : Node
         Owner of the topics and services.
     limiter : Limiter
-        Takes the commands; whoever holds the air exchanges and judges.
+        Limiter of the commands; the node exchanges and judges.
     now_ns : callable
         Time that ages are measured with: steady in real time, the tick's in lockstep.
     stamp_now_ns : callable
@@ -36,6 +37,10 @@ class ChamberInterface:
         Called when the latch has closed or opened, or a vented arm is found not to become empty.
     lockstep : bool
         Whether a lost message would be a deadlock.
+    on_publishers : callable
+        Called when `second_publisher` has changed.
+    follow_shared_name : bool
+        Whether commands are followed while two publishers give the same name.
     """
 
     def __init__(
@@ -47,61 +52,73 @@ class ChamberInterface:
         on_command: Callable[[], None] = lambda: None,
         on_latch: Callable[[], None] = lambda: None,
         lockstep: bool = False,
+        on_publishers: Callable[[], None] = lambda: None,
+        follow_shared_name: bool = False,
     ) -> None:
         self._node, self._limiter, self._now_ns = node, limiter, now_ns
         self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
-        self._told: tuple[str | None, str | None] = None, None
+        self._follow_shared_name = follow_shared_name
+        self._reported: tuple[str | None, str | None] = None, None
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
-        node.create_subscription(JointState, "chambers/command", self._on_joint_state, qos.command(lockstep))
-        node.create_subscription(Float64MultiArray, "chambers/commands", self._on_array, qos.array(lockstep))
+        topics = (
+            (JointState, "chambers/command", qos.command(lockstep), _name, self._on_joint_state),
+            (Float64MultiArray, "chambers/commands", qos.array(lockstep), _no_name, self._on_array),
+        )
+        self._topics = [CommandTopic(node, *topic, on_publishers) for topic in topics]
         node.create_service(Trigger, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/vent", self._on_vent)
         node.create_service(Trigger, "~/reset", self._on_reset)
 
-    def tell(self) -> None:
-        """Say once what has closed the latch and what has not become empty; to be called after each cycle."""
-        before, self._told = self._told, (self._limiter.cause, self._limiter.not_vented)
-        if self._told == before:
+    def report_latch(self) -> None:
+        """Log once the cause of the latch and the chambers that are not empty; call it after each cycle."""
+        before, self._reported = self._reported, (self._limiter.cause, self._limiter.not_vented)
+        if self._reported == before:
             return
-        for prefix, now, then in zip(("vented: ", "not vented: "), self._told, before, strict=True):
+        for prefix, now, then in zip(("vented: ", "not vented: "), self._reported, before, strict=True):
             if now is not None and now != then:
                 self._node.get_logger().error(prefix + now)
         self._on_latch()
+
+    @property
+    def second_publisher(self) -> str | None:
+        """Topics of commands with more than one publisher, and the nodes; None without such a topic."""
+        return "; ".join(topic.trouble for topic in self._topics if topic.trouble) or None
 
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""
         self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
 
-    def _on_joint_state(self, message: JointState) -> None:
+    def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
         stamp_ns = messages.to_ns(message.header.stamp)
         self.seen_ns = max(self.seen_ns, stamp_ns)
-        if message.name or message.effort:  # an empty one says in lockstep that this tick has no command
-            self._take(message, stamp_ns)
+        if message.name or message.effort:  # in lockstep an empty message means: no command at this tick
+            try:
+                command = messages.pressures(message, self._limiter.names)
+            except ValueError as error:
+                self._refused(f"chambers/command: {error}")
+            else:
+                # Stamps use the ROS clock, which can be set; ages use a steady clock.
+                age_ns = self._stamp_now_ns() - stamp_ns
+                # frame_id distinguishes two programs on one topic.
+                source = f"chambers/command {_name(message)}".rstrip()
+                self._offer(command, self._now_ns() - age_ns, source, doubt)
         self._on_command()
 
-    def _take(self, message: JointState, stamp_ns: int) -> None:
-        try:
-            command = messages.pressures(message, self._limiter.names)
-        except ValueError as error:
-            self._refused(f"chambers/command: {error}")
-            return
-        # Stamps are of the ROS clock, ages of a clock that nobody sets.
-        age_ns = self._stamp_now_ns() - stamp_ns
-        # Two programs on one topic are two sources: each gives its name in frame_id, as our controller does.
-        source = f"chambers/command {message.header.frame_id}".rstrip()
-        self._offer(command, self._now_ns() - age_ns, source)
-
-    def _on_array(self, message: Float64MultiArray) -> None:
-        # Without a stamp it may have waited since the last cycle; of several the later one is the newer.
+    def _on_array(self, message: Float64MultiArray, doubt: str | None) -> None:
+        # A message without a stamp may have waited since the last cycle; the later of several is the newer.
         state, source = self._limiter.state, "chambers/commands"
         stamp_ns = self._now_ns() if state.cycle_ns is None else state.cycle_ns
         if state.command_source == source:
             stamp_ns = max(stamp_ns, state.command_stamp_ns + 1)
-        self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source)
+        self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source, doubt)
 
-    def _offer(self, command_pa: Array, stamp_ns: int, source: str) -> None:
+    def _offer(self, command_pa: Array, stamp_ns: int, source: str, doubt: str | None) -> None:
+        if doubt is not None and not self._follow_shared_name:
+            self._limiter.doubt(doubt, source)
+            self._refused(doubt)
+            return
         refusal = self._limiter.offer(command_pa, stamp_ns, self._now_ns(), source)
         if refusal is not None:
             self._refused(refusal)
@@ -117,12 +134,20 @@ class ChamberInterface:
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._limiter.vent("vent requested")
-        self.tell()
+        self.report_latch()
         response.success, response.message = True, "vented until ~/reset"
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         refusal = self._limiter.reset(self._now_ns)
-        self.tell()
+        self.report_latch()
         response.success, response.message = refusal is None, refusal or "reset"
         return response
+
+
+def _name(message: JointState) -> str:
+    return str(message.header.frame_id).rstrip()
+
+
+def _no_name(message: Float64MultiArray) -> str:
+    return ""

@@ -19,19 +19,20 @@ if TYPE_CHECKING:
     import typer
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def leave(number: int, frame: FrameType | None) -> None:
     os.write(2, b"\nsoro: interrupted before anything was started\n")
     os._exit(128 + number)
 
 
-def _application() -> typer.Typer:
-    """Import every command, which takes a good part of a second."""
+def application() -> typer.Typer:
+    """Import every command; this takes half a second or more."""
     import typer
 
     from soro_ros.commands import bag, fit, hil, services
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
+    from soro_ros.commands.film import film
     from soro_ros.commands.play import play
     from soro_ros.commands.run import run
     from soro_ros.commands.trade import trade
@@ -40,12 +41,13 @@ def _application() -> typer.Typer:
         help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
         no_args_is_help=True,
         add_completion=False,
-        # Otherwise lines of docstrings stay as they are broken, and units in brackets are taken for styles.
+        # Without it, docstrings keep their line breaks, and typer reads units in brackets as styles.
         rich_markup_mode="markdown",
         pretty_exceptions_enable=False,
     )
     app.command()(run)
     app.command()(play)
+    app.command()(film)
     app.command()(emulate)
     app.command()(doctor)
     app.command()(trade)
@@ -59,25 +61,27 @@ def _application() -> typer.Typer:
 
 
 def main() -> NoReturn:
-    """Entry point: exit status 0 on success, 2 on wrong use or configuration, 1 on any other failure."""
-    previous = signal.signal(signal.SIGINT, _leave)
+    """Entry point: exit status 0 on success, 1 on failure, 2 on wrong use, configuration or installation."""
+    previous = signal.signal(signal.SIGINT, leave)
     from soro_core.errors import ConfigError, SoroError
+    from soro_core.extras import named_packages
 
     def begin() -> None:
         signal.signal(signal.SIGINT, previous)
 
     try:
-        app = _application()
-        app.callback()(begin)
-        app()
+        with named_packages():
+            app = application()
+            app.callback()(begin)
+            app()
     except ConfigError as error:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(2)
     except SoroError as error:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(1)
-    except OSError as error:  # a full disk, a file of somebody else
-        # What fails in a write and not in an open does not know its file.
+    except OSError as error:  # a full disk, a file of another user
+        # An error of a write, unlike one of an open, does not have the name of the file.
         what = (error.filename, error.strerror or str(error))
         print("soro:", ": ".join(str(part) for part in what if part), file=sys.stderr)
         sys.exit(1)

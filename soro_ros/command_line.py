@@ -13,7 +13,7 @@ from soro_core.config import Strict, read_yaml
 from soro_core.errors import ConfigError
 from soro_ros import middleware, parameters
 
-# Both say what rcl could not parse.
+# Errors of rcl about arguments.
 ARGUMENT_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 _USAGE = "usage: soro_{name} [--ros-args [-p NAME:=VALUE]... [--params-file FILE]... [-r __ns:=/NAMESPACE]]"
@@ -40,7 +40,7 @@ def initialise(node: _Described, args: list[str] | None = None) -> None:
     where = f"command line of {node.node_name}"
     for option, file in pairwise(given):
         if option == "--params-file":
-            read_yaml(file)  # says what is wrong with it better than ROS does
+            read_yaml(file)  # its errors are clearer than those of ROS
     try:
         middleware.init(given)
         unknown = remove_ros_args(given)

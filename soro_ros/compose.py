@@ -6,30 +6,34 @@ import contextlib
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from soro_core.bag.config import RecorderConfig
+from soro_core.config import Strict
+from soro_core.emulation.control import ControlClient
 from soro_core.errors import SoroError
-from soro_core.hardware.emulation.control import ControlClient
 from soro_core.scene import Scene
 from soro_ros import kernels, processes
-from soro_ros.processes import Child
+from soro_ros.processes import Child, NodeError
 from soro_ros.supervisor import Supervisor
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0
-# The driver of a real arm's pose sensor is somebody else's, and runs already.
+# Emulated valves compile nothing.
+VALVES_LIMIT_S = 20.0
+# The user starts the driver of a real arm's pose sensor.
 POSE_LIMIT_S = 20.0
-# Nodes that run find one another within a second or two.
+# Running nodes discover each other within two seconds.
 LOOP_LIMIT_S = 30.0
-# So long one may take to end [s]: to vent and to see that it has, to write what is left; others 5 s.
-_PATIENCE_S = {"regulator": 10.0, "recorder": 10.0}
-# Ended in this order: first what holds the valves, last what they hang on and what records them.
+# Time limits of an end [s]: the regulator vents and checks its readings, the recorder writes its buffer.
+_END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
+_END_LIMIT_S = 5.0
+# Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
 END_ORDER = ("regulator", "controller", "estimator", "shadow", "twin", "recorder", "valves")
 
-
-# Of the control loop. Named with their types, so that the recorder hears them from the first message on.
+# Topics of the control loop, with their types, so that the recorder subscribes before the first message.
 _TOPICS = (
     ("chambers/command", "sensor_msgs/msg/JointState"),
     ("chambers/state", "sensor_msgs/msg/JointState"),
@@ -48,8 +52,8 @@ _TOPICS = (
 _BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
 
 
-def _topics(namespace: str, scene: Scene) -> tuple[str, ...]:
-    lockstep = scene.mode == "lockstep"
+def _topics(scene: Scene) -> tuple[str, ...]:
+    namespace, lockstep = scene.name, scene.mode == "lockstep"
     kept = " transient_local" if lockstep else ""  # as qos.loop() has it
     named = [f"/{namespace}/{topic} {kind}{kept}" for topic, kind in _TOPICS]
     clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
@@ -66,70 +70,73 @@ class Run:
         What to start.
     folder : Path
         Folder of the run: parameters, logs, bag.
-    say : callable
-        Takes one line about what is going on.
+    report : callable
+        Function that shows one line of progress.
+    interrupted : sequence of int
+        Signals that have ended the run, see `signals.noted`; the start stops as soon as there is one.
     """
 
-    def __init__(self, scene: Scene, folder: Path, say: Callable[[str], None]) -> None:
-        self.scene, self.folder, self._say = scene, folder, say
+    def __init__(
+        self, scene: Scene, folder: Path, report: Callable[[str], None], interrupted: Sequence[int] = ()
+    ) -> None:
+        self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
+        self.bag = folder / "bag"
+        """Folder of the bag."""
+        self.nodes: list[str] = []
+        """Names of the nodes that have been started."""
         self._children: dict[str, Child] = {}
         # Short, whatever the folder of the run: the path of a socket has at most 107 characters.
         self._links = tempfile.TemporaryDirectory(prefix="soro-")
-        # The supervisor waits for these to be active.
-        self.nodes: list[str] = []
-        # What holds the air: it vents when it ends.
-        self._holder = "regulator" if scene.platform else "twin"
+        links = Path(self._links.name)
+        self._device = links / "valves.pty"
+        self._plant, self._faults = links / "plant.sock", links / "faults.sock"
+        # The node that drives the valves; it vents when it ends.
+        self._driver = "regulator" if scene.platform else "twin"
         self._begun = False
-        self._told: set[str] = set()
+        self._reported_compiling = False
         self._status: dict[str, int] = {}
 
-    @property
-    def bag(self) -> Path:
-        """Folder of the bag."""
-        return self.folder / "bag"
+    def start(self, supervisor: Supervisor) -> None:
+        """Start every process and wait until every node is active; nothing moves before `begin`.
 
-    def start(self, supervisor: Supervisor, cancelled: Callable[[], bool]) -> None:
-        """Start everything and wait until every node is ready; nothing moves before `begin`."""
-        scene, namespace = self.scene, self.scene.name
-        device, link = Path(self._links.name) / "valves.pty", Path(self._links.name) / "plant.sock"
-        self._faults = Path(self._links.name) / "faults.sock"
-        if cancelled():
-            return
-        if scene.emulates:
-            self._start_valves(device, link, cancelled)
-        if scene.recorder.enabled and not cancelled():
-            record = RecorderConfig(
-                folder=str(self.bag), topics=_topics(namespace, scene), exclude=scene.recorder.exclude
-            )
-            self._node("recorder", record)
-            self._ready(supervisor, ["recorder"], cancelled)
-        if cancelled():
-            return
-        if scene.arm == "real":
-            self._node("shadow", scene.shadow_node())
-        else:
-            self._node("twin", scene.twin_node(str(link), str(self._faults)))
-        self._node("estimator", scene.estimator_node())
-        self._node("controller", scene.controller_node())
-        self._ready(supervisor, self.nodes, cancelled)
-        if scene.platform and not cancelled():
-            # Last, when nothing compiles any more: its deadlines run from its first exchange on.
-            self._node("regulator", scene.regulator_node(str(device)))
-            self._ready(supervisor, ["regulator"], cancelled)
-        if scene.arm == "real":
-            self._hear_arm(supervisor, cancelled)
-        if scene.mode == "real_time":
-            # Control that begins before all have found one another begins with old readings.
-            heard = "command of the controller, which answers readings and estimates"
-            supervisor.wait(heard, lambda: cancelled() or supervisor.commanded, self.check, LOOP_LIMIT_S)
+        Raises
+        ------
+        KeyboardInterrupt
+            If a signal has ended the run.
+        SoroError
+            If a process ends or a node reports an error.
+        """
+        scene = self.scene
         self.check()
-        # Controllers of two runs would command the valves of both.
-        supervisor.check_alone({name: self._children[name].process.pid for name in self.nodes})
+        if scene.emulates:
+            self._start_valves()
+        if scene.recorder.enabled:
+            topics, exclude = _topics(scene), scene.recorder.exclude
+            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude)
+            self._start_nodes(supervisor, {"recorder": recorder})
+        nodes: dict[str, Strict] = {}
+        if scene.arm == "real":
+            nodes["shadow"] = scene.shadow_node()
+        else:
+            nodes["twin"] = scene.twin_node(str(self._plant), str(self._faults))
+        nodes |= {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
+        self._start_nodes(supervisor, nodes)
+        if scene.platform:
+            # Last, when no node compiles any more: its deadlines start with its first exchange.
+            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._device))})
+        if scene.arm == "real":
+            self._wait_for_arm(supervisor)
+        if scene.mode == "real_time":
+            # Before the nodes have discovered each other, the controller would act on old readings.
+            command = "command of the controller, which answers readings and estimates"
+            check = partial(self._check_start, supervisor)
+            supervisor.wait(command, lambda: supervisor.commanded, check, LOOP_LIMIT_S)
+        self._check_start(supervisor)
         if scene.mode == "lockstep":
             supervisor.check_clock()
 
     def begin(self, supervisor: Supervisor) -> None:
-        """Let time and control begin."""
+        """Inject the scene's faults, enable the controller and, in lockstep, start the clock."""
         self._begun = True
         if self.scene.faults:
             with contextlib.closing(ControlClient(self._faults)) as client:
@@ -140,82 +147,99 @@ class Run:
             supervisor.call("twin/start")
 
     def check(self) -> None:
-        """Raise NodeError if a process has ended."""
-        processes.check(list(self._children.values()))
+        """Raise KeyboardInterrupt if a signal has ended the run, and NodeError if a process has ended."""
+        if self._interrupted:
+            raise KeyboardInterrupt
+        for child in self._children.values():
+            if child.process.poll() is not None:
+                raise NodeError(child.name, child.end_report())
 
     def end(self) -> dict[str, str]:
-        """End every process, what holds the valves first; returns what did not end cleanly, by name."""
-        trouble = {}
+        """End every process in order; return a line for each that did not end cleanly, by name."""
+        unclean = {}
         for name in END_ORDER:
             child = self._children.pop(name, None)
             if child is None:
                 continue
-            self._status[name], forced = processes.stop(child, _PATIENCE_S.get(name, 5.0))
+            self._status[name], forced = processes.stop(child, _END_LIMITS_S.get(name, _END_LIMIT_S))
             if self._status[name] != 0:
-                trouble[name] = child.obituary(forced)
+                unclean[name] = child.end_report(forced)
         self._links.cleanup()
-        return trouble
+        return unclean
+
+    @property
+    def refused(self) -> bool:
+        """Whether the controller refused its configuration before control began; after `end`."""
+        return not self._begun and self._status.get("controller") == 2
 
     def outcome(self) -> str:
-        """What has become of valves and bag, in one line; after `end`."""
+        """State of valves and bag, in one line; after `end`."""
         if not self._begun:
             air = "ended before control began"
-        elif self._status.get(self._holder) == 0:
+        elif self._status.get(self._driver) == 0:
             air = "vented"
         else:
             others = "valves with a watchdog vent by themselves, others by the second process"
-            air = f"the {self._holder} ended without venting ({others})"
+            air = f"the {self._driver} ended without venting ({others})"
         if not self.bag.exists():
             return air
         if self._status.get("recorder") == 0:
             return f"{air}; bag closed"
         return f"{air}; the bag is not closed: soro bag repair {self.bag}"
 
-    def _node(self, name: str, config: object) -> None:
-        command = processes.node_command(name, config, self.scene.name, self.folder)
-        self._children[name] = processes.start(name, command, self.folder)
-        self.nodes.append(name)
-
-    def _ready(self, supervisor: Supervisor, names: list[str], cancelled: Callable[[], bool]) -> None:
-        def ready() -> bool:
-            return cancelled() or all(supervisor.active(name) for name in names)
-
-        before, told = kernels.compiled(), False
+    def _start_nodes(self, supervisor: Supervisor, configs: Mapping[str, Strict]) -> None:
+        """Start nodes with their parameters and wait until all of them are active."""
+        self.check()
+        compiled = kernels.compiled()
+        self._report(f"starting {', '.join(configs)}")
+        for name, config in configs.items():
+            command = processes.node_command(name, config, self.scene.name, self.folder)
+            self._children[name] = processes.start(name, command, self.folder)
+            self.nodes.append(name)
 
         def check() -> None:
-            nonlocal told
-            self.check()
-            if not told and kernels.compiled() > before:
-                told = True
-                self._say("the first start compiles the model's kernels: half a minute, cached afterwards")
+            self._check_start(supervisor)
+            if not self._reported_compiling and kernels.compiled() > compiled:
+                self._reported_compiling = True
+                self._report("the first start compiles the model's kernels: half a minute, cached afterwards")
 
-        new = [name for name in names if name not in self._told]
-        self._told.update(new)
-        self._say(f"starting {', '.join(new)}")
-        supervisor.wait("answer of all nodes", ready, check, START_LIMIT_S)
+        def active() -> bool:
+            return all(supervisor.active(name) for name in configs)
 
-    def _hear_arm(self, supervisor: Supervisor, cancelled: Callable[[], bool]) -> None:
-        """Wait until poses of the real arm come."""
-        self._say("waiting for the pose of the real arm on sensors/pose0")
+        supervisor.wait("answer of all nodes", active, check, START_LIMIT_S)
 
-        def heard() -> bool:
-            return cancelled() or int(supervisor.values("shadow").get("compared", 0)) > 0
+    def _check_start(self, supervisor: Supervisor) -> None:
+        """Raise SoroError if a process has ended, or another run has nodes of the same names.
 
-        supervisor.wait("pose of the arm on sensors/pose0", heard, self.check, POSE_LIMIT_S)
+        Two runs would take each other's nodes for their own, and each controller would command both arms.
+        """
+        self.check()
+        supervisor.check_alone({name: self._children[name].process.pid for name in self.nodes})
 
-    def _start_valves(self, device: Path, link: Path, cancelled: Callable[[], bool]) -> None:
-        self._say(f"starting emulated valves of {self.scene.platform}")
-        command = [sys.executable, "-m", "soro_core.hardware.emulation", self.scene.platform]
-        command += ["--device-link", str(device), "--plant-link", str(link), "--seed", str(self.scene.seed)]
+    def _wait_for_arm(self, supervisor: Supervisor) -> None:
+        """Wait until the shadow has compared a pose of the real arm."""
+        self._report("waiting for the pose of the real arm on sensors/pose0")
+
+        def compared() -> bool:
+            return int(supervisor.values("shadow").get("compared", 0)) > 0
+
+        supervisor.wait("pose of the arm on sensors/pose0", compared, self.check, POSE_LIMIT_S)
+
+    def _start_valves(self) -> None:
+        scene = self.scene
+        self._report(f"starting emulated valves of {scene.platform}")
+        command = [sys.executable, "-m", "soro_core.emulation", scene.platform]
+        command += ["--device-link", str(self._device), "--plant-link", str(self._plant)]
         command += ["--control", str(self._faults)]
-        if self.scene.mode == "lockstep":
+        command += ["--seed", str(scene.seed), "--cycle-hz", str(scene.rate_hz)]
+        if scene.mode == "lockstep":
             command.append("--lockstep")
-        # Above the driver's: devices do not share a processor with it.
-        priority = 40 if self.scene.mode == "real_time" else 0
+        # Above the priority of the driver: real devices have processors of their own.
+        priority = 40 if scene.mode == "real_time" else 0
         child = self._children["valves"] = processes.start("valves", command, self.folder, priority)
-        deadline = time.monotonic() + 20.0
-        while "ready:" not in child.log.read_text(errors="replace") and not cancelled():
+        deadline = time.monotonic() + VALVES_LIMIT_S
+        while "ready:" not in child.log.read_text(errors="replace"):
             self.check()
             if time.monotonic() > deadline:
-                raise SoroError(f"emulated valves are not ready: {child.last_words()}")
+                raise SoroError(f"emulated valves are not ready: {child.last_lines()}")
             time.sleep(0.02)

@@ -32,7 +32,17 @@ class Diagnostics:
         return self._status
 
     def update(self, level: bytes, message: str, values: dict[str, object] | None = None) -> None:
-        """Set the status; publish at once if its level or message is new."""
+        """Set the status; publish at once if its level or message is new.
+
+        Parameters
+        ----------
+        level : bytes
+            OK, WARN or ERROR.
+        message : str
+            One line.
+        values : dict, optional
+            Values of the status; the last ones by default.
+        """
         changed = (level, message) != (self._status.level, self._status.message)
         self._status.level, self._status.message = level, message
         if values is not None:

@@ -10,9 +10,9 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from soro_core.emulation.control import ControlClient
+from soro_core.emulation.vocabulary import CLEAR
 from soro_core.errors import SoroError
-from soro_core.hardware.emulation.control import ControlClient
-from soro_core.hardware.emulation.faults import CLEAR
 from soro_ros import qos
 
 PARAMETER = "fault"
@@ -27,7 +27,7 @@ class FaultInterface:
     Parameters
     ----------
     node : Node
-        Owner of topic and service; what became of a fault goes to its log.
+        Owner of topic and service; its log records each fault.
     path : str or Path
         Control socket of the emulator.
     """

@@ -14,7 +14,7 @@ _STYLES = {"ok": "green", "warn": "yellow", "fail": "bold red"}
 
 
 def show(title: str, findings: Sequence[Finding]) -> None:
-    """Print a table, a line a finding, and how many there are of each kind."""
+    """Print a table with a line for each finding, and the number of each level."""
     table = Table(title=Text(title), title_justify="left", show_lines=False)
     for heading in ("", "what", "found", "what to do"):
         table.add_column(heading, overflow="fold")
@@ -27,7 +27,17 @@ def show(title: str, findings: Sequence[Finding]) -> None:
 
 
 def show_rows(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table of texts."""
+    """Print a table of texts.
+
+    Parameters
+    ----------
+    title : str
+        Title.
+    head : sequence of str
+        Names of the columns.
+    rows : sequence of sequence of str
+        Cells.
+    """
     table = Table(title=Text(title), title_justify="left")
     for n, heading in enumerate(head):
         # A unit in brackets is no style, and a chamber's name is not broken.

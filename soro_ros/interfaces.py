@@ -24,12 +24,25 @@ from soro_core.errors import ConfigError
 
 
 def topic_pattern(node: Node, entry: str, key: str) -> str:
-    """Return a parameter's topic name in full; patterns (``*``, ``?``, ``[``) stay as they are.
+    """Return the full name of a topic in a parameter; patterns (``*``, ``?``, ``[``) are not changed.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the parameter.
+    entry : str
+        Name or pattern.
+    key : str
+        Name of the parameter, for errors.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
     ConfigError
-        If it is no topic name.
+        If the entry is not a topic name.
     """
     if any(sign in entry for sign in "*?["):
         return entry
@@ -49,7 +62,8 @@ def message_class(type_name: str) -> type[Any] | None:
         found = getattr(importlib.import_module(package), name, None)
     except (ImportError, ValueError):
         return None
-    return found if isinstance(found, type) else None
+    # A bag may name any class of any package.
+    return found if isinstance(found, type) and hasattr(found, "get_fields_and_field_types") else None
 
 
 def definition(type_name: str) -> Definition:
@@ -61,7 +75,7 @@ def share_folders(type_name: str) -> tuple[Path, ...]:
     """Return the folders in which the package of a type may have its share folder.
 
     In a sourced ROS those of AMENT_PREFIX_PATH; with wheels the one of the environment in which the
-    package lies (ament_index_python knows nothing of it).
+    package lies (ament_index_python does not find it).
     """
     prefixes = [Path(item) for item in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if item]
     package = type_name.split("/", 1)[0]

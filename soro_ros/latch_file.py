@@ -1,4 +1,4 @@
-"""A latch outlives the process that closed it: a note on this machine of why some devices are vented."""
+"""A note on this machine that records why devices are vented, for the next driver of these devices."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def _folder() -> Path:
 
 
 class LatchFile:
-    """The note about the devices at one place: there while a driver has them, and after it if it vented.
+    """The note about the devices at one address: it exists while a driver uses them, and after a vent.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class LatchFile:
         self._file = None if place.startswith("/dev/pts/") else _folder() / name
 
     def cause(self) -> str | None:
-        """Why the last driver of these devices left them vented, or None; a note that says nothing is one."""
+        """Return why the last driver left the devices vented; None without a note. An empty note counts."""
         if self._file is None:
             return None
         try:
@@ -39,7 +39,7 @@ class LatchFile:
         return text or "the last driver left them vented"
 
     def write(self, cause: str) -> None:
-        """Note a cause; raises OSError where that cannot be done."""
+        """Write a cause; raises OSError if that fails."""
         if self._file is not None:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             beside = self._file.with_suffix(f".{os.getpid()}")
@@ -47,6 +47,6 @@ class LatchFile:
             beside.replace(self._file)
 
     def clear(self) -> None:
-        """Remove the note; raises OSError where that cannot be done."""
+        """Remove the note; raises OSError if that fails."""
         if self._file is not None:
             self._file.unlink(missing_ok=True)

@@ -1,41 +1,25 @@
-"""The base of every node: lifecycle, checked parameters, diagnostics, and an end that vents first."""
+"""Base class of every node: lifecycle, checked parameters, diagnostics, and an end that vents first."""
 
 from __future__ import annotations
 
-import contextlib
-import gc
-import signal
-import sys
 import time
 import traceback
 from collections.abc import Callable
 from typing import ClassVar, Generic, TypeVar
 
-import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.timer import Timer
 
 from soro_core.config import Strict
-from soro_core.errors import ConfigError, SoroError
-from soro_ros import command_line, middleware, signals, timing
+from soro_core.errors import SoroError
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
-from soro_ros.parameters import declare, read
-
-RCLError = rclpy_implementation.RCLError
+from soro_ros.parameters import NodeWithParameters, declare, read
 
 Config = TypeVar("Config", bound=Strict)
 
-# rclpy's own spin() of the events executor never returns to Python; a bounded wait lets signals through.
-SPIN_WAIT_S = 0.1
-# Longest time for what the middleware does when Python has ended.
-LEAVE_S = 10
 
-
-class SoroNode(LifecycleNode, Generic[Config]):
+class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
     """A lifecycle node over a configuration model.
 
     A node overrides `setup`, `start`, `stop` and `teardown`; each may raise SoroError, which becomes one
@@ -54,10 +38,16 @@ class SoroNode(LifecycleNode, Generic[Config]):
         self.create_timer(1.0, self._publish_diagnostics, clock=self.steady_clock)
         self.failure: SoroError | None = None
         self.finished = False
+        self.stopping: list[int] = []  # signals that interrupt the start
         self._timers_active: list[Timer] = []
         self._configured = False
-        # What the node has before `setup`; everything beyond goes when it is cleaned up.
-        self._kept = self._interfaces()
+        self._kept: set[int] = set()  # interfaces that exist before `setup`; a cleanup destroys all others
+
+    @property
+    def priority(self) -> int:
+        """Real-time priority that the node requests; 0, none, in lockstep, which has no deadlines."""
+        is_real_time = self.has_parameter("priority") and self.get_parameter("mode").value == "real_time"
+        return int(self.get_parameter("priority").value) if is_real_time else 0
 
     # What a node overrides -----------------------------------------------------------------------
     def setup(self, config: Config) -> None:
@@ -80,7 +70,7 @@ class SoroNode(LifecycleNode, Generic[Config]):
 
     # What a node uses ----------------------------------------------------------------------------
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Call back on the steady clock until the node is deactivated (lifecycle does not stop timers)."""
+        """Call a function periodically, by the steady clock, until the node is deactivated."""
 
         def guarded() -> None:
             try:
@@ -123,7 +113,7 @@ class SoroNode(LifecycleNode, Generic[Config]):
 
         result = self._transition(configure, "inactive")
         if result is TransitionCallbackReturn.FAILURE:
-            # Half of it may stand: a port left open would be in the way of the next try.
+            # A port that `setup` opened before its error would prevent the next try.
             failure = self.failure
             self.make_safe()
             self._destroy_interfaces()
@@ -160,7 +150,9 @@ class SoroNode(LifecycleNode, Generic[Config]):
         try:
             action()
         except Exception as error:
-            # rclpy would log a defect and go on as if the transition had been asked for by nobody.
+            if self.stopping:  # an interrupt in a callback of the compiler becomes another error
+                raise KeyboardInterrupt from None
+            # rclpy would only log the error and leave the transition out.
             known = isinstance(error, SoroError)
             self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
             self.get_logger().error(str(error) if known else traceback.format_exc())
@@ -173,12 +165,12 @@ class SoroNode(LifecycleNode, Generic[Config]):
         return TransitionCallbackReturn.SUCCESS
 
     def _interfaces(self) -> set[int]:
-        """Identities only: a reference would keep handles alive beyond the node that they belong to."""
+        """Return identities only: references would keep handles alive after the end of their node."""
         owned = (self.publishers, self.subscriptions, self.services, self.clients, self.timers)
         return {id(item) for items in owned for item in items}
 
     def _destroy_interfaces(self) -> None:
-        """Destroy what `setup` created: a second configuration must not leave two of anything alive."""
+        """Destroy the interfaces that `setup` created; a second configuration must not duplicate them."""
         for items, destroy in (
             (self.publishers, self.destroy_publisher),
             (self.subscriptions, self.destroy_subscription),
@@ -199,96 +191,3 @@ class SoroNode(LifecycleNode, Generic[Config]):
         if self._configured:
             self.diagnose()
         self.diagnostics.publish()
-
-
-def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) -> None:
-    """Run one node as a process: exit 0 after a clean end, 2 on a wrong configuration, 1 on a failure.
-
-    SIGINT and SIGTERM are handled here and not by rclpy, whose handler shuts the context down before
-    Python runs, so that a safe state could no longer be announced.
-    """
-    with signals.noted() as stopping:
-        status = _run(node_class, args, stopping)
-    # All is done. The middleware takes its leave after Python's end; should it hang there, at real-time
-    # priority, the kernel ends it.
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(LEAVE_S)
-    raise SystemExit(status)
-
-
-def _run(node_class: type[SoroNode[Config]], args: list[str] | None, stopping: list[int]) -> int:
-    node, status = None, 0
-    try:
-        command_line.initialise(node_class, args)
-        node = _make(node_class)
-        with signals.raised(stopping):
-            _start(node)
-        _spin(node, stopping)
-        status = 0 if node.failure is None else 2 if isinstance(node.failure, ConfigError) else 1
-    except ConfigError as error:
-        print(f"{node_class.node_name}: {error}", file=sys.stderr)
-        status = 2
-    except (ExternalShutdownException, KeyboardInterrupt):
-        pass
-    finally:
-        if node is not None:
-            try:
-                node.make_safe()
-            except Exception:  # what comes after must still be done
-                node.get_logger().error(traceback.format_exc())
-                status = status or 1
-            with contextlib.suppress(RCLError):  # interrupted within a transition: there is none from there
-                node.trigger_shutdown()
-            node.diagnostics.publish()
-            middleware.deliver(node)
-            node.destroy_node()
-        rclpy.try_shutdown()
-    return status
-
-
-def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:
-    try:
-        return node_class()
-    except (InvalidParameterValueException, ValueError) as error:  # rclpy: ValueError for `a:=[]`
-        raise ConfigError(
-            f"parameters of {node_class.node_name}", "", str(error), "values with a type"
-        ) from None
-
-
-def _start(node: SoroNode[Config]) -> None:
-    """Configure and activate where `autostart` says so."""
-    if node.get_parameter_or("autostart").value:
-        node.trigger_configure()
-        if node.failure is None:
-            node.trigger_activate()
-
-
-def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
-    from rclpy.experimental.events_executor import EventsExecutor
-
-    if node.failure is not None:
-        return
-    executor = EventsExecutor()
-    executor.add_node(node)
-    # Collector pauses and thread switches are the larger part of a Python loop's lateness.
-    sys.setswitchinterval(0.0002)
-    gc.collect()
-    gc.freeze()
-    _prioritise(node, _priority(node))
-    try:
-        while not stopping and not node.finished:
-            executor.spin_once(timeout_sec=SPIN_WAIT_S)
-    except SoroError as error:  # raised in a callback
-        node.fail(error)
-
-
-def _priority(node: SoroNode[Config]) -> int:
-    """Real-time priority to ask for: none in lockstep, which has all the time."""
-    real_time = node.has_parameter("priority") and node.get_parameter("mode").value == "real_time"
-    return int(node.get_parameter("priority").value) if real_time else 0
-
-
-def _prioritise(node: SoroNode[Config], priority: int) -> None:
-    """Ask for a real-time priority; without the right to it the node runs on, and says so once."""
-    if priority > 0 and (trouble := timing.prioritise(priority)):
-        node.get_logger().warning(f"no real-time priority ({trouble}): see docs/real_time.md")

@@ -1,4 +1,4 @@
-"""Between ROS messages and plain arrays; no physics, no state."""
+"""Conversion between ROS messages and arrays."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu, JointState
 
-from soro_core.estimation.rotation import quaternion_from_matrix
 from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.rotation import quaternion_from_matrix
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,17 @@ def to_ns(stamp: Time) -> int:
 
 
 def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointState:
-    """Set points or readings [Pa gauge] as the effort of a JointState."""
+    """Return set points or readings as the effort of a JointState.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the chambers.
+    pressure_pa : ndarray (n_u,)
+        Pressures [Pa gauge].
+    stamp_ns : int
+        Time of the message [ns].
+    """
     message = JointState(name=list(names), effort=np.asarray(pressure_pa, dtype=np.float64).tolist())
     message.header.stamp = to_time(stamp_ns)
     return message
@@ -53,7 +63,17 @@ def pressures(message: JointState, names: Sequence[str]) -> Array:
 
 
 def arm_state(names: Sequence[str], q: Array, qd: Array, force: Array, stamp_ns: int) -> JointState:
-    """Strain coordinates, their rates and the generalised force as a JointState."""
+    """Return coordinates, rates and generalised force as a JointState.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the coordinates.
+    q, qd, force : ndarray (n_q,)
+        Coordinates, rates and generalised force.
+    stamp_ns : int
+        Time of the message [ns].
+    """
     message = JointState(name=list(names), position=q.tolist(), velocity=qd.tolist(), effort=force.tolist())
     message.header.stamp = to_time(stamp_ns)
     return message
@@ -80,14 +100,36 @@ def pose_of(transform: Array) -> Pose:
 
 
 def pose_stamped(transform: Array, stamp_ns: int, frame: str) -> PoseStamped:
-    """Homogeneous transform (4, 4) as a PoseStamped."""
+    """Return a homogeneous transform as a PoseStamped.
+
+    Parameters
+    ----------
+    transform : ndarray (4, 4)
+        Pose; positions [m].
+    stamp_ns : int
+        Time of the message [ns].
+    frame : str
+        Name of the frame.
+    """
     message = PoseStamped(pose=pose_of(transform))
     message.header.stamp, message.header.frame_id = to_time(stamp_ns), frame
     return message
 
 
 def tip_estimate(transform: Array, covariance: Array, stamp_ns: int, frame: str) -> PoseWithCovarianceStamped:
-    """Tip pose (4, 4) with its covariance (6, 6), (position, rotation) order as ROS wants it."""
+    """Return the pose of the tip with its covariance.
+
+    Parameters
+    ----------
+    transform : ndarray (4, 4)
+        Pose; positions [m].
+    covariance : ndarray (6, 6)
+        Covariance of (position, rotation), the order of ROS [m^2, m rad, rad^2].
+    stamp_ns : int
+        Time of the message [ns].
+    frame : str
+        Name of the frame.
+    """
     message = PoseWithCovarianceStamped()
     message.header.stamp, message.header.frame_id = to_time(stamp_ns), frame
     message.pose.pose = pose_of(transform)

@@ -1,9 +1,10 @@
-"""How soro's processes join ROS."""
+"""Settings with which soro's processes join ROS."""
 
 from __future__ import annotations
 
 import os
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import rclpy
@@ -11,34 +12,63 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-_PROFILES = Path(__file__).with_name("fastdds.xml")
+from soro_ros import security
+
+_THIS_HOST = Path(__file__).with_name("fastdds.xml")
+_NETWORK = Path(__file__).with_name("fastdds_network.xml")
+_PROFILES, _NEWER_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
+_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+# A user who sets one of these has chosen how far messages go.
+_REACH = (
+    _TRANSPORTS,
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS_DISCOVERY_SERVER",
+    "ROS_LOCALHOST_ONLY",
+    "ROS_STATIC_PEERS",
+)
+CHOICES = (_PROFILES, _NEWER_PROFILES, *_REACH)
+"""Variables of the middleware that a user may set."""
 # Longest wait [s] for readers that have not taken everything when a node ends.
 DELIVERY_S = 3.0
 
 
 def init(args: list[str] | None = None) -> None:
-    """Initialise rclpy without its signal handlers (ADR 0004) and shared memory (ADR 0007), and with times of
-    ours (ADR 0014).
+    """Initialise rclpy without its signal handlers (ADR 0004), with soro's settings for the middleware.
 
-    Who sets FASTDDS_BUILTIN_TRANSPORTS or FASTRTPS_DEFAULT_PROFILES_FILE has it their way.
+    Raises
+    ------
+    ConfigError
+        If the environment asks for security and the middleware has none.
     """
-    os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(_PROFILES))
+    os.environ.update(settings(os.environ))
+    security.check()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 
 
-def may_stall() -> str | None:
-    """Why messages can be held up for a third of a second in this environment, or None (ADR 0007)."""
+def settings(environment: Mapping[str, str]) -> dict[str, str]:
+    """Variables to set for Fast DDS: no shared memory (ADR 0007), its times (ADR 0014), this host (ADR 0015).
+
+    Only those that the user has not set; other middlewares do not read them.
+    """
+    chosen = any(environment.get(name) for name in _REACH)
+    # The newer name is that of Fast DDS 3; the one of ROS 2 Jazzy does not read it.
+    file = environment.get(_NEWER_PROFILES) or str(_NETWORK if chosen else _THIS_HOST)
+    ours = {_PROFILES: file, _TRANSPORTS: "UDPv4"}
+    return {name: value for name, value in ours.items() if not environment.get(name)}
+
+
+def stall_warning() -> list[str]:
+    """Return a line if this environment can delay a message by a third of a second (ADR 0007)."""
     if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() != "LOCALHOST":
-        return None
-    return (
-        "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST: a message can be held up for 0.3 s, at which valves vent: "
-        "better unset in real time (docs/real_time.md)"
-    )
+        return []
+    return [
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST can delay a message by 0.3 s, and the valves then vent: "
+        "unset it for runs in real time (docs/real_time.md)"
+    ]
 
 
 def deliver(node: Node) -> None:
-    """Wait until every reader has what the node published: what is on its way is lost with its writer."""
+    """Wait until every reader has received all messages; the end of a writer loses those under way."""
     deadline = time.monotonic() + DELIVERY_S
     for publisher in node.publishers:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))

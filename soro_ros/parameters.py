@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -16,15 +16,39 @@ from soro_core.errors import ConfigError
 
 Model = TypeVar("Model", bound=Strict)
 
+# What the bounds of a field are called; lengths are those of lists.
+_BOUNDS = {
+    "gt": "above",
+    "ge": "at least",
+    "lt": "below",
+    "le": "at most",
+    "min_length": "entries: at least",
+    "max_length": "entries: at most",
+}
 # Parameters that rclpy declares by itself.
 _OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+
+class NodeWithParameters(Node):
+    """A node that also declares parameters with the value ``[]`` of a parameter file or the command line.
+
+    An empty list has no type in ROS: it leaves its parameter not set, which rclpy refuses to declare.
+    """
+
+    def declare_parameters(
+        self, namespace: str, parameters: list[tuple[Any, ...]], ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare parameters; parameters as in `rclpy.node.Node.declare_parameters`."""
+        anything = ParameterDescriptor(dynamic_typing=True)
+        typed = [(p[0], None, anything) if p[1:2] == (None,) else p for p in parameters]
+        return super().declare_parameters(namespace, typed, ignore_override)
 
 
 def declare(node: Node, model: type[Strict]) -> None:
     """Declare one parameter a field of `model`, nested models with dots, and check every later change.
 
-    The node must have been made with ``automatically_declare_parameters_from_overrides=True``: what a
-    parameter file or the command line gave beyond the model's fields is then seen here, and refused.
+    The node must be a `NodeWithParameters`: what a parameter file or the command line gave beyond the
+    model's fields is then seen here, and refused.
 
     Raises
     ------
@@ -36,7 +60,7 @@ def declare(node: Node, model: type[Strict]) -> None:
         if given not in fields and not given.startswith(_OWN):
             raise ConfigError(_where(node), given, "an unknown parameter", ", ".join(sorted(fields)))
     for name, (default, field) in fields.items():
-        # Types are the model's business: 200 for a float is fine there, and an error in a typed parameter.
+        # The model checks types: it accepts 200 for a float, a typed parameter does not.
         descriptor = ParameterDescriptor(description=_describe(field), dynamic_typing=True)
         if node.has_parameter(name):
             node.set_descriptor(name, descriptor)
@@ -46,14 +70,14 @@ def declare(node: Node, model: type[Strict]) -> None:
 
 
 def read(node: Node, model: type[Model]) -> Model:
-    """Return the parameters as a checked, frozen `model`.
+    """Return the parameters as a checked, frozen `model`; a list that is not set is the empty one.
 
     Raises
     ------
     ConfigError
         Naming the node, the parameter, what was found and what is allowed.
     """
-    return parse(_nested(_values(node, model)), model, where=_where(node))
+    return parse(nested(_values(node, model)), model, where=_where(node))
 
 
 def described(model: type[BaseModel]) -> Iterator[tuple[str, Any, str]]:
@@ -63,7 +87,7 @@ def described(model: type[BaseModel]) -> Iterator[tuple[str, Any, str]]:
 
 
 def overrides(config: BaseModel) -> dict[str, Any]:
-    """Flatten a configuration to ``{"a.b": value}``, as a parameter file or another node wants it."""
+    """Flatten a configuration to ``{"a.b": value}``, for a parameter file or another node."""
     flat: dict[str, Any] = {}
     for name in type(config).model_fields:
         value = getattr(config, name)
@@ -81,7 +105,7 @@ def _where(node: Node) -> str:
 def _flatten(
     model: type[BaseModel], prefix: str = "", defaults: BaseModel | None = None
 ) -> Iterator[tuple[str, tuple[Any, FieldInfo]]]:
-    """Every field with its default: within a nested model that of the outer one's default, `defaults`."""
+    """Yield every field with its default; that of a nested model's field comes from the outer default."""
     for name, field in model.model_fields.items():
         own = field.get_default(call_default_factory=True)
         default = own if defaults is None else getattr(defaults, name)
@@ -92,19 +116,31 @@ def _flatten(
 
 
 def _describe(field: FieldInfo) -> str:
-    bounds = ", ".join(str(item) for item in field.metadata)
+    """Return the description of a field with its bounds."""
+    found = [
+        (text, getattr(item, name))
+        for item in field.metadata
+        for name, text in _BOUNDS.items()
+        if hasattr(item, name)
+    ]
+    bounds = ", ".join(f"{text} {n:g}" if isinstance(n, float) else f"{text} {n}" for text, n in found)
     return f"{field.description or ''} ({bounds})" if bounds else field.description or ""
 
 
-def _values(node: Node, model: type[BaseModel]) -> dict[str, Any]:
+def _values(node: Node, model: type[BaseModel], changes: Iterable[Parameter] = ()) -> dict[str, Any]:
+    """Return the values of all parameters, with requested changes."""
+    changed = {change.name: change.value for change in changes}
     values = {}
-    for name, _ in _flatten(model):
-        value = node.get_parameter(name).value
-        values[name] = list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value
+    for name, (default, _) in _flatten(model):
+        value = changed[name] if name in changed else node.get_parameter(name).value
+        if hasattr(value, "tolist") or isinstance(value, tuple):
+            value = list(value)
+        values[name] = [] if value is None and isinstance(default, list) else value
     return values
 
 
-def _nested(flat: dict[str, Any]) -> dict[str, Any]:
+def nested(flat: dict[str, Any]) -> dict[str, Any]:
+    """Return ``{"a": {"b": value}}`` of ``{"a.b": value}``; the inverse of `overrides`."""
     tree: dict[str, Any] = {}
     for name, value in flat.items():
         *parents, leaf = name.split(".")
@@ -117,10 +153,8 @@ def _nested(flat: dict[str, Any]) -> dict[str, Any]:
 
 def _check(node: Node, model: type[Strict], changes: list[Parameter]) -> SetParametersResult:
     """Refuse a change that the model does not allow, with its reason, before it takes effect."""
-    candidate = _values(node, model)
-    candidate.update({change.name: change.value for change in changes if change.name in candidate})
     try:
-        parse(_nested(candidate), model, where=_where(node))
+        parse(nested(_values(node, model, changes)), model, where=_where(node))
     except ConfigError as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)

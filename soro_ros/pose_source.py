@@ -1,4 +1,4 @@
-"""A measured pose on a topic, for commands that are no nodes."""
+"""A measured pose from a topic, for commands without a node."""
 
 from __future__ import annotations
 

@@ -2,40 +2,40 @@
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-# Everything soro publishes; deep enough that lockstep loses nothing to a slow recorder.
+# Topics that soro publishes; the depth suffices for a slow recorder in lockstep.
 RELIABLE = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-# A reader that wants the present state of affairs and no queue.
+# A reader of the newest message alone.
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-# Readers of sensors in real time: a best-effort reader also hears a reliable writer.
+# Readers of sensors in real time: a best-effort reader also receives from a reliable writer.
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-# A replay as fast as its reader takes it: a bounded history would overwrite what has not been read yet.
+# Topics of a replay at the rate of its reader: a bounded history would overwrite unread messages.
 REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=0, reliability=ReliabilityPolicy.RELIABLE)
 
 
-# In lockstep a lost message is a deadlock: what was published before a reader was there reaches it as well.
+# In lockstep a lost message is a deadlock: a late reader also receives earlier messages.
 LOCKSTEP = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
 
-# What a replay makes, possibly much faster than real time.
+# Topics of a replay, which may be much faster than real time.
 REPLAYED = QoSProfile(
     depth=10000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 
 
 def loop(lockstep: bool) -> QoSProfile:
-    """QoS of what belongs to the control loop."""
+    """QoS of the topics of the control loop."""
     return LOCKSTEP if lockstep else RELIABLE
 
 
 def command(lockstep: bool) -> QoSProfile:
-    """QoS of the reader of commands: in real time only the newest, for those before it are history."""
+    """QoS of the reader of commands: in real time only the newest command counts."""
     return LOCKSTEP if lockstep else NEWEST
 
 
 def array(lockstep: bool) -> QoSProfile:
-    """QoS of the reader of commands without a stamp, which anybody may publish."""
+    """QoS of the reader of commands without a stamp, from any publisher."""
     return RELIABLE if lockstep else NEWEST
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,10 +45,11 @@ EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
 
 @dataclass(frozen=True)
 class Recording:
-    """What a report needs of a run; times count from the first set point under control.
+    """The topics of a run for its report; times count from the first set point under control.
 
     Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
-    one; `shadow` has its differences from the twin beside it, which believes the tip at `shadow_tip`.
+    one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
+    are the coordinates of the plant and those of the estimator.
     """
 
     true_tip: Series
@@ -61,6 +63,8 @@ class Recording:
     measured_tip: Series = EMPTY
     shadow: Series = EMPTY
     shadow_tip: Series = EMPTY
+    true_state: Series = EMPTY
+    estimated_state: Series = EMPTY
 
 
 def read(bag: Path, namespace: str) -> Recording:
@@ -83,7 +87,10 @@ def read(bag: Path, namespace: str) -> Recording:
         for item in reader.messages(wanted):
             message = deserialize_message(item.data, _TYPES[item.type])
             if isinstance(message, DiagnosticArray):
-                _take_diagnostics(message, prefix, diagnostics, faults)
+                for node, found, error in statuses(message, prefix):
+                    diagnostics[node] = found
+                    if error and error not in faults:
+                        faults.append(error)
                 continue
             name = item.topic.removeprefix(prefix)
             if isinstance(message, JointState):
@@ -115,17 +122,33 @@ def read(bag: Path, namespace: str) -> Recording:
         measured_tip=series("sensors/pose0"),
         shadow=series("arm/shadow/difference"),
         shadow_tip=series("arm/shadow/tip"),
+        true_state=series("truth/state"),
+        estimated_state=series("arm/state"),
     )
 
 
-def _take_diagnostics(
-    message: DiagnosticArray, prefix: str, diagnostics: dict[str, dict[str, str]], faults: list[str]
-) -> None:
+def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[str, str], str]]:
+    """Yield the status of each node of one arm; other arms publish on the same topic.
+
+    Parameters
+    ----------
+    message : DiagnosticArray
+        A message on /diagnostics.
+    prefix : str
+        Namespace of the arm, with a slash at both ends.
+
+    Yields
+    ------
+    name : str
+        Name of the node.
+    values : dict of str to str
+        Its diagnostic values.
+    error : str
+        Name and message of a node with an error; "" of others.
+    """
     for status in message.status:
-        if not status.name.startswith(prefix):  # another arm's, on the same topic
-            continue
-        name = status.name.removeprefix(prefix)
-        diagnostics[name] = {pair.key: pair.value for pair in status.values}
-        fault = f"{name}: {status.message}"
-        if int.from_bytes(status.level, "little") >= 2 and fault not in faults:
-            faults.append(fault)
+        if status.name.startswith(prefix):
+            name = status.name.removeprefix(prefix)
+            is_error = int.from_bytes(status.level, "little") >= 2
+            values = {pair.key: pair.value for pair in status.values}
+            yield name, values, f"{name}: {status.message}" if is_error else ""

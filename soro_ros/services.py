@@ -1,4 +1,4 @@
-"""Services of nodes that run already: who offers one, what its /diagnostics say, and a call that ends."""
+"""Services of running nodes: search, diagnostics, and calls with a time limit."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from rclpy.node import Node
 from soro_core.errors import ConfigError, SoroError
 from soro_ros import middleware
 
-# Nodes are searched for this long [s]: with the times of Fast DDS itself one makes itself known every 3 s.
+# Time of a search for nodes [s]; by default Fast DDS announces a node every 3 s.
 FIND_S = 4.0
-# A wait is looked at this often, so that a Ctrl-C is heard.
-_LOOK_S = 0.05
+# Period of a wait [s], after which Ctrl-C takes effect.
+_POLL_S = 0.05
 
 
 def call(
@@ -30,22 +30,33 @@ def call(
     Parameters
     ----------
     node : Node
-        Whose client it is.
+        Node of the client.
     spin : callable
-        Takes in what comes for the node during so many seconds.
+        Function that lets the node receive for a number of seconds.
     kind : type
-        Of the service.
+        Type of the service.
+    service : str
+        Full name of the service.
+    request : object
+        Request.
+    limit_s : float
+        Time limit [s].
+
+    Returns
+    -------
+    object
+        Response.
 
     Raises
     ------
     SoroError
-        If it is not there, or does not answer in time.
+        If the service does not exist, or does not answer in time.
     """
     calling = Call(node, kind, service, request)
     deadline = time.monotonic() + limit_s
     try:
         while not calling.done():
-            spin(_LOOK_S)
+            spin(_POLL_S)
             if time.monotonic() > deadline:
                 raise SoroError(calling.trouble(limit_s))
         return calling.response
@@ -60,7 +71,19 @@ def domain(node: Node) -> str:
 
 
 class Call:
-    """A call that goes out as soon as its service is there."""
+    """A call that is sent as soon as its service exists.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the client.
+    kind : type
+        Type of the service.
+    service : str
+        Full name of the service.
+    request : object
+        Request.
+    """
 
     def __init__(self, node: Node, kind: Any, service: str, request: Any) -> None:
         self._node, self._service, self._request = node, service, request
@@ -68,7 +91,7 @@ class Call:
         self._future: Any = None
 
     def done(self) -> bool:
-        """Send it if it can be sent; whether it is answered."""
+        """Send the request if the service exists; return whether it is answered."""
         if self._future is None and self._client.service_is_ready():
             self._future = self._client.call_async(self._request)
         return self._future is not None and self._future.done()
@@ -79,27 +102,27 @@ class Call:
         return self._future.result()
 
     def trouble(self, waited_s: float) -> str:
-        """Why there is no answer yet."""
+        """Return why there is no answer yet."""
         found = "is not there" if self._future is None else f"did not answer within {waited_s:g} s"
         return f"service {self._service} {found}"
 
     def close(self) -> None:
-        """Forget it."""
+        """Destroy the client."""
         self._node.destroy_client(self._client)
 
 
-class Visitor:
-    """A short-lived node that finds others and calls them; a context manager.
+class ServiceCaller:
+    """A short-lived node that finds other nodes and calls their services; a context manager.
 
     Parameters
     ----------
     cancelled : callable
-        Whether to end: every wait then raises KeyboardInterrupt.
+        Function that returns whether to end; every wait then raises KeyboardInterrupt.
 
     Raises
     ------
     ConfigError
-        If ROS cannot be joined, for example by a ROS_DOMAIN_ID that is none.
+        If ROS cannot be joined, for example because ROS_DOMAIN_ID is not a number.
     """
 
     def __init__(self, cancelled: Callable[[], bool]) -> None:
@@ -108,8 +131,8 @@ class Visitor:
             middleware.init()
         except rclpy_implementation.RCLError as error:
             rclpy.try_shutdown()
-            said = str(error).removeprefix("failed to initialize rcl: ").split(", at ")[0]
-            raise ConfigError("environment", "", said, "a ROS_DOMAIN_ID of 0 to 101, or none") from None
+            reason = str(error).removeprefix("failed to initialize rcl: ").split(", at ")[0]
+            raise ConfigError("environment", "", reason, "a ROS_DOMAIN_ID of 0 to 101, or none") from None
         self._node = Node(f"soro_{os.getpid()}", start_parameter_services=False, enable_rosout=False)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self._executor = EventsExecutor()
@@ -117,10 +140,11 @@ class Visitor:
         self.status: dict[str, DiagnosticStatus] = {}
         """Latest status by full name of node; each is published once a second."""
 
-    def __enter__(self) -> Visitor:
+    def __enter__(self) -> ServiceCaller:
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._executor.shutdown()  # it holds the node
         self._node.destroy_node()
         rclpy.try_shutdown()
 
@@ -130,15 +154,15 @@ class Visitor:
         return domain(self._node)
 
     def spin(self, seconds: float) -> None:
-        """Take in what comes for a while."""
+        """Receive messages for a time [s]."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             if self._cancelled():
                 raise KeyboardInterrupt
-            self._executor.spin_once(timeout_sec=min(left, _LOOK_S))
+            self._executor.spin_once(timeout_sec=min(left, _POLL_S))
 
     def offering(self, service: str, publishing: str = "") -> list[str]:
-        """Full names of the nodes known by now that offer ``~/service`` and publish a topic of that end."""
+        """Return the full names of known nodes with this service that publish a topic with this ending."""
         return sorted(
             {
                 full
@@ -149,52 +173,64 @@ class Visitor:
         )
 
     def search(self, service: str, wanted: str, limit_s: float, publishing: str = "") -> Iterator[list[str]]:
-        """Yield again and again which nodes are new that `offering` knows, for `FIND_S`.
+        """Yield the new nodes of `offering`, again and again, for at most `FIND_S`.
 
         Parameters
         ----------
+        service : str
+            Name of the service in the node.
         wanted : str
-            Full name, or its last parts; empty for any. A full name ends it.
+            Full name, or its last parts; "" for any. The search ends when a node with this full name is
+            found.
         limit_s : float
-            Of the search, if it is shorter.
+            Time limit of the search [s].
+        publishing : str
+            Ending of a topic that the nodes publish; "" for any.
+
+        Yields
+        ------
+        list of str
+            Full names of nodes.
         """
         seen: set[str] = set()
         deadline = time.monotonic() + min(limit_s, FIND_S)
-        while time.monotonic() < deadline and wanted not in seen:
+        while True:  # at least once, also after the deadline
             known = self.offering(service, publishing)
             new = [name for name in known if name not in seen and _is_called(name, wanted)]
             seen.update(new)
             yield new
-            self.spin(_LOOK_S)
+            if time.monotonic() >= deadline or wanted in seen:
+                return
+            self.spin(_POLL_S)
 
     def begin(self, node: str, service: str, kind: Any, request: Any) -> Call:
-        """Begin to call ``NODE/service``."""
+        """Start to call ``NODE/service``; other parameters as in `call`."""
         return Call(self._node, kind, f"{node}/{service}", request)
 
     def call(self, node: str, service: str, kind: Any, request: Any, limit_s: float) -> Any:
-        """Call ``NODE/service``; raises SoroError where `call` does."""
+        """Call ``NODE/service`` and return its response; other parameters as in `call`."""
         return call(self._node, self.spin, kind, f"{node}/{service}", request, limit_s)
 
-    def says(self, node: str, limit_s: float) -> str:
-        """What a node says of itself on /diagnostics; empty where it says nothing."""
+    def message_of(self, node: str, limit_s: float) -> str:
+        """Return the message of a node on /diagnostics; "" if there is none within `limit_s` [s]."""
         deadline = time.monotonic() + limit_s
         while node not in self.status and time.monotonic() < deadline:
-            self.spin(_LOOK_S)
+            self.spin(_POLL_S)
         return str(self.status[node].message) if node in self.status else ""
 
     def _offers(self, name: str, namespace: str, full: str, service: str) -> bool:
-        return f"{full}/{service}" in self._asked(
+        return f"{full}/{service}" in self._names(
             self._node.get_service_names_and_types_by_node, name, namespace
         )
 
     def _publishes(self, name: str, namespace: str, end: str) -> bool:
-        topics = self._asked(self._node.get_publisher_names_and_types_by_node, name, namespace)
+        topics = self._names(self._node.get_publisher_names_and_types_by_node, name, namespace)
         return not end or any(topic.endswith(f"/{end}") for topic in topics)
 
-    def _asked(self, question: Callable[..., list[tuple[str, list[str]]]], *node: str) -> Collection[str]:
+    def _names(self, question: Callable[..., list[tuple[str, list[str]]]], *node: str) -> Collection[str]:
         try:
             return [name for name, _ in question(*node)]
-        except rclpy_implementation.NodeNameNonExistentError:  # it has gone meanwhile
+        except rclpy_implementation.NodeNameNonExistentError:  # the node has ended meanwhile
             return []
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

@@ -1,4 +1,4 @@
-"""How far a real arm was from the twin beside it, in figures and in a picture."""
+"""Differences of a real arm from the twin beside it, as figures and as a picture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from soro_ros.recording import Series
 
 @dataclass(frozen=True)
 class Differences:
-    """Of the measured tip from the shadow's, while under control."""
+    """Differences of the measured tip from the shadow's tip, while under control."""
 
     samples: int
     distance_rms_m: float
@@ -22,7 +22,7 @@ class Differences:
 
 
 def summarise(series: Series, duration_s: float) -> Differences | None:
-    """Return the figures, or None of a run without a shadow."""
+    """Return the figures; None for a run without a shadow."""
     inside = (series.t >= 0.0) & (series.t <= duration_s)
     if not inside.any():
         return None
@@ -50,7 +50,17 @@ def rows(found: Differences | None) -> list[tuple[str, str]]:
 
 
 def draw(axes: object, series: Series, tolerance_m: float) -> None:
-    """Draw distance and bending over time into two axes."""
+    """Draw distance and bending over time.
+
+    Parameters
+    ----------
+    axes : sequence of matplotlib axes
+        Two axes.
+    series : Series
+        Differences over time.
+    tolerance_m : float
+        Distance of a warning [m].
+    """
     distance = series.value[:, DIFFERENCES.index("distance")] * 1e3
     axes[0].plot(series.t, distance, color="C4", lw=0.8, label="measured tip to shadow's")
     axes[0].axhline(tolerance_m * 1e3, color="0.3", ls="--", lw=0.8, label="warned of")

@@ -1,19 +1,20 @@
-"""The signals that ask a process to end, from its first moment on."""
+"""Signals that request the end of a process."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 from collections.abc import Iterator
 from types import FrameType
 
-# Closing its terminal asks a process to end, too.
+# The terminal sends SIGHUP when it closes.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 @contextlib.contextmanager
 def noted() -> Iterator[list[int]]:
-    """Note these signals in a list, for whoever looks at it, instead of acting on them."""
+    """Append these signals to a list that the caller reads, instead of acting on them."""
     seen: list[int] = []
     previous = {number: signal.signal(number, lambda number, _: seen.append(number)) for number in SIGNALS}
     try:
@@ -25,13 +26,22 @@ def noted() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def raised(seen: list[int]) -> Iterator[None]:
-    """Note these signals and raise KeyboardInterrupt: for work in which nobody looks at the list."""
+    """Append these signals to the list and raise KeyboardInterrupt, for work that does not read the list."""
+
+    is_inside = True
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         seen.append(number)
-        raise KeyboardInterrupt
+        if is_inside:
+            raise KeyboardInterrupt
+
+    def on_ignored(ignored: sys.UnraisableHookArgs) -> None:
+        # A callback of the compiler cannot raise the interrupt; the list has it.
+        if not isinstance(ignored.exc_value, KeyboardInterrupt):
+            hook(ignored)
 
     previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
+    hook, sys.unraisablehook = sys.unraisablehook, on_ignored
     try:
         if seen:
             raise KeyboardInterrupt
@@ -40,9 +50,11 @@ def raised(seen: list[int]) -> Iterator[None]:
         except Exception:
             if not seen:
                 raise
-        # A compiler's callback makes an error of its own of an interrupt, or forgets it.
+        # A callback of the compiler replaces an interrupt by another error, or ignores it.
         if seen:
             raise KeyboardInterrupt
     finally:
+        is_inside = False  # one more signal here would leave the handlers in place, and interrupt a safe end
+        sys.unraisablehook = hook
         for number, handler in previous.items():
             signal.signal(number, handler)

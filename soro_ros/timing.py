@@ -1,4 +1,4 @@
-"""How punctual a periodic loop is: lateness against its own schedule, and overruns."""
+"""Lateness and overruns of a periodic loop."""
 
 from __future__ import annotations
 
@@ -40,32 +40,33 @@ class LoopTimer:
             self._scheduled += 1
             late = now - self._start - self._scheduled * self._period
             if late > self._period:
-                # The cycles that this one came too late for are lost; the schedule goes on.
+                # Skip the cycles that are over; the schedule stays.
                 missed = int(late // self._period)
                 self.overruns += missed
                 self._scheduled += missed
             elif late < 0.0:
-                # The first cycle was late itself: the earliest one seen defines the schedule.
+                # The first cycle was late: the earliest one defines the schedule.
                 self._start += late
                 late = 0.0
             self._late[self.cycles % self._late.size] = late
         self.cycles += 1
 
     def percentile_ms(self, percent: float) -> float:
-        """Percentile of the lateness [ms]; 0 before the second cycle."""
+        """Return a percentile of the lateness [ms]; 0 before the second cycle."""
         filled = self._late[: min(self.cycles, self._late.size)]
         return float(np.percentile(filled, percent)) * 1e3 if filled.size else 0.0
 
 
 def prioritise(priority: int) -> str:
-    """Ask for SCHED_FIFO; returns why not, or nothing.
+    """Request SCHED_FIFO, or with 0 the ordinary scheduler; return the reason of a refusal, or an empty text.
 
     For every thread: messages come through those of the middleware, which were there before.
     """
     try:
+        policy = os.SCHED_FIFO if priority > 0 else os.SCHED_OTHER
         for thread in os.listdir("/proc/self/task"):
             with contextlib.suppress(ProcessLookupError):  # it ended meanwhile
-                os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
+                os.sched_setscheduler(int(thread), policy, os.sched_param(priority))
     except (AttributeError, OSError) as error:
         return str(error)
     return ""
@@ -73,7 +74,7 @@ def prioritise(priority: int) -> str:
 
 @contextlib.contextmanager
 def punctual(priority: int = 30) -> Iterator[str]:
-    """Let what happens inside be late as seldom as can be; gives why there is no real-time priority."""
+    """Run the block with little lateness; gives the reason if there is no real-time priority."""
     # Collector pauses and thread switches are the larger part of a Python loop's lateness.
     before = sys.getswitchinterval()
     sys.setswitchinterval(0.0002)
@@ -86,4 +87,4 @@ def punctual(priority: int = 30) -> Iterator[str]:
         gc.unfreeze()
         sys.setswitchinterval(before)
         if priority > 0 and not trouble:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            prioritise(0)

@@ -1,4 +1,4 @@
-"""What `soro trade` tells: its table, what the figures mean, and the model that meets the wish."""
+"""Output of `soro trade`: table, explanation of the figures, and the model that meets the wish."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _figure(value: float) -> str:
 
 
 def notes(study: Study) -> list[str]:
-    """Say what the figures mean, and what is missing and why."""
+    """Return what the figures mean, and what is missing and why."""
     own, truth = study.reference.own, study.reference
     failed = [row for row in study.rows if row.trouble]
     tick = f"{1e3 * study.case.tick_s:g} ms" + (
@@ -106,7 +106,7 @@ def notes(study: Study) -> list[str]:
 
 
 def verdict(study: Study) -> str:
-    """Say which model meets the wish, as a block to paste, or how near the nearest comes."""
+    """Return the model that meets the wish, as a block to paste, or the nearest one."""
     chosen, nearest = study.choice, study.nearest
     if study.stopped:
         return "interrupted: what is done is written; run the same command again to go on"

@@ -1,4 +1,4 @@
-"""Writing a bag from a thread of its own: compression and disk never hold up who receives messages."""
+"""Writing a bag in a separate thread, so that compression and disk never delay the receiver of messages."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from soro_core.bag.topics import Topic
 from soro_core.bag.writer import BagWriter
 from soro_core.errors import BagError, SoroError
 
-# How long messages gather before the thread takes them: few thread switches, little to lose in a crash.
+# Time between two rounds of the thread [s]: few thread switches, little loss in a crash.
 _GATHER_S = 0.05
 
 
 class BackgroundWriter:
-    """Takes messages without waiting, and writes them in the order taken.
+    """Accepts messages without waiting, and writes them in the same order.
 
     Parameters
     ----------
     writer : BagWriter
-        The open bag; nobody else may use it until `close`.
+        The open bag; the caller must not use it until `close`.
     flush_s : float
-        Time after which what was written is handed to the operating system.
+        Time after which written data is passed to the operating system [s].
     buffer_bytes : int
-        Messages are dropped, and counted, while more than this waits for the disk.
+        Messages are dropped and counted while more than this waits for the disk.
 
     Attributes
     ----------
     dropped : int
-        Messages that did not reach the bag.
+        Number of messages that are not in the bag.
     failure : BagError or None
-        Why nothing is written any more.
+        Error that ended writing; None while it works.
     """
 
     def __init__(self, writer: BagWriter, flush_s: float = 1.0, buffer_bytes: int = 1 << 28) -> None:
@@ -47,7 +47,7 @@ class BackgroundWriter:
 
     @property
     def waiting_bytes(self) -> int:
-        """Bytes taken but not yet written."""
+        """Bytes accepted but not yet written."""
         return self._taken_bytes - self._done_bytes
 
     @property
@@ -65,7 +65,17 @@ class BackgroundWriter:
         self._waiting.append(topic)
 
     def write(self, topic: str, data: bytes, log_time_ns: int) -> None:
-        """Take one message; dropped if the disk is too slow or has failed."""
+        """Accept one message, or drop it if the disk is too slow or has failed.
+
+        Parameters
+        ----------
+        topic : str
+            Name of the topic.
+        data : bytes
+            Serialised message.
+        log_time_ns : int
+            Time of reception [ns].
+        """
         if (
             self._stop.is_set()
             or self.failure is not None
@@ -77,12 +87,12 @@ class BackgroundWriter:
         self._waiting.append((topic, data, log_time_ns))
 
     def close(self) -> None:
-        """Write what waits and close the bag; may be called again.
+        """Write all accepted messages and close the bag; may be called again.
 
         Raises
         ------
         BagError
-            If something could not be written, now or before.
+            If a message cannot be written, now or earlier.
         """
         self._stop.set()
         if self._thread.is_alive():
@@ -98,7 +108,7 @@ class BackgroundWriter:
         rounds = 0
         stopping = False
         while not stopping:
-            # One more round after the stop: what was taken before it is written.
+            # One more round after the stop writes the messages accepted before it.
             stopping = self._stop.wait(_GATHER_S)
             try:
                 self._drain()
@@ -107,7 +117,7 @@ class BackgroundWriter:
                     self._writer.flush()
             except Exception as error:  # the thread must not die silently
                 self.failure = (
-                    error if isinstance(error, SoroError) else BagError(f"{self._writer.folder}: {error!r}")
+                    error if isinstance(error, SoroError) else BagError(repr(error), self._writer.folder)
                 )
                 self.dropped += sum(1 for item in self._waiting if not isinstance(item, Topic))
                 self._waiting.clear()

@@ -19,15 +19,17 @@ class RecorderConfig(Strict):
     topics: Strings = Field(
         (),
         description="Names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
-        "'NAME TYPE' is subscribed to before anybody publishes it, 'NAME TYPE transient_local' so that "
-        "what is published before the recorder is discovered still reaches it",
+        "'NAME TYPE' subscribes before the first publisher exists, 'NAME TYPE transient_local' also "
+        "receives messages published before the recorder is discovered",
     )
     exclude: Strings = Field((), description="Names or patterns of topics to leave out")
     compression: Literal["zstd", "lz4", "none"] = Field(
-        "zstd", description="Of the chunks: zstd, lz4 or none"
+        "zstd", description="Compression of the chunks: zstd, lz4 or none"
     )
-    flush_s: float = Field(1.0, ge=0.05, le=60.0, description="What a crash may cost [s]")
-    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="Period of looking for new topics [s]")
+    flush_s: float = Field(
+        1.0, ge=0.05, le=60.0, description="Longest recorded time that a crash may lose [s]"
+    )
+    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="Period of the search for new topics [s]")
     buffer_bytes: int = Field(
         2**28, ge=2**16, description="Messages are dropped when more waits for the disk [B]"
     )
@@ -40,7 +42,10 @@ class PlayerConfig(Strict):
     autostart: bool = Field(True, description="configure and activate at start")
     bag: str = Field("", description="folder of the bag, or an .mcap file")
     rate: float = Field(
-        1.0, ge=0.0, le=1000.0, description="times faster than recorded; 0: as fast as readers take it"
+        1.0,
+        ge=0.0,
+        le=1000.0,
+        description="times faster than recorded; 0: as fast as readers accept messages",
     )
     start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
     duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")

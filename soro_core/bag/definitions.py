@@ -38,8 +38,8 @@ def find_definition(type_name: str, shares: Iterable[Path]) -> Definition:
     Returns
     -------
     Definition
-        With empty texts where the type is installed nowhere. The text is the one that rosbag2 writes:
-        depth first, the types that one message refers to in alphabetical order, each once.
+        Definition, with empty texts if the type is not installed. The text is that of rosbag2: depth first,
+        the referenced types of a message in alphabetical order, each once.
     """
     folders = tuple(shares)
     try:
@@ -67,7 +67,7 @@ def _collect(type_name: str, shares: Sequence[Path], ending: str, seen: set[str]
 
 
 def _used_by_msg(text: str, package: str) -> set[str]:
-    """Names of the types in a .msg file, as written there (``std_msgs/Header``)."""
+    """Return the names of the types in a .msg file (``std_msgs/Header``)."""
     used = set()
     for line in text.splitlines():
         fields = line.split("#", 1)[0].split()
@@ -82,7 +82,7 @@ def _used_by_msg(text: str, package: str) -> set[str]:
 def _split(type_name: str) -> tuple[str, str, str]:
     match = _TYPE.match(type_name)
     if match is None:
-        raise BagError(f"type {type_name!r}: allowed: package/msg/Name")
+        raise BagError("allowed: package/msg/Name", place=f"type {type_name!r}", code="value")
     return match[1], match[2] or "msg", match[3]
 
 

@@ -21,7 +21,7 @@ class McapFile:
     stream : file object
         Binary, open for writing; the caller closes it.
     compression : {"none", "lz4", "zstd"}
-        Of the chunks.
+        Compression of the chunks.
     chunk_bytes : int
         Uncompressed size at which a chunk is written.
     profile : str
@@ -48,14 +48,26 @@ class McapFile:
         return self._channel(topic.name, topic.serialization_format, schema, metadata)
 
     def copy_channel(self, part: Part, channel_id: int) -> int:
-        """Register a channel of another file as it is there; return its number here."""
+        """Register a copy of another file's channel; return its number in this file."""
         channel = part.channels[channel_id]
         old = part.schemas.get(channel.schema_id)
         schema = self._schema(old.name, old.encoding, old.data) if old else 0
         return self._channel(channel.topic, channel.message_encoding, schema, channel.metadata)
 
     def write(self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> None:
-        """Append one message."""
+        """Append one message.
+
+        Parameters
+        ----------
+        channel : int
+            Number of the channel.
+        data : bytes
+            Serialised message.
+        log_time_ns, publish_time_ns : int
+            Times of reception and of publication [ns].
+        sequence : int
+            Number of the message.
+        """
         self._writer.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
@@ -69,12 +81,12 @@ class McapFile:
         )
 
     def flush(self) -> None:
-        """End the chunk and hand everything to the operating system."""
-        self._writer.flush()
+        """End the chunk and pass all data to the operating system."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
         """Write the index and the footer."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _schema(self, name: str, encoding: str, data: bytes) -> int:
         key = name, encoding, data

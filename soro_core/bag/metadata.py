@@ -51,12 +51,12 @@ def dump(metadata: Metadata) -> str:
 
 
 def dump_record(metadata: Metadata) -> str:
-    """Return the text that rosbag2 keeps in the MCAP metadata record ``rosbag2``."""
+    """Return the text of the MCAP metadata record ``rosbag2``."""
     return _yaml(_as_map(metadata)).rstrip("\n")
 
 
 def save(metadata: Metadata, folder: Path) -> None:
-    """Write metadata.yaml into a bag's folder; the file is either the old one or the new one, never half."""
+    """Replace metadata.yaml in a bag's folder atomically."""
     path = folder / "metadata.yaml"
     draft = folder / "metadata.yaml.tmp"
     try:
@@ -66,7 +66,7 @@ def save(metadata: Metadata, folder: Path) -> None:
             os.fsync(stream.fileno())
         draft.replace(path)
     except OSError as error:
-        raise BagError(f"{path}: cannot be written: {error.strerror}") from None
+        raise BagError(f"cannot be written: {error.strerror}", path, "disk") from None
 
 
 def parse(text: str, where: str) -> Metadata:
@@ -79,7 +79,7 @@ def parse(text: str, where: str) -> Metadata:
     """
     document = _load(text, where)
     if not isinstance(document, Mapping) or "rosbag2_bagfile_information" not in document:
-        raise BagError(f"{where}: key rosbag2_bagfile_information is missing")
+        raise BagError("key rosbag2_bagfile_information is missing", where, "value")
     return _from_map(document["rosbag2_bagfile_information"], where)
 
 
@@ -92,7 +92,7 @@ def _load(text: str, where: str) -> Any:
     try:
         return load_yaml(text)
     except yaml.YAMLError as error:
-        raise BagError(f"{where}: no valid YAML: {' '.join(str(error).split())[:120]}") from None
+        raise BagError(f"no valid YAML: {' '.join(str(error).split())[:120]}", where, "damaged") from None
 
 
 def _as_map(metadata: Metadata) -> dict[str, Any]:
@@ -139,14 +139,14 @@ def _start(start_ns: int | None) -> dict[str, int]:
 def _from_map(info: Mapping[str, Any], where: str) -> Metadata:
     try:
         return _checked(info, where)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BagError(f"{where}: {type(error).__name__} {error}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise BagError(f"{type(error).__name__} {error}", where, "value") from None
 
 
 def _checked(info: Mapping[str, Any], where: str) -> Metadata:
     version = int(info["version"])
     if version > VERSION:
-        raise BagError(f"{where}: version: got {version}; allowed: 1 to {VERSION}")
+        raise BagError(f"got {version}; allowed: 1 to {VERSION}", where, "format", "version")
     topics = []
     for entry in info["topics_with_message_count"]:
         about = entry["topic_metadata"]
@@ -154,7 +154,7 @@ def _checked(info: Mapping[str, Any], where: str) -> Metadata:
             name=str(about["name"]),
             type=str(about["type"]),
             type_hash=str(about.get("type_description_hash") or ""),
-            qos=qos_from(about.get("offered_qos_profiles")),
+            qos=qos_from(about.get("offered_qos_profiles"), where),
             serialization_format=str(about["serialization_format"]),
         )
         topics.append((topic, int(entry["message_count"])))
@@ -188,7 +188,7 @@ def _checked(info: Mapping[str, Any], where: str) -> Metadata:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Block style with indented lists, no aliases, ``~`` for nothing: what yaml-cpp writes."""
+    """Block style with indented lists, no aliases, and ``~`` for null, as yaml-cpp writes."""
 
     def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
         super().increase_indent(flow, False)

@@ -1,4 +1,4 @@
-"""Reading bags: raw CDR in log-time order, from our recordings and from anybody's rosbag2 MCAP files."""
+"""Reading bags in rosbag2's MCAP layout: raw CDR messages in the order of their log times."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
+from mcap.records import Channel
+
 from soro_core.bag import metadata as bag_metadata
 from soro_core.bag.metadata import Metadata
 from soro_core.bag.part import Part
-from soro_core.bag.records import Channel
 from soro_core.bag.summary import open_part
 from soro_core.bag.topics import Topic, qos_from
 from soro_core.errors import BagError
@@ -22,7 +23,7 @@ _ENDINGS = (".mcap", ".mcap.zstd")
 
 @dataclass(frozen=True, slots=True)
 class BagMessage:
-    """One recorded message: the bytes as they came over the wire, and their times in nanoseconds."""
+    """One recorded message: its serialised bytes, and its times in nanoseconds."""
 
     topic: str
     type: str
@@ -40,7 +41,7 @@ class BagReader:
     path : str or Path
         A bag's folder (with or without metadata.yaml, in one file or several) or a single MCAP file.
     index : bool
-        Trust the index of the files where it is whole; False walks through all records.
+        Use the index of the files if it is complete; False reads all records.
 
     Attributes
     ----------
@@ -49,10 +50,11 @@ class BagReader:
     counts : tuple of int
         Number of messages of each of `topics`.
     problems : tuple of str
-        What is missing or damaged, in whole sentences; empty for a sound bag.
+        Descriptions of missing or damaged data; empty for a sound bag.
     start_ns, end_ns : int
         Log times of the first and the last message, 0 without messages.
     message_count : int
+        Number of messages.
     parts : tuple of Part
         The files in order.
     metadata : Metadata or None
@@ -61,7 +63,7 @@ class BagReader:
     Raises
     ------
     BagError
-        In one line: no such file, not a bag, a storage that is not MCAP, a part that is missing.
+        If the file is missing or not a bag, the storage is not MCAP, or a part is missing.
     """
 
     def __init__(self, path: str | Path, index: bool = True) -> None:
@@ -91,7 +93,7 @@ class BagReader:
             problems.extend(part.problems)
         if self.metadata is not None and self.metadata.message_count != self.message_count:
             claimed = self.metadata.message_count
-            problems.append(f"metadata.yaml: says {claimed} messages; there are {self.message_count}")
+            problems.append(f"metadata.yaml: states {claimed} messages; there are {self.message_count}")
         self.problems = tuple(problems)
 
     def __enter__(self) -> BagReader:
@@ -108,12 +110,12 @@ class BagReader:
             part.close()
 
     def topic(self, name: str) -> Topic:
-        """Return the topic of a name; BagError if there is none."""
+        """Return the topic of a name; raise BagError if there is none."""
         for topic in self.topics:
             if topic.name == name:
                 return topic
         known = ", ".join(topic.name for topic in self.topics) or "none"
-        raise BagError(f"{self.path}: no topic {name!r}; there are {known}")
+        raise BagError(f"no topic {name!r}; there are {known}", self.path, "missing")
 
     def messages(
         self,
@@ -126,14 +128,14 @@ class BagReader:
         Parameters
         ----------
         topics : collection of str, optional
-            Names of the topics wanted, all by default.
+            Names of the topics; all by default.
         start_ns, end_ns : int, optional
-            Log times between which messages are wanted, both included.
+            Range of log times [ns], both included.
 
         Raises
         ------
         BagError
-            When a damaged chunk is reached.
+            If a chunk is damaged.
         """
         low = self.start_ns if start_ns is None else start_ns
         high = self.end_ns if end_ns is None else end_ns
@@ -149,21 +151,21 @@ class BagReader:
         }
         ready: list[tuple[int, int, int, int, BagMessage]] = []
         while waiting or ready:
-            # Every block that may hold an earlier message has to be open before one is handed out.
+            # All blocks that may hold an earlier message must be open before a message is yielded.
             while waiting and (not ready or waiting[-1][0] <= ready[0][0]):
                 _, number, offset = waiting.pop()
                 table = self._topics[number]
                 for place, raw in enumerate(self.parts[number].messages(blocks[number, offset])):
                     topic = table[raw.channel_id]
-                    if low <= raw.log_time_ns <= high and (topics is None or topic.name in topics):
-                        times = raw.log_time_ns, raw.publish_time_ns
+                    if low <= raw.log_time <= high and (topics is None or topic.name in topics):
+                        times = raw.log_time, raw.publish_time
                         message = BagMessage(topic.name, topic.type, raw.data, *times, raw.sequence)
-                        heapq.heappush(ready, (raw.log_time_ns, number, offset, place, message))
+                        heapq.heappush(ready, (raw.log_time, number, offset, place, message))
             if ready:
                 yield heapq.heappop(ready)[-1]
 
     def _merge_topics(self) -> tuple[tuple[Topic, ...], tuple[int, ...]]:
-        """Topics of all parts, those of the same name and type as one."""
+        """Return topics and counts of all parts, merged by name and type."""
         merged: dict[tuple[str, str], tuple[Topic, int]] = {}
         for part, table in zip(self.parts, self._topics, strict=True):
             for channel_id, topic in table.items():
@@ -181,43 +183,44 @@ def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
     Raises
     ------
     BagError
-        If there is none, or one that metadata.yaml names is missing.
+        If there is no file, or a file of metadata.yaml is missing.
     """
     if not path.exists():
-        raise BagError(f"{path}: no such file or folder")
+        raise BagError("no such file or folder", path, "missing")
     if not path.is_dir():
         if path.suffix == ".db3":
-            raise BagError(f"{path}: storage sqlite3; allowed: mcap ('ros2 bag convert' changes it)")
+            raise BagError("storage sqlite3; allowed: mcap ('ros2 bag convert' changes it)", path, "format")
         return [path]
     if metadata is not None:
         if metadata.storage != "mcap":
             raise BagError(
-                f"{path}: storage {metadata.storage}; allowed: mcap ('ros2 bag convert' changes it)"
+                f"storage {metadata.storage}; allowed: mcap ('ros2 bag convert' changes it)", path, "format"
             )
         if metadata.compression_mode == "message":
-            raise BagError(f"{path}: compression of single messages; allowed: chunks or files")
+            raise BagError("compression of single messages; allowed: chunks or files", path, "format")
         # Old recorders put the bag's folder in front of the name.
         files = [path / Path(part.path).name for part in metadata.files]
         for file in files:
             if not file.is_file():
-                raise BagError(f"{file}: no such file, but metadata.yaml names it")
+                raise BagError("no such file, but metadata.yaml names it", file, "missing")
         if files:
             return files
     found = [file for file in path.iterdir() if file.name.endswith(_ENDINGS) and file.is_file()]
     if not found:
-        other = "storage sqlite3; allowed: mcap" if list(path.glob("*.db3")) else "no .mcap file in it"
-        raise BagError(f"{path}: not a bag: {other}")
+        if list(path.glob("*.db3")):
+            raise BagError("not a bag: storage sqlite3; allowed: mcap", path, "format")
+        raise BagError("not a bag: no .mcap file in it", path, "missing")
     return sorted(found, key=_natural)
 
 
 def _natural(file: Path) -> list[tuple[int, str]]:
-    """Sort key under which bag_10 follows bag_9."""
+    """Return a sort key that puts bag_10 after bag_9."""
     pieces = re.split(r"(\d+)", file.name)
     return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in pieces]
 
 
 def _load_metadata(path: Path, problems: list[str]) -> Metadata | None:
-    """Read metadata.yaml; None with a problem noted where it is damaged (the files hold the same)."""
+    """Read metadata.yaml; return None and note a problem if it is damaged (the files hold the same data)."""
     file = path / "metadata.yaml"
     if not path.is_dir():
         return None
@@ -229,7 +232,7 @@ def _load_metadata(path: Path, problems: list[str]) -> Metadata | None:
     except (OSError, UnicodeDecodeError) as error:
         problems.append(f"metadata.yaml cannot be read: {error}")
     except BagError as error:
-        problems.append(f"{error}; it was not used")
+        problems.append(f"{error}; it is ignored")
     return None
 
 

@@ -1,7 +1,7 @@
-"""MCAP records as bytes: framing, parsing and decompression, each with exact lengths.
+"""Parsing of MCAP records with checks of all lengths and checksums (MCAP format 0).
 
-The `mcap` library writes our files; for reading, its parser hands out short data where a file is cut or
-damaged, so that the loss would go unnoticed. Here every length is checked (MCAP format 0).
+The field layouts are those of the `mcap` library, whose own reader returns short data from a cut or damaged
+file without an error.
 """
 
 from __future__ import annotations
@@ -9,132 +9,138 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
+from mcap import records as kinds
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Message
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
-MESSAGE_INDEX, CHUNK_INDEX, ATTACHMENT, STATISTICS, METADATA = 0x07, 0x08, 0x09, 0x0B, 0x0C
-DATA_END = 0x0F
-# The largest record that is believed: a damaged length must not ask for all the memory.
-MAX_RECORD = 4 * 2**30
+HEADER, FOOTER, SCHEMA = int(Opcode.HEADER), int(Opcode.FOOTER), int(Opcode.SCHEMA)
+CHANNEL, MESSAGE, CHUNK = int(Opcode.CHANNEL), int(Opcode.MESSAGE), int(Opcode.CHUNK)
+MESSAGE_INDEX, CHUNK_INDEX = int(Opcode.MESSAGE_INDEX), int(Opcode.CHUNK_INDEX)
+ATTACHMENT, ATTACHMENT_INDEX = int(Opcode.ATTACHMENT), int(Opcode.ATTACHMENT_INDEX)
+STATISTICS, METADATA = int(Opcode.STATISTICS), int(Opcode.METADATA)
+METADATA_INDEX, SUMMARY_OFFSET = int(Opcode.METADATA_INDEX), int(Opcode.SUMMARY_OFFSET)
+DATA_END = int(Opcode.DATA_END)
+# Kinds of records from here on are private to their writers.
+PRIVATE = 0x80
 
 PREFIX = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_CHUNK = struct.Struct("<QQQI")
+_KINDS: dict[int, type[kinds.McapRecord]] = {
+    HEADER: kinds.Header,
+    FOOTER: kinds.Footer,
+    SCHEMA: kinds.Schema,
+    CHANNEL: kinds.Channel,
+    CHUNK: kinds.Chunk,
+    MESSAGE_INDEX: kinds.MessageIndex,
+    CHUNK_INDEX: kinds.ChunkIndex,
+    ATTACHMENT: kinds.Attachment,
+    ATTACHMENT_INDEX: kinds.AttachmentIndex,
+    STATISTICS: kinds.Statistics,
+    METADATA: kinds.Metadata,
+    METADATA_INDEX: kinds.MetadataIndex,
+    SUMMARY_OFFSET: kinds.SummaryOffset,
+    DATA_END: kinds.DataEnd,
+}
 
 
 class Damage(Exception):  # noqa: N818 - internal signal, becomes a problem or a BagError with the place
     """A record is incomplete or contradicts itself."""
 
 
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """A message definition of the file."""
+class Padding(Damage):
+    """A record is longer than its fields, which the format allows; `used` is the length of the fields [B]."""
 
-    id: int
-    name: str
-    encoding: str
-    data: bytes
+    def __init__(self, used: int) -> None:
+        super().__init__("a record is longer than its fields")
+        self.used = used
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """A stream of messages of one topic."""
+class _Fields(ReadDataStream):
+    """Reads the fields of one record; raises Damage if the record is too short."""
 
-    id: int
-    schema_id: int
-    topic: str
-    message_encoding: str
-    metadata: dict[str, str]
+    def __init__(self, body: memoryview) -> None:
+        self._body = body
+        self._position = 0
 
+    @property
+    def count(self) -> int:
+        return self._position
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
-    """One message record."""
-
-    channel_id: int
-    sequence: int
-    log_time_ns: int
-    publish_time_ns: int
-    data: bytes
-
-
-class Cursor:
-    """Reads fields of a record one after the other; Damage where the record ends too early."""
-
-    def __init__(self, body: bytes | memoryview) -> None:
-        self._body = memoryview(body)
-        self.position = 0
-
-    def take(self, size: int) -> memoryview:
-        """Return the next `size` bytes."""
-        end = self.position + size
-        if size < 0 or end > len(self._body):
+    def read(self, length: int) -> bytes:
+        end = self._position + length
+        if end > len(self._body):
             raise Damage("a record ends before its fields do")
-        piece = self._body[self.position : end]
-        self.position = end
+        piece = bytes(self._body[self._position : end])
+        self._position = end
         return piece
 
-    def number(self, size: int) -> int:
-        """Return the next little-endian unsigned number of `size` bytes."""
-        return int.from_bytes(self.take(size), "little")
 
-    def text(self) -> str:
-        """Return the next string, with its length of 4 bytes in front."""
-        try:
-            return str(self.take(self.number(4)), "utf-8")
-        except UnicodeDecodeError:
-            raise Damage("a text is no UTF-8") from None
+def parse(opcode: int, body: memoryview, exact: bool = False) -> kinds.McapRecord:
+    """Return a record of any kind but Message.
 
-    def texts(self) -> dict[str, str]:
-        """Return the next mapping of strings to strings."""
-        inner = Cursor(self.take(self.number(4)))
-        result = {}
-        while inner.left():
-            key = inner.text()
-            result[key] = inner.text()
-        return result
+    Parameters
+    ----------
+    opcode : int
+        Kind of the record.
+    body : memoryview
+        Bytes behind the prefix.
+    exact : bool
+        Raise Padding if bytes follow the last field.
 
-    def left(self) -> int:
-        """Number of bytes not yet taken."""
-        return len(self._body) - self.position
+    Raises
+    ------
+    Damage
+        If the fields do not fit the body, a text is not UTF-8, or a checksum is wrong.
+    """
+    fields = _Fields(body)
+    if opcode not in _KINDS:
+        raise Damage(f"a record of the unknown kind {opcode}")
+    try:
+        record: kinds.McapRecord = _KINDS[opcode].read(fields)  # type: ignore[attr-defined]
+    except UnicodeDecodeError:
+        raise Damage("a text is no UTF-8") from None
+    end = fields.count
+    if opcode == ATTACHMENT:
+        crc = int.from_bytes(body[end - 4 : end], "little")
+        if crc and crc != zlib.crc32(body[: end - 4]):
+            raise Damage("the checksum of an attachment is wrong")
+    elif opcode != CHUNK and encoded(record) != body[:end]:
+        raise Damage("the lengths in a record contradict each other")
+    if exact and end != len(body):
+        raise Padding(end)
+    return record
+
+
+def encoded(record: kinds.McapRecord) -> bytes:
+    """Return the body of a record as bytes."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end()[PREFIX.size :])  # type: ignore[no-untyped-call]
 
 
 def records(buffer: memoryview) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield (opcode, offset, body) of the records in a buffer; Damage at the first incomplete one."""
+    """Yield (opcode, offset, body) of the records in a buffer; raise Damage at the first incomplete one."""
     position = 0
     while position < len(buffer):
         if position + PREFIX.size > len(buffer):
             raise Damage("a record is cut")
         opcode, length = PREFIX.unpack_from(buffer, position)
         start = position + PREFIX.size
-        if start + length > len(buffer):
+        if not opcode or start + length > len(buffer):
             raise Damage("a record is cut")
         yield opcode, position, buffer[start : start + length]
         position = start + length
 
 
-def parse_schema(body: memoryview) -> Schema:
-    """Parse a Schema record."""
-    cursor = Cursor(body)
-    return Schema(cursor.number(2), cursor.text(), cursor.text(), bytes(cursor.take(cursor.number(4))))
-
-
-def parse_channel(body: memoryview) -> Channel:
-    """Parse a Channel record."""
-    cursor = Cursor(body)
-    return Channel(cursor.number(2), cursor.number(2), cursor.text(), cursor.text(), cursor.texts())
-
-
-def parse_message(body: memoryview) -> RawMessage:
+def parse_message(body: memoryview) -> Message:
     """Parse a Message record."""
     if len(body) < _MESSAGE.size:
         raise Damage("a message is cut")
     channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
-    return RawMessage(channel_id, sequence, log_time, publish_time, bytes(body[_MESSAGE.size :]))
+    return Message(channel_id, log_time, bytes(body[_MESSAGE.size :]), publish_time, sequence)
 
 
 def message_key(body: memoryview) -> tuple[int, int]:
@@ -143,81 +149,3 @@ def message_key(body: memoryview) -> tuple[int, int]:
         raise Damage("a message is cut")
     channel_id, _, log_time, _ = _MESSAGE.unpack_from(body)
     return channel_id, log_time
-
-
-def open_chunk(body: memoryview) -> memoryview:
-    """Return the decompressed, verified records of a Chunk record."""
-    cursor = Cursor(body)
-    _, _, size, crc = _CHUNK.unpack(cursor.take(_CHUNK.size))
-    compression = cursor.text()
-    packed = cursor.take(cursor.number(8))
-    if size > MAX_RECORD:
-        raise Damage(f"a chunk claims {size} bytes")
-    content = _decompress(packed, compression, size)
-    if len(content) != size:
-        raise Damage(f"a chunk holds {len(content)} bytes instead of {size}")
-    if crc and zlib.crc32(content) != crc:
-        raise Damage("the checksum of a chunk is wrong")
-    return memoryview(content)
-
-
-def chunk_compression(body: memoryview) -> str:
-    """Return the name of a Chunk record's compression, empty for none."""
-    cursor = Cursor(body)
-    cursor.take(_CHUNK.size)
-    return cursor.text()
-
-
-def salvage_chunk(body: memoryview) -> memoryview:
-    """Return what can be decompressed of a Chunk record whose end is missing, up to its last whole record."""
-    try:
-        cursor = Cursor(body)
-        cursor.take(_CHUNK.size)
-        compression = cursor.text()
-        cursor.take(8)
-        content = _decompress_part(cursor.take(cursor.left()), compression)
-    except Damage:
-        return memoryview(b"")
-    end = 0
-    try:
-        for _, offset, inner in records(memoryview(content)):
-            end = offset + PREFIX.size + len(inner)
-    except Damage:
-        pass
-    return memoryview(content)[:end]
-
-
-def _decompress(packed: memoryview, compression: str, size: int) -> bytes:
-    try:
-        if compression == "":
-            return bytes(packed)
-        if compression == "zstd":
-            if not size:
-                return b""
-            claimed = zstandard.get_frame_parameters(packed).content_size
-            if claimed not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-                raise Damage("the two sizes of a chunk differ")
-            return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-        if compression == "lz4":
-            content: bytes = lz4.frame.decompress(packed)
-            return content
-    except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError, EOFError):
-        raise Damage(f"the {compression} data of a chunk is damaged") from None
-    raise Damage(f"unknown compression {compression!r:.40}")
-
-
-def _decompress_part(packed: memoryview, compression: str) -> bytes:
-    pieces: list[bytes] = []
-    if compression == "":
-        return bytes(packed)
-    if compression not in ("zstd", "lz4"):
-        raise Damage(f"unknown compression {compression!r:.40}")
-    zstd = compression == "zstd"
-    unpacker = zstandard.ZstdDecompressor().decompressobj() if zstd else lz4.frame.LZ4FrameDecompressor()
-    # In small steps: what was decompressed before the first damaged piece is kept.
-    try:
-        for start in range(0, len(packed), 4096):
-            pieces.append(unpacker.decompress(packed[start : start + 4096]))
-    except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError, EOFError):
-        pass
-    return b"".join(pieces)

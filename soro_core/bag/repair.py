@@ -1,4 +1,4 @@
-"""Completing an unfinished or damaged bag: what is readable gets an index and metadata.yaml again."""
+"""Repair of unfinished or damaged bags: readable data gets a new index and metadata.yaml."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from soro_core.errors import BagError
 
 @dataclass(frozen=True, slots=True)
 class PartRepair:
-    """What was done to one file: its messages now, what had been wrong, where the damaged original is."""
+    """Result for one file: messages, whether it is rewritten and why, and path of the damaged original."""
 
     path: Path
     message_count: int
@@ -31,9 +31,8 @@ class PartRepair:
 def repair(path: str | Path) -> tuple[PartRepair, ...]:
     """Rewrite the unfinished or damaged files of a bag, and its metadata.yaml.
 
-    Every message that can be read is kept, with its bytes, times and place in the order. A file that had
-    damage beyond a missing index is kept beside the new one as ``NAME.damaged``. A sound file stays as it
-    is. A single MCAP file is repaired by itself, without metadata.yaml.
+    All readable messages keep their bytes, times and order. A file with lost data is kept beside the new one
+    as ``NAME.damaged``. A sound file is not changed. A single MCAP file is repaired without metadata.yaml.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ def repair(path: str | Path) -> tuple[PartRepair, ...]:
     Raises
     ------
     BagError
-        If it is no bag, or nothing of it can be read, or the disk refuses.
+        If the path is not a bag, nothing can be read, or the disk refuses.
     """
     bag = Path(path)
     before = _old_metadata(bag)
@@ -64,28 +63,27 @@ def _files(bag: Path, before: Metadata | None) -> list[Path]:
     files = part_files(bag, before)
     for file in files:
         if file.suffix == ".zstd":
-            raise BagError(f"{file}: compressed as a whole; unpack it first ('zstd -d')")
+            raise BagError("compressed as a whole; unpack it first ('zstd -d')", file, "format")
     return files
 
 
 def _repair_part(path: Path) -> PartRepair:
-    part = open_part(path)
-    try:
-        if part.indexed and not part.problems and _sound(part):
-            return PartRepair(path, part.message_count, False, (), None)
-    finally:
-        part.close()
     part = open_part(path, index=False)
     draft = path.with_name(path.name + ".repair")
     try:
+        if _is_sound(part):
+            return PartRepair(path, part.message_count, False, (), None)
+        if part.private_count:
+            part.lossy = True
+            part.problems.append(f"{path.name}: {part.private_count} records of private kinds; left out")
         _rewrite(part, draft)
-        # Nothing is thrown away: bytes that were left out stay with the original.
+        # The original keeps the bytes that are left out.
         original = _free_name(path) if part.lossy else None
         if original is not None:
             os.replace(path, original)
         os.replace(draft, path)
     except OSError as error:
-        raise BagError(f"{path}: cannot be rewritten: {error.strerror}") from None
+        raise BagError(f"cannot be rewritten: {error.strerror}", path, "disk") from None
     finally:
         part.close()
         draft.unlink(missing_ok=True)
@@ -100,17 +98,30 @@ def _free_name(path: Path) -> Path:
     raise AssertionError
 
 
-def _sound(part: Part) -> bool:
-    """Whether every chunk can be read and holds as many messages as the index says."""
-    try:
-        return sum(1 for block in part.blocks for _ in part.messages(block)) == part.message_count
-    except BagError:
+def _is_sound(walked: Part) -> bool:
+    """Whether a file has an index that agrees with its records."""
+    if walked.problems:
         return False
+    part = open_part(walked.path)
+    part.close()
+    same = (
+        part.indexed
+        and part.schemas == walked.schemas
+        and part.channels == walked.channels
+        and {**part.counts} == {**walked.counts}
+        and part.metadata == walked.metadata
+        and part.attachments == walked.attachments
+        and part.chunks == walked.chunks
+    )
+    if not same:
+        state = "is not that of the file" if part.indexed else "is missing or leaves something out"
+        walked.problems.append(f"{walked.path.name}: the index {state}")
+    return same
 
 
 def _rewrite(part: Part, draft: Path) -> None:
     """Write the messages of a part into a new file, in the order of the old one."""
-    compression = cast(Compression, {"": "none"}.get(part.compression, part.compression))
+    compression = cast(Compression, part.compression or "none")
     with draft.open("wb") as stream:
         file = McapFile(stream, compression, profile=part.profile)
         for name, values in part.metadata:
@@ -118,11 +129,9 @@ def _rewrite(part: Part, draft: Path) -> None:
         channels = {channel_id: file.copy_channel(part, channel_id) for channel_id in part.channels}
         for block in part.blocks:
             for raw in part.messages(block):
-                file.write(
-                    channels[raw.channel_id], raw.data, raw.log_time_ns, raw.publish_time_ns, raw.sequence
-                )
-        for item in part.attachments:
-            file.add_attachment(item)
+                file.write(channels[raw.channel_id], raw.data, raw.log_time, raw.publish_time, raw.sequence)
+        for place in part.attachments:
+            file.add_attachment(part.attachment(place))
         file.flush()
         file.finish()
         stream.flush()
@@ -130,7 +139,7 @@ def _rewrite(part: Part, draft: Path) -> None:
 
 
 def _recorded_metadata(bag: Path) -> Metadata | None:
-    """Metadata that the recorder left inside the file: what to know of the run when metadata.yaml is lost."""
+    """Return the metadata record of the file, which replaces a lost metadata.yaml."""
     part = open_part(part_files(bag, None)[0], index=False)
     part.close()
     for name, values in reversed(part.metadata):

@@ -1,4 +1,4 @@
-"""Opening an MCAP file through the index at its end; where that cannot be relied on, through its records."""
+"""Opening an MCAP file by the index at its end, or by its records if the index is incomplete."""
 
 from __future__ import annotations
 
@@ -6,19 +6,31 @@ import struct
 import zlib
 from pathlib import Path
 
-from soro_core.bag.part import Block, Part, open_stream
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+
+from soro_core.bag.blocks import Block
+from soro_core.bag.chunks import open_chunk
+from soro_core.bag.part import Part, open_stream
+from soro_core.bag.prefixes import read_prefix
 from soro_core.bag.records import (
-    CHANNEL,
-    CHUNK_INDEX,
+    DATA_END,
     FOOTER,
+    HEADER,
     MAGIC,
+    MESSAGE,
+    METADATA,
     PREFIX,
-    SCHEMA,
-    STATISTICS,
-    Cursor,
     Damage,
-    parse_channel,
-    parse_schema,
+    parse,
     records,
 )
 from soro_core.bag.scan import scan
@@ -34,114 +46,168 @@ def open_part(path: Path, index: bool = True) -> Part:
     Parameters
     ----------
     path : Path
-        ``NAME_0.mcap``, or ``NAME_0.mcap.zstd`` as rosbag2's file compression leaves it.
+        ``NAME_0.mcap``, or ``NAME_0.mcap.zstd`` of rosbag2's file compression.
     index : bool
-        Trust the index where it is whole; else walk through all records.
+        Use the index if it is complete; else read all records.
 
     Raises
     ------
     BagError
-        If the file is missing, unreadable, empty or no MCAP file.
+        If the file is missing, unreadable, empty or not an MCAP file.
     """
     stream = open_stream(path)
     try:
         part = Part(path, stream, stream.seek(0, 2))
-        stream.seek(0)
-        magic = stream.read(len(MAGIC))
-        if not magic:
-            raise BagError(f"{path}: the file is empty")
-        if magic != MAGIC:
-            raise BagError(f"{path}: no MCAP file: it begins with {magic!r}")
+        _check_magic(part)
         summary = _read_summary(part)
-        if summary is None or not (index and summary.indexed):
-            # Schemas and channels of the summary serve where the chunk that introduced them is damaged.
-            if summary is not None:
-                part.schemas, part.channels = summary.schemas, summary.channels
+        if summary is None:
             scan(part)
             return part
+        summary.part.problems[:0] = part.problems
+        if index and summary.is_complete():
+            return summary.part
+        # Schemas and channels of the summary replace those of damaged chunks.
+        part.schemas, part.channels = summary.part.schemas, summary.part.channels
+        scan(part, summary.is_proven)
+        if summary.is_proven:
+            summary.compare(part)
     except OSError as error:
         stream.close()
-        raise BagError(f"{path}: {error.strerror or error}") from None
+        raise BagError(error.strerror or str(error), path, "disk") from None
     except BaseException:
         stream.close()
         raise
-    return summary
+    return part
 
 
-def _read_summary(part: Part) -> Part | None:
-    """Return a Part filled from the summary section, `indexed` if it leaves out nothing; None without one."""
+def _check_magic(part: Part) -> None:
+    """Refuse a file that neither starts as an MCAP file, up to one bit, nor ends as one."""
+    part.stream.seek(0)
+    magic = part.stream.read(len(MAGIC))
+    part.stream.seek(max(0, part.size - len(MAGIC)))
+    if not magic:
+        raise BagError("the file is empty", part.path, "damaged")
+    if magic != MAGIC:
+        flipped = int.from_bytes(magic, "little") ^ int.from_bytes(MAGIC, "little")
+        if flipped.bit_count() > 1 and part.stream.read() != MAGIC:
+            raise BagError(f"no MCAP file: it begins with {magic!r}", part.path, "format")
+        part.note(0, "the first bytes are not those of an MCAP file", left_out=False)
+
+
+class _Summary:
+    """The index of a file: a Part filled from it, and counts to check it."""
+
+    def __init__(self, part: Part, start: int, is_proven: bool) -> None:
+        self.part = Part(part.path, part.stream, part.size)
+        self.start, self.is_proven = start, is_proven
+        self._statistics: Statistics | None = None
+        self._metadata: list[MetadataIndex] = []
+
+    def fill(self, data: memoryview) -> None:
+        """Read the records of the summary; raise Damage if one is inconsistent."""
+        part = self.part
+        for opcode, _, body in records(data):
+            if opcode > DATA_END:
+                continue  # the format may grow
+            record = parse(opcode, body)
+            if isinstance(record, Schema):
+                part.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                part.channels[record.id] = record
+            elif isinstance(record, Statistics):
+                self._statistics = record
+                part.counts.update(record.channel_message_counts)
+            elif isinstance(record, ChunkIndex):
+                part.chunks.append(record)
+                part.compression = record.compression
+                times = record.message_start_time, record.message_end_time
+                part.blocks.append(Block(*times, record.chunk_start_offset, record.chunk_length, open_chunk))
+            elif isinstance(record, AttachmentIndex):
+                part.attachments.append(record)
+            elif isinstance(record, MetadataIndex):
+                self._metadata.append(record)
+
+    def is_complete(self) -> bool:
+        """Whether the index has all that reading needs; the format allows incomplete ones."""
+        part, counted = self.part, self._statistics
+        part.indexed = (
+            counted is not None
+            and counted.message_count == part.message_count
+            and counted.chunk_count == len(part.chunks)
+            and counted.attachment_count == len(part.attachments)
+            and counted.metadata_count == len(self._metadata)
+            and all(channel_id in part.channels for channel_id, count in part.counts.items() if count)
+            and all(not item.schema_id or item.schema_id in part.schemas for item in part.channels.values())
+            and self._all_messages_are_in_chunks()
+            and self._metadata_is_read()
+        )
+        return part.indexed
+
+    def compare(self, walked: Part) -> None:
+        """Note messages that the index counts and the records lack."""
+        missing = self.part.message_count - walked.message_count
+        if missing > 0:
+            walked.lossy = True
+            walked.problems.append(
+                f"{walked.path.name}: {missing} of {self.part.message_count} messages are missing"
+            )
+
+    def _all_messages_are_in_chunks(self) -> bool:
+        """Whether the rest of the file consists of whole records without messages."""
+        part, position = self.part, len(MAGIC)
+        known = [
+            *(
+                (item.chunk_start_offset, item.chunk_length + item.message_index_length)
+                for item in part.chunks
+            ),
+            *((item.offset, item.length) for item in part.attachments),
+            *((item.offset, item.length) for item in self._metadata),
+        ]
+        for offset, length in (*sorted(known), (self.start, 0)):
+            while position < offset:
+                prefix = read_prefix(part, position)
+                if prefix is None or prefix.opcode == MESSAGE:
+                    return False
+                position = prefix.end
+            if position != offset:
+                return False
+            position += length
+        return True
+
+    def _metadata_is_read(self) -> bool:
+        part = self.part
+        try:
+            header = part.record(HEADER, len(MAGIC))
+            assert isinstance(header, Header)
+            part.profile = header.profile
+            for place in self._metadata:
+                record = part.record(METADATA, place.offset, place.length)
+                assert isinstance(record, Metadata)
+                part.metadata.append((record.name, record.metadata))
+        except Damage:
+            return False
+        return True
+
+
+def _read_summary(part: Part) -> _Summary | None:
+    """Read the summary section; return None without one, and note a problem if it is damaged."""
     if part.size < len(MAGIC) + _TAIL:
         return None
-    part.stream.seek(part.size - _TAIL)
-    tail = part.stream.read(_TAIL)
+    tail = bytes(part.read(part.size - _TAIL, _TAIL))
     opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
     if not tail.endswith(MAGIC) or opcode != FOOTER or length != _FOOTER.size - PREFIX.size or start == 0:
         return None
-    summary = Part(part.path, part.stream, part.size)
     end = part.size - _TAIL
     try:
         if not len(MAGIC) < start <= end:
             raise Damage("the index lies outside the file")
-        part.stream.seek(start)
-        data = part.stream.read(end - start)
+        data = part.read(start, end - start)
         # The checksum covers the summary and the footer up to itself.
         if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(data)) != crc:
             raise Damage("the checksum of the index is wrong")
-        summary.indexed = _fill(summary, memoryview(data), start)
+        summary = _Summary(part, start, bool(crc))
+        summary.fill(data)
     except Damage as damage:
-        part.problems.append(f"{part.path.name}: {damage}; it was not used")
+        part.problems.append(f"{part.path.name}: {damage}; it is ignored")
         return None
     return summary
-
-
-def _fill(part: Part, summary: memoryview, start: int) -> bool:
-    """Read the summary; False if it leaves out what reading needs (the format allows that)."""
-    chunk_count = message_count = -1
-    used: set[int] = set()
-    for opcode, _, body in records(summary):
-        if opcode == SCHEMA:
-            schema = parse_schema(body)
-            part.schemas[schema.id] = schema
-        elif opcode == CHANNEL:
-            channel = parse_channel(body)
-            part.channels[channel.id] = channel
-        elif opcode == STATISTICS:
-            message_count, chunk_count = _fill_statistics(part, body)
-        elif opcode == CHUNK_INDEX:
-            block, channels, part.compression = _parse_chunk_index(body)
-            if block.offset + block.length > start:
-                raise Damage("the index points outside the data")
-            part.blocks.append(block)
-            used |= channels
-    channels_known = used.issubset(part.channels)
-    schemas_known = all(not c.schema_id or c.schema_id in part.schemas for c in part.channels.values())
-    counted = message_count == part.message_count and chunk_count == len(part.blocks)
-    # Messages outside chunks have no index.
-    return channels_known and schemas_known and counted and (not message_count or bool(part.blocks))
-
-
-def _fill_statistics(part: Part, body: memoryview) -> tuple[int, int]:
-    """Read the counts of messages; return the numbers of messages and of chunks."""
-    cursor = Cursor(body)
-    message_count = cursor.number(8)
-    cursor.take(2 + 4 + 4 + 4)  # schemas, channels, attachments, metadata
-    chunk_count = cursor.number(4)
-    cursor.take(8 + 8)  # start and end time
-    inner = Cursor(cursor.take(cursor.number(4)))
-    while inner.left():
-        channel_id = inner.number(2)
-        part.counts[channel_id] = inner.number(8)
-    return message_count, chunk_count
-
-
-def _parse_chunk_index(body: memoryview) -> tuple[Block, set[int], str]:
-    """Return the block, the channels in it and the compression."""
-    cursor = Cursor(body)
-    start, end, offset, length = (cursor.number(8) for _ in range(4))
-    inner = Cursor(cursor.take(cursor.number(4)))
-    used = set()
-    while inner.left():
-        used.add(inner.number(2))
-        inner.take(8)
-    cursor.take(8)
-    return Block(start, end, offset, length, is_chunk=True), used, cursor.text()

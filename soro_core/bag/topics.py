@@ -1,4 +1,4 @@
-"""What a bag knows about a topic: name, type, definition and the quality of service of its publishers."""
+"""Topics of a bag: name, type, definition and quality of service of the publishers."""
 
 from __future__ import annotations
 
@@ -27,13 +27,16 @@ _POLICIES: dict[str, tuple[str, ...]] = {
         "best_available",
     ),
 }
+# Largest number of levels in YAML; metadata.yaml has eight.
+_MAX_DEPTH = 20
+_QOS_KEY = "offered_qos_profiles"
 # What middlewares of before 2021 wrote for an infinite duration.
 _OLD_INFINITE = ((0x7FFFFFFF, 0xFFFFFFFF), (0x7FFFFFFF, 0x7FFFFFFF))
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A duration as rmw holds it. Kept as recorded: readers compare the two places where it stands."""
+    """A duration in the form of rmw, unchanged: readers compare its two copies in a bag."""
 
     sec: int = INFINITE_NS // 10**9
     nsec: int = INFINITE_NS % 10**9
@@ -45,7 +48,7 @@ class Span:
 
     @property
     def nanoseconds(self) -> int:
-        """Nanoseconds, INFINITE_NS at most and for every old way to write infinity."""
+        """Nanoseconds, INFINITE_NS at most; old encodings of infinity give INFINITE_NS."""
         if (self.sec, self.nsec) in _OLD_INFINITE:
             return INFINITE_NS
         return min(self.sec * 10**9 + self.nsec, INFINITE_NS)
@@ -89,13 +92,13 @@ class Topic:
     name, type : str
         ``/arm/state`` and ``sensor_msgs/msg/JointState``.
     definition : str
-        Full text of the message definition with all that it refers to, as rosbag2 concatenates it.
+        Text of the message definition and of all referenced types, in the order of rosbag2.
     definition_encoding : str
-        ``ros2msg``, ``ros2idl`` or empty when there is no definition.
+        ``ros2msg``, ``ros2idl``, or "" without a definition.
     type_hash : str
-        ``RIHS01_...`` or empty when unknown.
+        ``RIHS01_...``, or "" if unknown.
     qos : tuple of Qos
-        One profile a publisher.
+        One profile for each publisher.
     serialization_format : str
         ``cdr`` for everything that ROS 2 records by itself.
     """
@@ -110,8 +113,24 @@ class Topic:
 
 
 def load_yaml(text: str) -> Any:
-    """Parse YAML with libyaml where PyYAML was built with it (ten times faster)."""
-    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    """Parse YAML with libyaml if PyYAML has it (ten times faster).
+
+    Raises
+    ------
+    yaml.YAMLError
+        If the text is not YAML, or holds what recorders never write and what can exhaust a reader:
+        references, many levels (which would end the process), invalid numbers and dates.
+    """
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if isinstance(event, yaml.AliasEvent) or depth > _MAX_DEPTH:
+            raise yaml.YAMLError(f"references, or more than {_MAX_DEPTH} levels")
+    try:
+        return yaml.load(text, Loader=loader)
+    except (ValueError, OverflowError) as error:
+        raise yaml.YAMLError(str(error)) from None
 
 
 def qos_to_yaml(profiles: Sequence[Qos]) -> str:
@@ -120,27 +139,29 @@ def qos_to_yaml(profiles: Sequence[Qos]) -> str:
     return text.strip()
 
 
-def qos_from(value: object) -> tuple[Qos, ...]:
+def qos_from(value: object, file: str = "") -> tuple[Qos, ...]:
     """Read profiles of any metadata version: YAML text or a list, policies by number or by name.
+
+    `file` is where the value stands, for errors.
 
     Raises
     ------
     BagError
-        If the value is no list of profiles.
+        If the value is not a list of profiles.
     """
     if isinstance(value, str):
         try:
             value = load_yaml(value)
         except yaml.YAMLError:
-            raise BagError("offered_qos_profiles: no valid YAML") from None
+            raise BagError("no valid YAML", file, "value", _QOS_KEY) from None
     if value is None or value == "":
         return ()
     if not isinstance(value, list) or not all(isinstance(item, Mapping) for item in value):
-        raise BagError(f"offered_qos_profiles: got {value!r:.60}; allowed: a list of profiles")
-    return tuple(_profile(item) for item in value)
+        raise BagError(f"got {value!r:.60}; allowed: a list of profiles", file, "value", _QOS_KEY)
+    return tuple(_profile(item, file) for item in value)
 
 
-def _profile(item: Mapping[str, Any]) -> Qos:
+def _profile(item: Mapping[str, Any], file: str) -> Qos:
     try:
         return Qos(
             history=_policy("history", item),
@@ -153,8 +174,8 @@ def _profile(item: Mapping[str, Any]) -> Qos:
             liveliness_lease=_span(item.get("liveliness_lease_duration")),
             avoid_ros_namespace_conventions=bool(item.get("avoid_ros_namespace_conventions", False)),
         )
-    except (TypeError, ValueError, KeyError, AttributeError) as error:
-        raise BagError(f"offered_qos_profiles: {error} in {dict(item)!r:.80}") from None
+    except (TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
+        raise BagError(f"{error} in {dict(item)!r:.80}", file, "value", _QOS_KEY) from None
 
 
 def _policy(name: str, item: Mapping[str, Any]) -> str:

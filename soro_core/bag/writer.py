@@ -1,4 +1,4 @@
-"""Writing bags in rosbag2's MCAP layout: raw CDR in, a folder with NAME_0.mcap and metadata.yaml out."""
+"""Writing bags in rosbag2's MCAP layout: a folder with NAME_0.mcap and metadata.yaml."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from soro_core.errors import BagError
 class BagWriter:
     """A bag being written.
 
-    What was flushed survives the death of the process: the file is then readable (`BagReader`) and can be
-    completed (`repair`). Not for several threads at once.
+    Flushed data survives a crash of the process: `BagReader` reads the file, and `repair` completes it. Use a
+    writer in one thread only.
 
     Parameters
     ----------
     folder : str or Path
         Folder of the new bag; its last part names the files.
     compression : {"zstd", "lz4", "none"}
-        Of the chunks.
+        Compression of the chunks.
     chunk_bytes : int
         Uncompressed size at which a chunk is written.
     ros_distro : str
-        Noted in the metadata.
+        Name of the ROS distribution in the metadata.
     custom_data : dict of str to str, optional
-        Noted in the metadata: scene, seed, whatever belongs to the run.
+        Other texts in the metadata: scene, seed and so on.
 
     Raises
     ------
@@ -60,11 +60,11 @@ class BagWriter:
             self.folder.mkdir(parents=True)
             self._stream = (self.folder / self._file_name).open("xb")
         except FileExistsError:
-            raise BagError(f"{self.folder}: exists already; a bag is never overwritten") from None
+            raise BagError("exists already; a bag is never overwritten", self.folder, "exists") from None
         except OSError as error:
-            raise BagError(f"{self.folder}: cannot be written: {error.strerror}") from None
+            raise BagError(f"cannot be written: {error.strerror}", self.folder, "disk") from None
         self._file = McapFile(self._stream, compression, chunk_bytes)
-        self._guard("begin", self._begin)
+        self._on_disk("begin", self._begin)
 
     def __enter__(self) -> BagWriter:
         return self
@@ -94,7 +94,7 @@ class BagWriter:
         """
         self._check_open()
         if topic.name in self._topics:
-            raise BagError(f"{self.folder}: topic {topic.name} is there already")
+            raise BagError(f"topic {topic.name} is there already", self.folder, "exists")
         self._topics[topic.name] = topic, self._file.add_topic(topic)
         self._counts[topic.name] = 0
 
@@ -115,11 +115,11 @@ class BagWriter:
         data : bytes
             The serialised message: CDR with its four bytes of encapsulation in front.
         log_time_ns : int
-            When it was received, in nanoseconds; bags are replayed in this order.
+            Time of reception [ns]; bags are replayed in this order.
         publish_time_ns : int, optional
-            When it was sent; the log time by default.
+            Time of publication [ns]; the log time by default.
         sequence : int, optional
-            Its number; counted by topic by default.
+            Number of the message; counted by topic by default.
 
         Raises
         ------
@@ -130,21 +130,22 @@ class BagWriter:
         try:
             channel = self._topics[topic][1]
         except KeyError:
-            raise BagError(f"{self.folder}: topic {topic!r} was not added") from None
+            raise BagError(f"topic {topic!r} was not added", self.folder, "missing") from None
         published = log_time_ns if publish_time_ns is None else publish_time_ns
         if not (0 <= log_time_ns < 2**63 and 0 <= published < 2**64):
-            raise BagError(f"{self.folder}: {topic}: got time {log_time_ns} ns; allowed: 0 to 2^63 - 1")
+            text = f"got time {log_time_ns} ns; allowed: 0 to 2^63 - 1"
+            raise BagError(text, self.folder, "value", topic)
         number = self._counts[topic] + 1 if sequence is None else sequence % 2**32
-        self._guard("write", lambda: self._file.write(channel, data, log_time_ns, published, number))
+        self._on_disk("write", lambda: self._file.write(channel, data, log_time_ns, published, number))
         self._counts[topic] += 1
         self.byte_count += len(data)
         self._start_ns = log_time_ns if self._start_ns is None else min(self._start_ns, log_time_ns)
         self._end_ns = max(self._end_ns, log_time_ns)
 
     def flush(self) -> None:
-        """End the chunk and hand everything to the operating system; how often bounds what a crash costs."""
+        """End the chunk and pass all data to the operating system; data written since is lost in a crash."""
         self._check_open()
-        self._guard("write", self._file.flush)
+        self._on_disk("write", self._file.flush)
 
     def close(self) -> None:
         """Write index and metadata.yaml and close the file; may be called again.
@@ -152,22 +153,22 @@ class BagWriter:
         Raises
         ------
         BagError
-            If the disk refuses; what was written before stays readable.
+            If the disk refuses; earlier data stays readable.
         """
         if self.closed:
             return
         self.closed = True
         try:
-            self._guard("end", self._end)
+            self._on_disk("end", self._end)
         finally:
             try:
                 self._stream.close()
             except OSError as error:
-                raise BagError(f"{self.folder}: cannot be closed: {error.strerror}") from None
+                raise BagError(f"cannot be closed: {error.strerror}", self.folder, "disk") from None
         save(self.metadata(), self.folder)
 
     def metadata(self) -> Metadata:
-        """Return what metadata.yaml says of the messages written so far."""
+        """Return the metadata of the messages written so far."""
         duration = 0 if self._start_ns is None else self._end_ns - self._start_ns
         file = FilePart(self._file_name, self._start_ns, duration, self.message_count)
         return Metadata(
@@ -196,10 +197,10 @@ class BagWriter:
 
     def _check_open(self) -> None:
         if self.closed:
-            raise BagError(f"{self.folder}: the bag is closed")
+            raise BagError("the bag is closed", self.folder, "closed")
 
-    def _guard(self, action: str, work: Callable[[], None]) -> None:
+    def _on_disk(self, action: str, work: Callable[[], None]) -> None:
         try:
             work()
         except OSError as error:
-            raise BagError(f"{self.folder}: cannot {action}: {error.strerror}") from None
+            raise BagError(f"cannot {action}: {error.strerror}", self.folder, "disk") from None

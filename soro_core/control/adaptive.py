@@ -1,19 +1,20 @@
-"""Passivity-based adaptive law (theory.md section 6; Slotine and Li) [C22, 3.1].
+"""Passivity-based adaptive law, docs/model.md (36) to (38) [SL87].
 
 With e = q - q_d, qd_r = qd_d - Lambda e, s = qd - qd_r the force is
 
     f = M qdd_r + C qd_r + G + f_e + R qd_r + (creep and hysteresis) - K_p e - K_d s
 
-and the estimates follow pi' = -Gamma Y' s, projected. With H p = f exactly, continuous time and the right
-model structure, V = s' M s / 2 + e' K_p e / 2 + (pi - pi*)' Gamma^-1 (pi - pi*) / 2 falls at the rate
-s' (K_d + R) s + e' K_p Lambda e. With sampling, the regulators' lag, saturation or a plant of another
-structure there is no such proof: those cases are measured (tests/loop).
+and the estimates follow pi' = -Gamma Y' s, projected. If H p = f exactly, in continuous time and with a model
+of the plant's structure, V = s' M s / 2 + e' K_p e / 2 + (pi - pi*)' Gamma^-1 (pi - pi*) / 2 decreases at the
+rate s' (K_d + R) s + e' K_p Lambda e. Sampling, the lag of the regulators, saturation and a plant of another
+structure are outside this proof; tests/loop measures these cases.
 
-Desired compensation (Sadegh and Horowitz, 1990) takes the model's forces and Y at the reference instead. The
-law above cancels the arm's own stiffness and puts K_p in its place; through 30 ms of lag and dead time that
-takes away more stability than a small K_p gives back. At the reference nothing is cancelled: the error sees
-the arm's own stiffness and damping and the feedback on top. The proof then needs these to outweigh the slope
-of the model's forces in q, and holds near the reference only; Y carries no noise of the state.
+Desired compensation (Sadegh and Horowitz, 1990) evaluates the model's forces and Y at the reference instead.
+The law above cancels the stiffness of the arm and replaces it by K_p; with 30 ms of lag and dead time, the
+cancellation costs more stability than a small K_p restores. At the reference nothing is cancelled: the
+stiffness and damping of the arm act on the error, and the feedback adds to them. The proof then requires that
+they outweigh the slope of the model's forces in q, and holds near the reference only; Y is free of the noise
+of the state.
 """
 
 from __future__ import annotations
@@ -32,8 +33,16 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FeedbackGains:
-    """K_p and K_d, (n_q, n_q), symmetric and coupling the coefficients of one strain of one link at most; and
-    the diagonal of Lambda, (n_q,), one value a strain of a link: K_p Lambda must not be indefinite."""
+    """Feedback gains in the coordinates of the arm.
+
+    Attributes
+    ----------
+    k_p, k_d : ndarray (n_q, n_q)
+        K_p and K_d, symmetric; blocks couple the coefficients of one strain of one link only.
+    rate : ndarray (n_q,)
+        Diagonal of Lambda [1/s], one value for all coefficients of a strain of a link, so that K_p Lambda is
+        not indefinite.
+    """
 
     k_p: Array
     k_d: Array
@@ -42,10 +51,24 @@ class FeedbackGains:
 
 @dataclass(frozen=True)
 class Terms:
-    """The parts of the wished force, (n_q,) each, and what they were made from.
+    """The wished force and its terms.
 
-    `model` uses the robot file's parameters, `learnt` is what the estimates add to it, `internal` stands for
-    creep and hysteresis; `wished` is their sum with the feedback. `regressor` is Y, (n_q, m).
+    Attributes
+    ----------
+    error, s : ndarray (n_q,)
+        e and s of docs/model.md (36).
+    model : ndarray (n_q,)
+        Force of the model with the parameters of the robot file.
+    learnt : ndarray (n_q,)
+        Y (pi - pi_0), the correction by the estimates.
+    internal : ndarray (n_q,)
+        Force of creep and hysteresis.
+    proportional, derivative : ndarray (n_q,)
+        -K_p e and -K_d s.
+    wished : ndarray (n_q,)
+        Sum of the five forces above.
+    regressor : ndarray (n_q, m)
+        Y.
     """
 
     error: Array
@@ -69,18 +92,28 @@ def law(
     reference: Point,
     at_reference: bool = False,
 ) -> Terms:
-    """Return the wished generalised force and its terms.
+    """Return the wished generalised force and its terms, docs/model.md (36) and (37).
 
     Parameters
     ----------
+    parameters : ParameterSet
+        Model and regressor.
+    gains : FeedbackGains
+        K_p, K_d and Lambda.
     estimate : ndarray (m,)
-        Of the adapted parameters.
+        Estimates pi of the adapted parameters, each in its own unit.
     internal_force : ndarray (n_q,)
-        Creep and hysteresis, on the left-hand side of the dynamics.
+        Force of creep and hysteresis on the left-hand side of the dynamics.
     q, qd : ndarray (n_q,)
-        State.
+        Coordinates and their rates.
+    reference : Point
+        q_d, qd_d and qdd_d.
     at_reference : bool
-        Take the model's forces and the regressor at (q_d, qd_d, qdd_d) instead of (q, qd, qd_r, qdd_r).
+        Evaluate the model's forces and the regressor at (q_d, qd_d, qdd_d) instead of (q, qd, qd_r, qdd_r).
+
+    Returns
+    -------
+    Terms
     """
     error = q - reference.q
     rate = reference.qd - gains.rate * error
@@ -106,22 +139,39 @@ def adapt(
     leakage: float = 0.0,
     shortfall: Array | None = None,
 ) -> Array:
-    """Return the estimates after `dt`: pi' = -Gamma Y' s - leakage (pi - pi_0), projected.
+    """Return the estimates after `dt`, docs/model.md (38): pi' = -Gamma Y' s - leakage (pi - pi_0).
 
     Parameters
     ----------
+    parameters : ParameterSet
+        Nominal values pi_0, gains Gamma and admissible set.
+    estimate : ndarray (m,)
+        Estimates pi at the start of the step.
+    regressor : ndarray (n_q, m)
+        Y.
+    s : ndarray (n_q,)
+        s of (36).
+    dt : float
+        Time step [s].
     dead_zone : ndarray (n_q,) or float
-        Components of s below it do not teach: noise would otherwise drive the estimates (robustness for a
-        bound on the error instead of convergence to zero).
+        Components of s up to this size do not change the estimates: noise would otherwise drive them. The
+        error then converges to a bound instead of zero.
+    leakage : float
+        Rate at which the estimates return to pi_0 [1/s].
     shortfall : ndarray (n_q,) or None
-        Wished minus made force. Estimates that would lengthen it hold: they would be wound up by an error
-        that the pressures, not the parameters, cause.
+        Wished minus achievable force. Estimates whose change would enlarge it are held: saturation, not the
+        parameters, causes this error, and would wind them up.
+
+    Returns
+    -------
+    ndarray (m,)
+        Admissible estimates; an estimate that would not be finite keeps its value.
     """
-    heard = np.sign(s) * np.maximum(np.abs(s) - dead_zone, 0.0)
-    rate = -parameters.polytope.gain * (regressor.T @ heard) - leakage * (estimate - parameters.nominal)
+    effective = np.sign(s) * np.maximum(np.abs(s) - dead_zone, 0.0)
+    rate = -parameters.polytope.gain * (regressor.T @ effective) - leakage * (estimate - parameters.nominal)
     if shortfall is not None:
-        # The wish changes with estimate i along column i of Y.
-        longer = (regressor.T @ shortfall) * rate > 0.0
+        # Estimate i changes the wished force along column i of Y.
+        longer = np.sign(regressor.T @ shortfall) * np.sign(rate) > 0.0
         rate = np.where(longer, 0.0, rate)
     moved = estimate + dt * rate
     return parameters.polytope.project(np.where(np.isfinite(moved), moved, estimate))

@@ -1,9 +1,9 @@
 """Pressures for a wished generalised force: bounded, weighted least squares.
 
-minimise |A (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum             (theory.md section 6)
+minimise |A (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum,   docs/model.md (39)
 
-Solved by a primal active-set method in scaled pressures. Every iterate is within the bounds, so the answer is
-admissible even where the iterations run out; the problem is strictly convex, so they end.
+A primal active-set method in scaled pressures solves it. Every iterate is within the bounds, so the answer is
+admissible even if the iterations run out; the problem is strictly convex, so the method terminates.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ _TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Allocation:
-    """Answer of `allocate`.
+    """Result of `allocate`.
 
     Attributes
     ----------
     pressure_pa : ndarray (n_u,)
         Within the bounds, always finite.
     force : ndarray (n_q,)
-        H p, the part of the wish that the pressures can make.
+        H p, the generalised force of these pressures.
     saturated : ndarray of bool (n_u,)
         Chambers at one of their bounds.
     iterations : int
-        Of the active-set method.
+        Iterations of the active-set method.
     ok : bool
-        False where the input was not finite (the start is returned) or the iterations ran out.
+        False if the input was not finite (the start is returned) or the iterations ran out.
     """
 
     pressure_pa: Array
@@ -56,7 +56,7 @@ def allocate(
     preferred_pa: Array,
     start_pa: Array,
 ) -> Allocation:
-    """Find the pressures that make `force` best.
+    """Return the pressures whose generalised force is nearest to `force`, docs/model.md (39).
 
     Parameters
     ----------
@@ -65,21 +65,25 @@ def allocate(
     force : ndarray (n_q,)
         Wished generalised force, in the units of each coordinate.
     minimum_pa, maximum_pa : ndarray (n_u,)
-        Bounds, finite, minimum < maximum.
+        Bounds [Pa], finite, minimum < maximum.
     weight : ndarray (m, n_q)
         A, applied to the forces; `balanced_weight` makes newtons and newton metres comparable.
     regularisation : float
-        rho, > 0, relative to the mean square of the weighted columns; decides between equal answers.
+        rho, > 0, relative to the mean square of the weighted columns; makes the solution unique.
     preferred_pa : ndarray (n_u,)
-        p_0.
+        p_0 [Pa].
     start_pa : ndarray (n_u,)
-        Where the search begins (the last answer), and the answer for input that is not finite.
+        Start of the search (the last result) [Pa], returned for input that is not finite.
+
+    Returns
+    -------
+    Allocation
     """
     n = minimum_pa.shape[0]
     span = maximum_pa - minimum_pa
     start = np.where(np.isfinite(start_pa), start_pa, minimum_pa)
     x = np.minimum(np.maximum((start - minimum_pa) / span, 0.0), 1.0)
-    with np.errstate(invalid="ignore"):  # input that is not finite is found below
+    with np.errstate(invalid="ignore"):  # the check below finds input that is not finite
         A = (weight @ actuation) * span
         b = weight @ (force - actuation @ minimum_pa)
     square = A.T @ A
@@ -98,15 +102,16 @@ def allocate(
 
 
 def balanced_weight(actuation: Array, fields: StrainFields) -> Array:
-    """Return the weight that expresses every generalised force as a pressure, (n_q, n_q).
+    """Return the weight A (n_q, n_q) that expresses every generalised force as a pressure.
 
-    Forces on the coefficients of one strain are measured by the smallest distributed moment (or force) that
-    makes them: its mean square is f' W^-1 f, whatever the basis. Over this size of its rows of H each strain
-    is divided. Of a constant strain that is the row over its length.
+    The forces f on the coefficients of one strain are measured by the smallest distributed moment (or force)
+    that causes them; its mean square is f' W^-1 f with W of docs/model.md (4), in every basis. The forces of
+    each strain are divided by this norm of the strain's rows of H. For a constant strain, that is the row
+    divided by its length.
     """
     square = np.sum((fields.root @ actuation) ** 2, axis=1)
     length = np.sqrt(np.bincount(fields.index, square))[fields.index]
-    # A strain that no chamber moves has no say.
+    # A strain that no chamber drives gets the weight 0.
     return np.asarray(np.where(length > 1e-300, 1.0 / np.maximum(length, 1e-300), 0.0)[:, None] * fields.root)
 
 

@@ -1,7 +1,8 @@
-"""What the controller remembers between two ticks, and what it hands out."""
+"""State, status and output of the controller."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -9,27 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.adaptive import Terms
-from soro_core.control.trajectory import Point, Reference
+from soro_core.control.following import Following
+from soro_core.control.trajectory import Hold, Point
+from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ControllerState:
-    """What the controller remembers between two ticks.
+    """State of the controller between two ticks.
 
     Attributes
     ----------
     estimate : ndarray (m,)
-        Of the adapted parameters.
+        Estimates of the adapted parameters.
     setpoint_pa, model_pa : ndarray (n_u,)
-        Last command, and the pressures that the lag model predicts from the commands.
+        Last command, and the pressures that the lag model predicts from the commands [Pa gauge].
     wish_pa : ndarray (n_u,)
-        Last allocation: the pressures that were wished for, where the next search starts.
+        Last allocation [Pa gauge], the start of the next search.
     internal : ndarray
         Creep and hysteresis states, integrated along the measured motion.
-    source, active, point
-        The reference given last (None for the configured one), the passage to it, and where it was last.
+    following : Following or None
+        The reference in force; None before the first tick.
+    point : Point or None
+        The reference at the last tick; None before the first tick.
     """
 
     estimate: Array
@@ -37,15 +42,13 @@ class ControllerState:
     model_pa: Array
     wish_pa: Array
     internal: Array
-    source: Reference | None = None
-    active: Reference | None = None
+    following: Following | None = None
     point: Point | None = None
-    configured: Reference | None = None
 
 
 @dataclass(frozen=True)
 class ControllerStatus:
-    """Whether the command follows from the law; otherwise `message` says why the last one is held."""
+    """Whether the law gave the command; if not, `message` says why the last command is held."""
 
     ok: bool
     message: str
@@ -53,14 +56,14 @@ class ControllerStatus:
 
 @dataclass(frozen=True)
 class Command:
-    """Result of one tick.
+    """Output of one tick.
 
     Attributes
     ----------
     setpoint_pa : ndarray (n_u,)
         Set points [Pa gauge], finite and within the bounds.
     wished_force, applied_force : ndarray (n_q,)
-        Generalised force of the law; force of the measured pressures, H p.
+        Generalised force that the law asks for; generalised force H p of the measured pressures.
     estimates : dict
         Adapted parameters by name.
     reference : Point
@@ -68,9 +71,10 @@ class Command:
     tip_reference : ndarray (4, 4)
         Pose of the tip in q_d by the controller's own kinematics.
     saturated : ndarray of bool (n_u,)
-        Chambers whose wished pressure or set point lies at a bound.
+        Chambers whose allocated pressure or set point lies at a bound.
     terms : Terms or None
-        The parts of the wished force; None where the command is held.
+        The terms of the wished force; None if the command is held.
+    status : ControllerStatus
     """
 
     setpoint_pa: Array
@@ -82,3 +86,60 @@ class Command:
     saturated: NDArray[np.bool_]
     terms: Terms | None
     status: ControllerStatus
+
+
+def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
+    """Return why the input of a tick is refused, or an empty string.
+
+    Parameters
+    ----------
+    q, qd : ndarray (n,)
+        Coordinates and their rates.
+    t, dt : float
+        Time and time since the last tick [s].
+    n : int
+        Number of coordinates of the arm.
+
+    Returns
+    -------
+    str
+    """
+    if np.shape(q) != (n,) or np.shape(qd) != (n,):
+        return f"state of shape {np.shape(q)}, {np.shape(qd)} instead of ({n},)"
+    if not (np.all(np.isfinite(q)) and np.all(np.isfinite(qd))):
+        return "state is not finite"
+    if not (math.isfinite(t) and math.isfinite(dt) and dt > 0.0):
+        return f"time {t} s with step {dt} s"
+    return ""
+
+
+def held_command(arm: SoftArm, state: ControllerState, estimates: dict[str, float], trouble: str) -> Command:
+    """Return the command that holds the last set points.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    state : ControllerState
+        State after the last tick.
+    estimates : dict of str to float
+        Estimates by name.
+    trouble : str
+        Why the law gives no command.
+
+    Returns
+    -------
+    Command
+    """
+    point = state.point if state.point is not None else Hold(np.zeros(arm.n_q)).sample(0.0)
+    return Command(
+        setpoint_pa=state.setpoint_pa,
+        wished_force=np.zeros(arm.n_q),
+        applied_force=np.zeros(arm.n_q),
+        estimates=estimates,
+        reference=point,
+        tip_reference=arm.pose(point.q, arm.robot.length),
+        saturated=np.zeros(arm.n_u, dtype=bool),
+        terms=None,
+        status=ControllerStatus(False, trouble),
+    )

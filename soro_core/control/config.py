@@ -24,23 +24,22 @@ ADAPTABLE = (
 
 
 def require_chambers(robot: Robot, where: str) -> None:
-    """Refuse a robot that nothing can be commanded of.
+    """Refuse a robot without chambers.
 
     Raises
     ------
     ConfigError
-        If it has no chambers.
+        With the key `robot`.
     """
     if not robot.chamber_names:
         raise ConfigError(where, "robot", f"{robot.name}, which has no chambers", "a robot with chambers")
 
 
 class Gains(Strict):
-    """Feedback gains: one value a strain of a link, repeated for every link, or one a coordinate.
+    """Feedback gains: one value for each strain of a link, used for every link, or one for each coordinate.
 
-    A value of a strain is that of a uniform strain; of one with several coefficients it acts on the mean
-    square along the link (K_p = k_p W, `soro_core.robot.coordinates`), so that the law is the same in every
-    basis. Values of coordinates stand on the diagonal as they are.
+    A value of a strain weighs the mean square of the strain along the link (K_p = k_p W with W of
+    docs/model.md (4)), so that the law is the same in every basis. Values of coordinates are the diagonal.
     """
 
     k_p: Floats = Field((0.4, 1e-6, 1e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
@@ -58,7 +57,7 @@ class Gains(Strict):
 
 
 class Adaptation(Strict):
-    """Which parameters are adapted, how fast, and within which bounds; the lists belong together."""
+    """Adapted parameters, their gains and bounds: lists of equal length."""
 
     parameters: Strings = Field(
         ("tip_mass",), description=f"adapted parameters, any of {', '.join(ADAPTABLE)}"
@@ -68,16 +67,16 @@ class Adaptation(Strict):
     upper: Floats = Field((0.1,), description="upper bounds, in the parameter's unit")
     margin_stretch_n_m: float = Field(10.0, gt=0, le=1e6, description="least a1 - a2")
     margin_bend_n_m_rad: float = Field(1e-4, gt=0, le=1e3, description="least a4 - a5")
-    dead_zone_stretch_per_s: float = Field(0.0, ge=0, le=10, description="|s| below which nothing is learnt")
+    dead_zone_stretch_per_s: float = Field(0.0, ge=0, le=10, description="|s| below which the estimates hold")
     dead_zone_curvature_per_m_s: float = Field(
-        0.0, ge=0, le=1e3, description="|s| below which nothing is learnt"
+        0.0, ge=0, le=1e3, description="|s| below which the estimates hold"
     )
     leakage_per_s: float = Field(
         0.0, ge=0, le=10, description="sigma modification: pull to the robot's values"
     )
     hold_saturated: bool = Field(
         True,
-        description="do not learn what would only ask for more of a force that the pressures cannot make",
+        description="hold estimates whose change would enlarge the force that saturated pressures lack",
     )
 
     @model_validator(mode="after")
@@ -106,10 +105,14 @@ class Adaptation(Strict):
 
 
 class Pressures(Strict):
-    """How forces become set points."""
+    """Allocation of pressures; keys of limits and lag default to those of limiter and platform."""
 
-    minimum_pa: float = Field(0.0, ge=-1e5, le=1e6, description="lowest set point")
-    maximum_pa: float = Field(90e3, gt=-1e5, le=1e6, description="highest set point")
+    minimum_pa: float | None = Field(
+        None, ge=-1e5, le=1e6, description="lowest set point; default: that of the limits"
+    )
+    maximum_pa: float | None = Field(
+        None, gt=-1e5, le=1e6, description="highest set point; default: that of the limits"
+    )
     regularisation: float = Field(1e-8, gt=0, le=1, description="pull towards preferred_pa, relative")
     preferred_pa: float = Field(
         45e3, ge=-1e5, le=1e6, description="pressure preferred where the force leaves a choice"
@@ -117,25 +120,33 @@ class Pressures(Strict):
     force_weight: Floats = Field(
         (0.3, 1.0, 1.0),
         min_length=1,
-        description="weight of each strain of a link, or coordinate, where not all forces can be made",
+        description="weight of each strain of a link, or coordinate, if the pressures cannot make all forces",
     )
-    rise_pa_s: float = Field(200e3, gt=0, le=1e7, description="fastest rise that the limiter allows")
-    fall_pa_s: float = Field(400e3, gt=0, le=1e7, description="fastest fall that the limiter allows")
-    preview_s: float = Field(
-        0.033,
+    rise_pa_s: float | None = Field(
+        None, gt=0, le=1e7, description="fastest rise of a set point; default: that of the limits"
+    )
+    fall_pa_s: float | None = Field(
+        None, gt=0, le=1e7, description="fastest fall of a set point; default: that of the limits"
+    )
+    preview_s: float | None = Field(
+        None,
         ge=0,
         le=1,
-        description="state and reference are taken this far ahead, to when a set point acts: what the lag's "
-        "inverse leaves, dead time, one tick and half a hold",
+        description="time ahead at which state and reference are taken, when a set point acts; default: one "
+        "tick, dead time, and the part of lag and half a hold that the inverse leaves",
     )
-    lag_s: float = Field(
-        0.052, ge=0, le=10, description="time constant of the regulators, inverted; 0 for none"
+    lag_s: float | None = Field(
+        None,
+        ge=0,
+        le=10,
+        description="time constant of the regulators, inverted, 0 for none; default: the platform's",
     )
-    lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that is left of it")
+    lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
     @model_validator(mode="after")
     def _ordered(self) -> Pressures:
-        if not self.minimum_pa < self.maximum_pa:
+        low, high = self.minimum_pa, self.maximum_pa
+        if low is not None and high is not None and not low < high:
             raise ValueError("minimum_pa must be below maximum_pa")
         if min(self.force_weight) <= 0.0:
             raise ValueError("force_weight must be positive")
@@ -143,13 +154,17 @@ class Pressures(Strict):
 
 
 class ReferenceConfig(Strict):
-    """What is tracked until a topic says otherwise."""
+    """The reference that is followed until a topic gives another one."""
 
     kind: Literal["circle", "set_point", "hold"] = Field(
         "circle", description="circle of the tip, a set point, or hold where the arm is found"
     )
     start_s: float = Field(
-        3.0, gt=0, le=1e3, description="length of the smooth start, and of changes of reference"
+        3.0,
+        gt=0,
+        le=1e3,
+        description="duration of the smooth start, and of the passage to a new reference; a stream of "
+        "references (one within 1 s of the last) is followed from message to message",
     )
     curvature_per_m: float = Field(10.0, ge=0, le=1e3, description="curvature of every link on the circle")
     period_s: float = Field(4.0, gt=0, le=1e4, description="period of the circle")
@@ -176,16 +191,44 @@ class ReferenceConfig(Strict):
     bend_limit_rad: float = Field(
         3.0, gt=0, le=30, description="largest bending or torsion of a link of a reference"
     )
+    stretch_rate_per_s: float = Field(
+        0.3,
+        gt=0,
+        le=100,
+        description="fastest elongation or shear of a reference by topic, and of the passage to it",
+    )
+    bend_rate_rad_s: float = Field(
+        2.0,
+        gt=0,
+        le=1e3,
+        description="fastest bending or torsion of a link of a reference by topic, and of the passage to it",
+    )
+    smoothing_s: float = Field(
+        0.05,
+        ge=0.005,
+        le=10,
+        description="time constant of each of the two lags that smooth passages and streams; accelerations "
+        "are at most 2 / smoothing_s times the fastest rates",
+    )
+
+
+# The defaults below are tuned for this robot.
+BUILT_IN_ROBOT = "tue_three_bellow"
 
 
 class ControllerConfig(Strict):
     """Parameters of the controller."""
 
+    robot: str = Field(
+        BUILT_IN_ROBOT,
+        description="robot that the gains are for, a file or a name; without it, stated gains are "
+        "those of the controlled robot",
+    )
     law: Literal["adaptive"] = Field("adaptive", description="control law")
     compensation: Literal["reference", "measured"] = Field(
         "reference",
-        description="state at which the model's forces are taken: measured, as the proof wants it, or "
-        "that of the reference, which keeps the arm's own stiffness in the loop and so bears delay and lag",
+        description="state at which the model's forces are evaluated: measured, as the proof requires, or "
+        "reference, which keeps the stiffness of the arm in the loop and so tolerates delay and lag",
     )
     adapt: bool = Field(True, description="false: the same law and gains with the robot file's parameters")
     gains: Gains = Field(Gains(), description="feedback")

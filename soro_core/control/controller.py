@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -10,23 +9,28 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.adaptive import FeedbackGains, adapt, law
+from soro_core.config import changed
+from soro_core.control.actuation import complete_pressures, pressure_bounds
+from soro_core.control.adaptive import adapt, law
 from soro_core.control.allocation import allocate, balanced_weight
-from soro_core.control.command import Command, ControllerState, ControllerStatus
+from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
-from soro_core.control.lag import advance, compensate
+from soro_core.control.creep import advance_creep
+from soro_core.control.following import follow, reference_ahead
+from soro_core.control.lag import compensate
 from soro_core.control.parameters import ParameterSet
 from soro_core.control.references import (
-    check_limits,
+    bounds_of,
+    check_configured,
     configured_reference,
-    gain_matrix,
-    per_coordinate,
-    strain_limits,
     tip_reference,
+    trajectory_reference,
 )
-from soro_core.control.trajectory import Blend, Hold, Reference, Stop, Waypoints
-from soro_core.errors import ConfigError
+from soro_core.control.spread import feedback_gains, per_coordinate
+from soro_core.control.trajectory import Reference
+from soro_core.errors import SoroError
 from soro_core.model.discretised import discretised
+from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.coordinates import strain_fields
 
@@ -39,10 +43,12 @@ class Controller:
     Parameters
     ----------
     robot : Robot
-        As its file describes it.
+        The robot of the robot file.
     config : ControllerConfig, optional
+        Parameters; keys of limits and regulators that it leaves out get defaults, see
+        `soro_core.control.actuation.complete_pressures`.
     model : Discretisation
-        How the robot is computed; `arm` and `robot` are what becomes of it.
+        Discretisation of the robot; the attributes `arm` and `robot` are the discretised ones.
 
     Raises
     ------
@@ -56,38 +62,33 @@ class Controller:
         config: ControllerConfig | None = None,
         model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
     ) -> None:
-        self.config = config if config is not None else ControllerConfig()
+        config = config if config is not None else ControllerConfig()
+        self.pressures = complete_pressures(config.pressures)
+        self.config = changed(config, pressures=self.pressures)
         require_chambers(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.parameters = ParameterSet(self.arm, self.config.adaptation)
-        gains, pressures = self.config.gains, self.config.pressures
+        pressures = self.pressures
         self.fields = strain_fields(robot)
-        self.gains = FeedbackGains(
-            # Those of a link, of which each piece takes its share.
-            gain_matrix(self.fields, gains.k_p, "gains.k_p") / model.links,
-            gain_matrix(self.fields, gains.k_d, "gains.k_d") / model.links,
-            per_coordinate(self.fields, gains.lambda_per_s, "gains.lambda_per_s")[0],
-        )
+        self.gains = feedback_gains(self.fields, self.config.gains, model.links)
         self.force_weight, _ = per_coordinate(self.fields, pressures.force_weight, "pressures.force_weight")
-        low = max(pressures.minimum_pa, robot.pressure_range_pa[0])
-        high = min(pressures.maximum_pa, robot.pressure_range_pa[1])
-        if not low < high:
-            allowed = f"a range that overlaps the robot's, {robot.pressure_range_pa}"
-            raise ConfigError(
-                "controller", "pressures", (pressures.minimum_pa, pressures.maximum_pa), allowed
-            )
+        low, high = pressure_bounds(pressures, robot)
         self.minimum_pa, self.maximum_pa = np.full(self.arm.n_u, low), np.full(self.arm.n_u, high)
         self.preferred_pa = np.full(self.arm.n_u, min(max(pressures.preferred_pa, low), high))
         adaptation = self.config.adaptation
-        # Of a strain with several coefficients it is the root mean square along the link that counts.
+        # For a strain with several coefficients, the dead zone is that of the root mean square along the
+        # link.
         self.dead_zone = np.where(
             self.fields.stretch, adaptation.dead_zone_stretch_per_s, adaptation.dead_zone_curvature_per_m_s
         ) / np.sqrt(np.diag(self.fields.weight))
-        self.limit = strain_limits(self.fields, self.config.reference)
+        self.configured = configured_reference(self.arm, self.fields, self.config)
+        self.bounds = bounds_of(self.fields, self.config.reference, model.links)
+        check_configured(self.bounds, self.configured)
+        self.limit = self.bounds.strain
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
-        """Return the state before the first tick, with the robot file's parameters."""
+        """Return the state before the first tick, at pressures (n_u,) [Pa gauge], 0 by default."""
         start = np.zeros(self.arm.n_u) if pressure_pa is None else np.array(pressure_pa, dtype=np.float64)
         start = np.clip(start, self.minimum_pa, self.maximum_pa)
         return ControllerState(
@@ -112,37 +113,62 @@ class Controller:
 
         Parameters
         ----------
+        state : ControllerState
+            State after the last tick.
         q, qd : ndarray (n_q,)
-            Estimated state.
+            Estimated coordinates and rates.
         t, dt : float
             Time and time since the last tick [s].
         measured_pressure_pa : ndarray (n_u,)
-            For the applied force [Pa gauge].
+            Measured pressures [Pa gauge], for the applied force.
         reference : Reference or None
-            From `trajectory` or `tip`; None for the configured one. A new one is approached smoothly.
+            From `trajectory` or `tip`; None for the configured one. A passage leads to a new one.
+
+        Returns
+        -------
+        state : ControllerState
+            State after this tick.
+        command : Command
+            Set points and diagnostics.
 
         Notes
         -----
-        Nothing is raised for bad input: the last set point is held and the status says why.
+        Bad input, and coordinates for which the model has no value, raise nothing: the last set point is held
+        and the status says why.
         """
-        trouble = self._trouble(q, qd, t, dt)
-        if trouble:
-            return state, self._held(state, trouble)
+        trouble = input_error(q, qd, t, dt, self.arm.n_q)
+        if not trouble:
+            try:
+                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference)
+            except (SoroError, np.linalg.LinAlgError) as error:
+                trouble = f"no command: {error}"
+        return state, held_command(self.arm, state, self.parameters.named(state.estimate), trouble)
+
+    def _tick(
+        self,
+        state: ControllerState,
+        q: Array,
+        qd: Array,
+        t: float,
+        dt: float,
+        measured_pressure_pa: Array,
+        reference: Reference | None,
+    ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
         if measured.shape != (self.arm.n_u,) or not np.all(np.isfinite(measured)):
             measured = state.model_pa
-        state = self._follow(state, q, t, reference)
-        assert state.active is not None
-        point = state.active.sample(t)
-        # A set point of now acts later: the law speaks of then, with the state carried on as it moves.
-        ahead = self.config.pressures.preview_s
-        future, moved = state.active.sample(t + ahead), self._within(q + ahead * qd)
+        start_s, before = self.config.reference.start_s, state.following
+        following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
+        # A set point acts after lag and dead time: the law uses the reference and the state at that time.
+        preview_s = self.pressures.preview_s
+        point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
+        moved = self.fields.within(q + preview_s * qd, self.limit)
         internal = np.asarray(self.arm.internal_force(moved, state.internal))
         desired = self.config.compensation == "reference"
         terms = law(self.parameters, self.gains, state.estimate, internal, moved, qd, future, desired)
         actuation = self.arm.actuation_matrix(future.q if desired else moved)
         believed = actuation * self.parameters.gains(state.estimate)
-        pressures = self.config.pressures
+        pressures = self.pressures
         wish = allocate(
             believed,
             terms.wished,
@@ -153,7 +179,7 @@ class Controller:
             self.preferred_pa,
             state.wish_pa,
         )
-        # The limiter behind would cut a faster change as well; cut here, the lag model knows of it.
+        # The limiter would clip a faster change as well; clipped here, the lag model includes it.
         command = compensate(
             wish.pressure_pa,
             state.model_pa,
@@ -163,10 +189,11 @@ class Controller:
             np.minimum(self.maximum_pa, state.setpoint_pa + pressures.rise_pa_s * dt),
         )
         if not (wish.ok and np.all(np.isfinite(command))):
-            return state, self._held(state, "no finite pressures for the wished force")
+            trouble = "no finite pressures for the wished force"
+            return state, held_command(self.arm, state, self.parameters.named(state.estimate), trouble)
         estimate = state.estimate
         if self.config.adapt:
-            # What the chambers really did is what errors of their gains multiply.
+            # Errors of the chamber gains multiply the measured pressures, not the commanded ones.
             regressor = terms.regressor + self.parameters.gain_regressor(actuation, measured)
             shortfall = terms.wished - wish.force if bool(wish.saturated.any()) else None
             adaptation = self.config.adaptation
@@ -180,22 +207,23 @@ class Controller:
                 adaptation.leakage_per_s,
                 shortfall if adaptation.hold_saturated else None,
             )
-        following = replace(
+        after = replace(
             state,
             estimate=estimate,
             setpoint_pa=command,
-            model_pa=advance(state.model_pa, command, pressures.lag_s, dt),
+            model_pa=follow_lag(state.model_pa, command, dt, pressures.lag_s),
             wish_pa=wish.pressure_pa,
-            internal=self._creep(state.internal, future.q, future.qd, dt),
+            internal=advance_creep(self.arm, state.internal, future.q, future.qd, dt),
+            following=following,
             point=point,
         )
         edge = 1e-9 * (self.maximum_pa - self.minimum_pa)
         at_bound = (command <= self.minimum_pa + edge) | (command >= self.maximum_pa - edge)
-        return following, Command(
+        return after, Command(
             setpoint_pa=command,
             wished_force=terms.wished,
             applied_force=np.asarray(believed @ measured),
-            estimates=self._named(estimate),
+            estimates=self.parameters.named(estimate),
             reference=point,
             tip_reference=self.arm.pose(point.q, self.robot.length),
             saturated=wish.saturated | at_bound,
@@ -211,89 +239,57 @@ class Controller:
         positions: Array | Sequence[Sequence[float]],
         velocities: Array | Sequence[Sequence[float]] | None = None,
         accelerations: Array | Sequence[Sequence[float]] | None = None,
+        stamp_ns: int = 0,
     ) -> Reference:
-        """Return a reference from the fields of a JointTrajectory that starts at `t`.
+        """Return a reference from a JointTrajectory that starts at `t` [s].
+
+        Other parameters as in `trajectory_reference`.
+
+        Returns
+        -------
+        Reference
 
         Raises
         ------
         ConfigError
-            If names, times or numbers are wrong, or a position is beyond `limit`.
+            If names, times or numbers are wrong, or a strain or a rate is beyond `bounds`.
         """
-        known = self.robot.coordinate_names
-        return Waypoints(
-            known,
+        return trajectory_reference(
+            self.bounds,
+            self.robot.coordinate_names,
             names,
             times_s,
             positions,
             velocities,
             accelerations,
             start_s=t,
-            limit=lambda q: check_limits(self.fields, known, self.limit, q),
+            stamp_ns=stamp_ns,
         )
 
     def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
-        """Return a set point that brings the tip to a position (and orientation, as far as its weight says).
+        """Return a set point that brings the tip to a pose.
+
+        Parameters
+        ----------
+        state : ControllerState
+            The search starts at its reference.
+        position : ndarray (3,)
+            Position of the tip in the world frame [m].
+        quaternion : ndarray (4,), optional
+            Orientation (x, y, z, w), weighted with `reference.rotation_weight_m`.
+
+        Returns
+        -------
+        Reference
 
         Raises
         ------
         ConfigError
-            If a number is not finite or the arm cannot come within the configured tolerance.
+            If a number is not finite, or the arm misses the position by more than the configured tolerance.
         """
-        start = np.zeros(self.arm.n_q) if state.point is None else state.point.q
+        # The start at the reference in force keeps redundant coordinates continuous: neighbouring poses get
+        # neighbouring coordinates.
+        start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
         return tip_reference(
             self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion
         )
-
-    def _trouble(self, q: Array, qd: Array, t: float, dt: float) -> str:
-        n = self.arm.n_q
-        if np.shape(q) != (n,) or np.shape(qd) != (n,):
-            return f"state of shape {np.shape(q)}, {np.shape(qd)} instead of ({n},)"
-        if not (np.all(np.isfinite(q)) and np.all(np.isfinite(qd))):
-            return "state is not finite"
-        if not (math.isfinite(t) and math.isfinite(dt) and dt > 0.0):
-            return f"time {t} s with step {dt} s"
-        return ""
-
-    def _follow(
-        self, state: ControllerState, q: Array, t: float, reference: Reference | None
-    ) -> ControllerState:
-        """Start, and change references, through a smooth passage from where the reference is."""
-        if state.active is not None and reference is state.source:
-            return state
-        configured, duration = state.configured, self.config.reference.start_s
-        if configured is None:
-            configured = configured_reference(self.arm, self.fields, self.config, np.array(q), t)
-        wanted = configured if reference is None else reference
-        leaving = Hold(np.array(q)) if state.point is None else Stop(t, duration, state.point)
-        return replace(
-            state, source=reference, configured=configured, active=Blend(leaving, wanted, t, duration)
-        )
-
-    def _within(self, q: Array) -> Array:
-        return self.fields.within(q, self.limit)
-
-    def _creep(self, internal: Array, q: Array, qd: Array, dt: float) -> Array:
-        """Advance creep and hysteresis along the given motion (midpoint rule)."""
-        if internal.size == 0:
-            return internal
-        half = internal + 0.5 * dt * self.arm.internal_rate(q, qd, internal)
-        new = internal + dt * self.arm.internal_rate(q, qd, half)
-        return np.where(np.isfinite(new), new, internal)
-
-    def _held(self, state: ControllerState, trouble: str) -> Command:
-        n = self.arm.n_q
-        point = state.point if state.point is not None else Hold(np.zeros(n)).sample(0.0)
-        return Command(
-            setpoint_pa=state.setpoint_pa,
-            wished_force=np.zeros(n),
-            applied_force=np.zeros(n),
-            estimates=self._named(state.estimate),
-            reference=point,
-            tip_reference=self.arm.pose(point.q, self.robot.length),
-            saturated=np.zeros(self.arm.n_u, dtype=bool),
-            terms=None,
-            status=ControllerStatus(False, trouble),
-        )
-
-    def _named(self, estimate: Array) -> dict[str, float]:
-        return {name: float(value) for name, value in zip(self.parameters.names, estimate, strict=True)}

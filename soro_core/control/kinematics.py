@@ -1,4 +1,4 @@
-"""From what is wanted of the arm to its coordinates: inverse kinematics, and elongation."""
+"""Coordinates of a reference: inverse kinematics of the tip, and the elongation of a circle."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 from soro_core.control.allocation import allocate, balanced_weight
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
+from soro_core.rotation import matrix_from_quaternion, rotation_log
 
 Array: TypeAlias = NDArray[np.float64]
+
+# The search ends after _SLOW_STEPS steps in a row that each leave more than _SLOW of the squared error: near
+# a solution the error falls much faster, and a pose out of reach must not delay the loop.
+_SLOW, _SLOW_STEPS = 0.99, 5
 
 
 @dataclass(frozen=True)
 class InverseSolution:
-    """Coordinates found for a tip pose, and how far the tip remains from it."""
+    """Coordinates (n_q,) found for a pose of the tip, and the remaining errors."""
 
     q: Array
     position_error_m: float
@@ -37,27 +42,33 @@ def inverse_kinematics(
 ) -> InverseSolution:
     """Find coordinates that bring the tip to a pose: damped least squares on bounded q (Levenberg-Marquardt).
 
-    The damping weighs the mean square of the strains, so that the way does not depend on the basis.
+    The damping weighs the mean square of the strains, so that the iterates do not depend on the basis.
 
     Parameters
     ----------
+    arm : SoftArm
+        Kinematics.
     fields : StrainFields
-        Of the arm's robot.
+        Strains of the arm's robot.
     position : ndarray (3,)
-        Of the tip, in the world frame [m].
+        Position of the tip in the world frame [m].
     orientation : ndarray (4,) or None
-        (x, y, z, w); counts only with a `rotation_weight_m` above 0.
+        Orientation (x, y, z, w); used only if `rotation_weight_m` is above 0.
     start : ndarray (n_q,)
-        Where the search begins.
+        Start of the search.
     limit : ndarray (n_q,)
         Largest absolute strain of the field of each coordinate, > 0.
     rotation_weight_m : float
-        Metres that one radian is worth.
-    """
-    from scipy.spatial.transform import Rotation  # loaded late: most references are of coordinates
+        Metres of position error that weigh as much as one radian.
+    iterations : int
+        Largest number of iterations.
 
+    Returns
+    -------
+    InverseSolution
+    """
     length = float(sum(link.length for link in arm.robot.links))
-    target = None if orientation is None or rotation_weight_m <= 0.0 else Rotation.from_quat(orientation)
+    target = None if orientation is None or rotation_weight_m <= 0.0 else matrix_from_quaternion(orientation)
 
     def residual(q: Array) -> tuple[Array, Array]:
         pose, jacobian = arm.pose_and_jacobian(q, length)
@@ -65,15 +76,16 @@ def inverse_kinematics(
         rows = [np.asarray(position - pose[:3, 3])]
         slopes = [rotation @ jacobian[3:]]
         if target is not None:
-            # Near the solution log(R' R_target) changes by minus the body rotation; far off it is a descent.
-            turn = (Rotation.from_matrix(rotation).inv() * target).as_rotvec()
+            # Near the solution log(R' R_target) changes by minus the body rotation; far off, this is a
+            # descent.
+            turn = rotation_log(rotation.T @ target)
             rows.append(rotation_weight_m * turn)
             slopes.append(rotation_weight_m * jacobian[:3])
         return np.concatenate(rows), np.vstack(slopes) * limit
 
     x = fields.within(start, limit) / limit
     error, slope = residual(x * limit)
-    damping, used = 1e-3, 0
+    damping, used, slow = 1e-3, 0, 0
     for used in range(1, iterations + 1):  # noqa: B007
         square = slope.T @ slope
         scale = max(float(np.trace(np.linalg.solve(fields.weight, square))) / x.size, 1e-300)
@@ -82,8 +94,9 @@ def inverse_kinematics(
         new_error, new_slope = residual(tried * limit)
         if float(new_error @ new_error) < float(error @ error):
             moved = float(np.max(np.abs(tried - x)))
+            slow = slow + 1 if float(new_error @ new_error) > _SLOW * float(error @ error) else 0
             x, error, slope, damping = tried, new_error, new_slope, max(0.2 * damping, 1e-12)
-            if moved < 1e-12:
+            if moved < 1e-12 or slow == _SLOW_STEPS:
                 break
         else:
             damping *= 5.0
@@ -93,18 +106,27 @@ def inverse_kinematics(
     pose = arm.pose(q, length)
     turn_error = 0.0
     if orientation is not None:
-        turn_error = float(
-            np.linalg.norm(
-                (Rotation.from_matrix(pose[:3, :3]).inv() * Rotation.from_quat(orientation)).as_rotvec()
-            )
-        )
+        turn = rotation_log(pose[:3, :3].T @ matrix_from_quaternion(orientation))
+        turn_error = float(np.linalg.norm(turn))
     return InverseSolution(q, float(np.linalg.norm(position - pose[:3, 3])), turn_error, used)
 
 
 def mean_static_pressure(
     arm: SoftArm, fields: StrainFields, q: Array, minimum_pa: Array, maximum_pa: Array
 ) -> float:
-    """Return the mean of the pressures [Pa] that hold the arm at rest in `q`, bounds ignored."""
+    """Return the mean of the pressures [Pa] that hold the arm at rest in `q`, without regard to bounds.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    fields : StrainFields
+        Strains of the arm's robot.
+    q : ndarray (n_q,)
+        Coordinates.
+    minimum_pa, maximum_pa : ndarray (n_u,)
+        Range of pressures [Pa gauge], for the scale of the search.
+    """
     load = arm.gravity_force(q) + arm.elastic_force(q)
     actuation = arm.actuation_matrix(q)
     weight = balanced_weight(actuation, fields)
@@ -123,19 +145,27 @@ def elongation_for_pressure(
     minimum_pa: Array,
     maximum_pa: Array,
 ) -> float:
-    """Choose the elongation at which holding the bent arm takes a mean pressure of `mean_pa`.
+    """Return the elongation at which a mean pressure of `mean_pa` holds the bent arm.
 
     Parameters
     ----------
+    arm : SoftArm
+        Model.
+    fields : StrainFields
+        Strains of the arm's robot.
     bent : ndarray (n_q,)
         Coordinates with the curvature of the reference.
     stretch : ndarray (n_q,)
-        Coordinates of an elongation of 1 all along.
+        Coordinates of a uniform elongation of 1.
+    mean_pa : float
+        Mean pressure [Pa gauge].
+    minimum_pa, maximum_pa : ndarray (n_u,)
+        Range of pressures [Pa gauge].
 
     Returns
     -------
     float
-        Elongation within [-0.3, 0.6]; the nearer end where no elongation in it takes this pressure.
+        Elongation within [-0.3, 0.6]; the nearer end if no elongation in this range requires this pressure.
     """
     low, high = -0.3, 0.6
 

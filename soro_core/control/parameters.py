@@ -1,7 +1,7 @@
-"""The parameters that are adapted: where they stand in the model, their bounds, and their regressor.
+"""Adapted parameters: their place in the model, bounds and regressor.
 
-Everything is linear in them [C22, 3.1]. Only the adapted subset gets a column; the rest of the model is used
-as the robot file gives it.
+The force is linear in them, docs/model.md (37). Each adapted parameter has a column of the regressor; all
+others keep the values of the robot file.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _ELASTIC = ("a1", "a2", "a4", "a5")
 
 @dataclass(frozen=True)
 class Column:
-    """One adapted parameter: its group (as configured) and the column of that group's regressor.
+    """One adapted parameter: its configured group, and its column in the regressor of that group.
 
-    Of damping that is the number of the strain field: what is adapted is a damping rho that is uniform along
-    the link, with the force rho W v (`soro_core.robot.coordinates`), one parameter however many coefficients
-    the strain has.
+    For damping, the column is the number of the strain field. The parameter is a damping rho that is uniform
+    along the link, with the force rho W v, W of docs/model.md (4): one parameter for all coefficients of the
+    strain.
     """
 
     name: str
@@ -40,6 +40,15 @@ class Column:
 
 class ParameterSet:
     """Adapted parameters of one robot; immutable.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    config : Adaptation
+        Groups of parameters, gains and bounds.
+    where : str
+        File that errors name.
 
     Attributes
     ----------
@@ -99,10 +108,26 @@ class ParameterSet:
         """Number of adapted parameters."""
         return len(self.columns)
 
-    def model_force(self, q: Array, qd: Array, v: Array, a: Array) -> tuple[Array, Array]:
-        """Return M a + C v + G + f_e + R v with the robot's own values (n_q,), and the regressor (n_q, m).
+    def named(self, estimate: Array) -> dict[str, float]:
+        """Return the estimates (m,) by name."""
+        return {name: float(value) for name, value in zip(self.names, estimate, strict=True)}
 
-        The columns of chamber gains are zero here: they multiply the pressures, see `gain_regressor`.
+    def model_force(self, q: Array, qd: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Return M a + C v + G + f_e + R v and its regressor, docs/model.md (37).
+
+        Parameters
+        ----------
+        q, qd : ndarray (n_q,)
+            Coordinates and their rates.
+        v, a : ndarray (n_q,)
+            Reference velocity and acceleration.
+
+        Returns
+        -------
+        force : ndarray (n_q,)
+            Generalised force with the parameters of the robot file.
+        regressor : ndarray (n_q, m)
+            Y. Columns of chamber gains are zero: they multiply the pressures, see `gain_regressor`.
         """
         mass = self.arm.mass_regressor(q, qd, v, a)
         # The regressor has no column for point masses.
@@ -122,7 +147,7 @@ class ParameterSet:
         return force, regressor
 
     def gains(self, estimate: Array) -> Array:
-        """Return the factor of each chamber (n_u,), 1 where it is not adapted."""
+        """Return the gain of each chamber (n_u,), 1 if it is not adapted."""
         factor = np.ones(self.arm.n_u)
         if "chamber_gain" in self._groups:
             at, index = self._groups["chamber_gain"]
@@ -130,7 +155,7 @@ class ParameterSet:
         return factor
 
     def gain_regressor(self, actuation: Array, pressure_pa: Array) -> Array:
-        """Return the columns (n_q, m) by which errors of the chamber gains enter: -H_j p_j, else zero."""
+        """Return the regressor (n_q, m) of the chamber gains: -H_j p_j in their columns, else zero."""
         regressor = np.zeros((self.arm.n_q, self.size))
         if "chamber_gain" in self._groups:
             at, index = self._groups["chamber_gain"]
@@ -166,14 +191,14 @@ def _columns(arm: SoftArm, fields: StrainFields, group: str, where: str) -> list
 
 
 def _uniform_damping(arm: SoftArm, fields: StrainFields, field: int) -> float:
-    """Largest rho with R >= rho W: what is left of R then dissipates, whatever rho the estimate takes on."""
+    """Return the largest rho with R >= rho W: the rest of R dissipates for every estimate of rho."""
     at = np.ix_(fields.index == field, fields.index == field)
     root = np.linalg.inv(np.linalg.cholesky(fields.weight[at]))
     return float(np.linalg.eigvalsh(root @ arm.damping_matrix()[at] @ root.T)[0])
 
 
 def _pairs(arm: SoftArm, columns: tuple[Column, ...], config: Adaptation) -> tuple[Pair, ...]:
-    """Keep k(0) = a1 - a2 and a4 - a5 positive where one of them is adapted."""
+    """Return the constraints that keep a1 - a2 and a4 - a5 positive if one of the pair is adapted."""
     at = {column.name: i for i, column in enumerate(columns)}
     pairs = []
     for i, link in enumerate(arm.robot.links):

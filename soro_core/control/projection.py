@@ -1,9 +1,9 @@
 """Projection of parameter estimates onto the admissible polytope.
 
 The set is a box with half planes a - b >= margin on disjoint pairs (a1 and a2, a4 and a5 of one link). The
-projection is the nearest point in the metric of the inverse adaptation gains: it then never moves away from
-any admissible point in the norm in which the Lyapunov function measures the estimation error, so it never
-raises it.
+projection is the nearest point in the metric of the inverse adaptation gains, in which the Lyapunov function
+measures the estimation error. It moves no estimate away from an admissible point, so it never increases the
+Lyapunov function.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Polytope:
-    """Box and pairs; `gain` are the adaptation gains (their inverse is the metric)."""
+    """Box and pairs; `gain` is the diagonal of Gamma, and its inverse the metric; arrays (m,)."""
 
     lower: Array
     upper: Array
@@ -55,8 +55,8 @@ class Polytope:
             high, low = self._ends(pair, result)
             if high - low >= pair.margin:
                 continue
-            # Where the box's own nearest point violates the half plane, the answer lies on its edge
-            # high = low + margin: one variable, a weighted mean of the two wishes, cut to the box.
+            # If the nearest point of the box violates the half plane, the answer lies on the edge
+            # high = low + margin: one variable, a weighted mean of the two values, clipped to the box.
             i, j = pair.high, pair.low
             if i < 0:
                 result[j] = max(self.lower[j], min(value[j], pair.high_value - pair.margin))

@@ -1,4 +1,4 @@
-"""The configured reference of a robot, and what is configured of its strains spread over its coordinates."""
+"""References of a robot, with checks of strains and rates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.kinematics import elongation_for_pressure, inverse_kinematics
-from soro_core.control.trajectory import Circle, Hold, Reference
+from soro_core.control.passage import Bounds
+from soro_core.control.spread import per_coordinate
+from soro_core.control.trajectory import Circle, Hold, Reference, Waypoints
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
@@ -18,69 +20,67 @@ from soro_core.robot.coordinates import StrainFields
 Array: TypeAlias = NDArray[np.float64]
 
 
-def per_coordinate(fields: StrainFields, values: Sequence[float], key: str) -> tuple[Array, bool]:
-    """Spread values over the coordinates (n_q,), and say whether they were given a strain of a link.
+def bounds_of(fields: StrainFields, config: ReferenceConfig, pieces: int) -> Bounds:
+    """Return the limits of references and passages.
 
-    Allowed are one value a strain of a link (repeated for every link and for the coefficients of the strain),
-    one a coordinate, or one a coordinate of a link. Where two of these readings fit, the first counts.
+    Parameters
+    ----------
+    fields : StrainFields
+        Strains of the discretised robot.
+    config : ReferenceConfig
+        Limits of the links.
+    pieces : int
+        Number of pieces into which each link is discretised.
 
-    Raises
-    ------
-    ConfigError
-        If the number of values fits none.
+    Returns
+    -------
+    Bounds
     """
-    n, links, given = len(fields.index), fields.links[-1] + 1, len(values)
-    array = np.array(values, dtype=np.float64)
-    if given * links == len(fields.strains):
-        return np.tile(array, links)[fields.index], True
-    if given == n:
-        return array, False
-    if given * links == n:
-        return np.tile(array, links), False
-    counts = sorted({len(fields.strains) // links, n // links, n})
-    allowed = f"{' or '.join(map(str, counts))} values: one a strain of a link, or one a coordinate"
-    raise ConfigError("controller", key, list(values), allowed)
+    strain = np.where(fields.stretch, config.stretch_limit, config.bend_limit_rad / fields.length)
+    rate = np.where(
+        fields.stretch, config.stretch_rate_per_s, config.bend_rate_rad_s / (pieces * fields.length)
+    )
+    return Bounds(fields, strain, rate, config.smoothing_s)
 
 
-def gain_matrix(fields: StrainFields, values: Sequence[float], key: str) -> Array:
-    """Return K_p or K_d (n_q, n_q): values of strains times W, values of coordinates as the diagonal."""
-    spread, of_strains = per_coordinate(fields, values, key)
-    return spread[:, None] * fields.weight if of_strains else np.diag(spread)
+def _worst_beyond(fields: StrainFields, limit: Array, rows: Array) -> tuple[Array, int] | None:
+    """Return the row furthest beyond the limit, and the first coordinate of that strain; or None."""
+    rows, slack = np.atleast_2d(rows), limit * (1.0 + 1e-9)
+    part = np.max(fields.bounds(rows) / slack, axis=1)
+    for k in np.argsort(-part)[: np.count_nonzero(part > 1.0)]:
+        peaks = fields.peaks(rows[k]) / slack
+        if np.max(peaks) > 1.0:
+            return rows[k], int(np.argmax(peaks))
+    return None
 
 
-def strain_limits(fields: StrainFields, config: ReferenceConfig) -> Array:
-    """Return the largest absolute strain that a reference may have, by coordinate (n_q,)."""
-    return np.where(fields.stretch, config.stretch_limit, config.bend_limit_rad / fields.length)
+def configured_reference(arm: SoftArm, fields: StrainFields, config: ControllerConfig) -> Reference | None:
+    """Return the configured reference, a circle from time 0 on; None to hold the arm where it is.
 
-
-def check_limits(fields: StrainFields, names: Sequence[str], limit: Array, q: Array) -> None:
-    """Refuse coordinates whose strains are beyond `limit` (n_q,) somewhere along a link.
-
-    Raises
-    ------
-    ConfigError
-        Naming the first coordinate of the strain.
-    """
-    peaks = fields.peaks(q)
-    for at in np.flatnonzero(peaks > limit)[:1]:
-        field, most = fields.index[at], float(limit[at])
-        key, got = f"positions of {names[at]}", float(q[at])
-        if np.count_nonzero(fields.index == field) > 1:
-            key, got = f"largest {fields.strains[field]} along link{fields.links[field]}", float(peaks[at])
-        raise ConfigError("trajectory", key, got, f"{-most:g} to {most:g}")
-
-
-def configured_reference(
-    arm: SoftArm, fields: StrainFields, config: ControllerConfig, q: Array, t: float
-) -> Reference:
-    """Return the reference that the configuration asks for, from time `t` on, the arm being in `q`.
-
-    Circles, and set points given a strain, are uniform along each link: their coefficients are
+    Circles, and set points of strains, are uniform along each link: their coefficients are
     `StrainFields.uniform`.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    fields : StrainFields
+        Strains of the arm's robot.
+    config : ControllerConfig
+        Parameters of the controller.
+
+    Returns
+    -------
+    Reference or None
+
+    Raises
+    ------
+    ConfigError
+        If the strains of the arm do not allow this kind of reference.
     """
     settings = config.reference
     if settings.kind == "hold":
-        return Hold(q)
+        return None
     if settings.kind == "set_point":
         values, of_strains = per_coordinate(fields, settings.set_point, "reference.set_point")
         return Hold(values * fields.uniform if of_strains else values)
@@ -97,7 +97,109 @@ def configured_reference(
         high = np.full(arm.n_u, config.pressures.maximum_pa)
         bent = settings.curvature_per_m * across
         elongation = elongation_for_pressure(arm, fields, bent, stretch, settings.mean_pressure_pa, low, high)
-    return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, t)
+    return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, 0.0)
+
+
+def check_configured(bounds: Bounds, reference: Reference | None) -> None:
+    """Refuse a configured reference with strains beyond their limits.
+
+    Raises
+    ------
+    ConfigError
+        With the key of the strain.
+    """
+    if isinstance(reference, Hold):
+        _check_configured(bounds, "set_point", reference.q)
+    elif isinstance(reference, Circle):
+        bent = reference.curvature_per_m * (reference.across + reference.along)
+        _check_configured(bounds, "elongation (given or chosen)", reference.centre)
+        _check_configured(bounds, "curvature_per_m", bent)
+
+
+def _check_configured(bounds: Bounds, key: str, q: Array) -> None:
+    found = _worst_beyond(bounds.fields, bounds.strain, q)
+    if found is not None:
+        row, at = found
+        limit = "stretch_limit" if bounds.fields.stretch[at] else "bend_limit_rad"
+        allowed = f"at most {bounds.strain[at]:g} (reference.{limit})"
+        raise ConfigError("controller", f"reference.{key}", float(bounds.fields.peaks(row)[at]), allowed)
+
+
+def trajectory_reference(
+    bounds: Bounds,
+    coordinates: Sequence[str],
+    names: Sequence[str],
+    times_s: Sequence[float],
+    positions: Array | Sequence[Sequence[float]],
+    velocities: Array | Sequence[Sequence[float]] | None = None,
+    accelerations: Array | Sequence[Sequence[float]] | None = None,
+    start_s: float = 0.0,
+    stamp_ns: int = 0,
+) -> Waypoints:
+    """Return waypoints that keep the bounds, at the points and between them.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of strain and rate.
+    coordinates : sequence of str
+        Names of the arm's coordinates, in order.
+    names : sequence of str
+        Coordinate of each column: every coordinate once, in any order.
+    times_s : sequence of float (n_t,)
+        Increasing times [s].
+    positions, velocities, accelerations : array_like (n_t, n_q)
+        Coordinates and their derivatives; the last two may be None.
+    start_s : float
+        Time that `times_s` counts from [s].
+    stamp_ns : int
+        Stamp of the message [ns].
+
+    Returns
+    -------
+    Waypoints
+
+    Raises
+    ------
+    ConfigError
+        If names, times or numbers are wrong, or a strain or a rate is too large somewhere along a link.
+    """
+    waypoints = Waypoints(
+        coordinates,
+        names,
+        times_s,
+        positions,
+        velocities,
+        accelerations,
+        start_s=start_s,
+        stamp_ns=stamp_ns,
+        limit=lambda q: _check_strains(bounds, coordinates, q),
+    )
+    strains, rates = waypoints.between()
+    _check_strains(bounds, coordinates, strains)
+    found = _worst_beyond(bounds.fields, bounds.rate, rates)
+    if found is not None:
+        row, at = found
+        key = "stretch_rate_per_s" if bounds.fields.stretch[at] else "bend_rate_rad_s"
+        allowed = f"at most {bounds.rate[at]:g} (reference.{key}): the trajectory needs more time"
+        fastest = float(bounds.fields.peaks(row)[at])
+        raise ConfigError("trajectory", f"rate of {coordinates[at]}", fastest, allowed)
+    return waypoints
+
+
+def _check_strains(bounds: Bounds, names: Sequence[str], q: Array) -> None:
+    """Refuse coordinates (n_q,) or rows of them (n, n_q) beyond the limits."""
+    fields = bounds.fields
+    found = _worst_beyond(fields, bounds.strain, q)
+    if found is None:
+        return
+    row, at = found
+    field, most = fields.index[at], float(bounds.strain[at])
+    key, got = f"positions of {names[at]}", float(row[at])
+    if np.count_nonzero(fields.index == field) > 1:
+        key = f"largest {fields.strains[field]} along link{fields.links[field]}"
+        got = float(fields.peaks(row)[at])
+    raise ConfigError("trajectory", key, got, f"{-most:g} to {most:g}")
 
 
 def tip_reference(
@@ -109,21 +211,40 @@ def tip_reference(
     position: Array,
     quaternion: Array | None = None,
 ) -> Reference:
-    """Return a set point that brings the tip to a position [m] (and orientation, as far as its weight says).
+    """Return a set point that brings the tip to a pose.
 
-    The search starts at the coordinates `start` (n_q,) and stays within `limit` (n_q,).
+    Parameters
+    ----------
+    arm : SoftArm
+        Kinematics.
+    fields : StrainFields
+        Strains of the arm's robot.
+    config : ReferenceConfig
+        Tolerance of the position, and weight of the orientation.
+    limit : ndarray (n_q,)
+        Largest absolute strain of the field of each coordinate.
+    start : ndarray (n_q,)
+        Start of the search.
+    position : ndarray (3,)
+        Position of the tip in the world frame [m].
+    quaternion : ndarray (4,), optional
+        Orientation (x, y, z, w).
+
+    Returns
+    -------
+    Reference
 
     Raises
     ------
     ConfigError
-        If a number is not finite or the arm cannot come within the configured tolerance.
+        If a number is not finite, or the arm misses the position by more than the configured tolerance.
     """
     where = np.asarray(position, dtype=np.float64)
     turn = None if quaternion is None else np.asarray(quaternion, dtype=np.float64)
     if where.shape != (3,) or not np.all(np.isfinite(where)):
-        raise ConfigError("tip reference", "position", position, "three finite numbers [m]")
+        raise ConfigError("tip reference", "position", where.tolist(), "three finite numbers [m]")
     if turn is not None and (turn.shape != (4,) or not abs(float(turn @ turn) - 1.0) < 0.02):
-        raise ConfigError("tip reference", "orientation", quaternion, "a unit quaternion x, y, z, w")
+        raise ConfigError("tip reference", "orientation", turn.tolist(), "a unit quaternion x, y, z, w")
     found = inverse_kinematics(arm, fields, where, turn, start, limit, config.rotation_weight_m)
     if found.position_error_m > config.tip_tolerance_m:
         got = f"{where.tolist()}, missed by {1e3 * found.position_error_m:.1f} mm"

@@ -15,6 +15,11 @@ from soro_core.errors import ConfigError
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Samples between two waypoints, both included, at which strains and rates are checked.
+_SAMPLES = 11
+# Largest difference of two set points that are equal, relative and in the units of the strains.
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True)
 class Point:
@@ -32,6 +37,10 @@ class Reference(ABC):
     def sample(self, t: float) -> Point:
         """Return the reference at time `t` [s]."""
 
+    def is_repeated_by(self, other: Reference, t: float) -> bool:
+        """Whether `other`, given at time `t` [s] while this reference is in force, is the same motion."""
+        return other is self
+
 
 @dataclass(frozen=True)
 class Hold(Reference):
@@ -44,31 +53,9 @@ class Hold(Reference):
         zero = np.zeros_like(self.q)
         return Point(self.q, zero, zero)
 
-
-@dataclass(frozen=True)
-class Stop(Reference):
-    """From a moving point to rest within `duration_s`, twice continuously differentiable."""
-
-    start_s: float
-    duration_s: float
-    point: Point
-
-    def sample(self, t: float) -> Point:
-        """Return the quintic whose velocity fades from the point's to zero."""
-        x, T = min(max((t - self.start_s) / self.duration_s, 0.0), 1.0), self.duration_s
-        b, db, ddb = smooth_step(x)
-        # The start, left as it moves, faded out by the smooth step: value and two derivatives agree at x = 0.
-        s = x * T
-        q, qd, qdd = self.point.q, self.point.qd, self.point.qdd
-        move = qd * s + 0.5 * qdd * s * s
-        rate = qd + qdd * s
-        # The rest position is where half of the way of a constant velocity would end.
-        rest = 0.5 * qd * T
-        return Point(
-            q + (1.0 - b) * move + b * rest,
-            (1.0 - b) * rate + (db / T) * (rest - move),
-            (1.0 - b) * qdd - 2.0 * (db / T) * rate + (ddb / (T * T)) * (rest - move),
-        )
+    def is_repeated_by(self, other: Reference, t: float) -> bool:
+        """Whether `other` is the same set point up to rounding."""
+        return isinstance(other, Hold) and bool(np.allclose(self.q, other.q, rtol=_ROUNDING, atol=_ROUNDING))
 
 
 @dataclass(frozen=True)
@@ -97,7 +84,7 @@ class Blend(Reference):
 
 @dataclass(frozen=True)
 class Circle(Reference):
-    """The tip runs a circle: curvature of constant magnitude that turns once a period.
+    """Circle of the tip: curvature of constant magnitude, whose direction turns once in a period.
 
     q = centre + curvature (cos(2 pi (t - start) / period) across + sin(...) along)
     """
@@ -119,26 +106,28 @@ class Circle(Reference):
 
 
 class Waypoints(Reference):
-    """Coordinates at given times, as a JointTrajectory brings them.
+    """Coordinates at given times, from the fields of a JointTrajectory.
 
-    Positions alone give a cubic spline that starts and ends at rest (twice continuously differentiable), with
-    velocities a cubic, with accelerations as well a quintic, between neighbours. Before the first and after
-    the last point the ends are held.
+    Positions alone give a cubic spline that starts and ends at rest (twice continuously differentiable);
+    positions and velocities give a cubic, with accelerations a quintic, between neighbouring points. The
+    first point holds before its time, the last one after.
 
     Parameters
     ----------
     coordinates : sequence of str
         Names of the arm's coordinates, in order.
     names : sequence of str
-        The names that the columns belong to: each coordinate once, in any order.
-    times_s : sequence of float
-        Increasing, at least one.
+        Coordinate of each column: every coordinate once, in any order.
+    times_s : sequence of float (n_t,)
+        Increasing times [s], at least one.
     positions, velocities, accelerations : array_like (n_t, n_q)
-        Columns in the order of `names`; the last two may be None.
+        Coordinates and their derivatives, columns in the order of `names`; the last two may be None.
     start_s : float
-        Time that ``times_s`` counts from.
+        Time that `times_s` counts from [s].
+    stamp_ns : int
+        Stamp of the message [ns]. A trajectory that has ended starts again if it is given with another stamp.
     limit : Callable or None
-        Raises ConfigError for positions (n_q,), in the order of `coordinates`, that are too far out.
+        Called with positions (n_q,) in the order of `coordinates`; raises ConfigError if they are too large.
 
     Raises
     ------
@@ -155,6 +144,7 @@ class Waypoints(Reference):
         velocities: Array | Sequence[Sequence[float]] | None = None,
         accelerations: Array | Sequence[Sequence[float]] | None = None,
         start_s: float = 0.0,
+        stamp_ns: int = 0,
         limit: Callable[[Array], None] | None = None,
     ) -> None:
         if sorted(names) != sorted(coordinates):
@@ -183,11 +173,16 @@ class Waypoints(Reference):
         qdd = None if accelerations is None else _table("accelerations", accelerations, shape)[:, order]
         if qdd is not None and qd is None:
             raise ConfigError("trajectory", "accelerations", "no velocities", "accelerations with velocities")
+        self._given = (times, *(table for table in (q, qd, qdd) if table is not None))
+        self._stamp_ns = stamp_ns
         self._first, self._last = float(start_s + times[0]), float(start_s + times[-1])
         self._begin, self._end = q[0].copy(), q[-1].copy()
         self._curves = None
         if times.size > 1:
-            from scipy.interpolate import BPoly, CubicSpline  # loaded late: most references have no waypoints
+            from scipy.interpolate import (  # imported here: most references have no waypoints
+                BPoly,
+                CubicSpline,
+            )
 
             if qd is None:
                 curve = CubicSpline(start_s + times, q, bc_type="clamped")
@@ -195,6 +190,22 @@ class Waypoints(Reference):
                 parts = [q, qd] if qdd is None else [q, qd, qdd]
                 curve = BPoly.from_derivatives(start_s + times, np.stack(parts, axis=1))
             self._curves = (curve, curve.derivative(1), curve.derivative(2))
+
+    def is_repeated_by(self, other: Reference, t: float) -> bool:
+        """Whether `other` has the same points, and does not start an ended trajectory again."""
+        if not isinstance(other, Waypoints) or len(self._given) != len(other._given):
+            return False
+        if self._curves is not None and t >= self._last and other._stamp_ns != self._stamp_ns:
+            return False
+        return all(map(np.array_equal, self._given, other._given))
+
+    def between(self) -> tuple[Array, Array]:
+        """Return coordinates and rates at the points and at samples between them, (n, n_q) each."""
+        if self._curves is None:
+            return self._begin[None], np.zeros((1, self._begin.size))
+        times = self._curves[0].x
+        parts = np.linspace(times[:-1], times[1:], _SAMPLES).ravel()
+        return self._curves[0](parts), self._curves[1](parts)
 
     def sample(self, t: float) -> Point:
         """Return the interpolated point; held at the ends."""
@@ -204,7 +215,7 @@ class Waypoints(Reference):
 
 
 def smooth_step(x: float) -> tuple[float, float, float]:
-    """Return the quintic from 0 to 1 on [0, 1], flat and uncurved at both ends, and its derivatives."""
+    """Return the quintic from 0 to 1 on [0, 1], with its two derivatives, which are 0 at both ends."""
     x = min(max(x, 0.0), 1.0)
     rest = 1.0 - x
     return (

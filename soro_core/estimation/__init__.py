@@ -8,8 +8,9 @@ from soro_core._lazy import lazy
 
 if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
-    from soro_core.estimation.estimator import Estimator, EstimatorState
+    from soro_core.estimation.estimator import Estimator
     from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+    from soro_core.estimation.state import EstimatorState
     from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
 
 __all__ = [
@@ -31,7 +32,7 @@ __getattr__ = lazy(
         "Estimate": "soro_core.estimation.status",
         "Estimator": "soro_core.estimation.estimator",
         "EstimatorConfig": "soro_core.estimation.config",
-        "EstimatorState": "soro_core.estimation.estimator",
+        "EstimatorState": "soro_core.estimation.state",
         "EstimatorStatus": "soro_core.estimation.status",
         "ImuSample": "soro_core.estimation.samples",
         "PoseSample": "soro_core.estimation.samples",

@@ -8,7 +8,7 @@ from soro_core.config import Strict
 
 
 class PoseNoise(Strict):
-    """What a pose sample is worth."""
+    """Noise of pose samples."""
 
     position_std_m: float = Field(4e-4, gt=0, le=1, description="sensor noise of each coordinate")
     orientation_std_rad: float = Field(6e-3, gt=0, le=3, description="sensor noise of each rotation")
@@ -26,7 +26,7 @@ class PoseNoise(Strict):
 
 
 class ImuNoise(Strict):
-    """What an IMU sample is worth."""
+    """Noise of IMU samples."""
 
     rate_std_rad_s: float = Field(0.02, gt=0, le=10, description="noise of the angular velocity")
     orientation_std_rad: float = Field(
@@ -44,7 +44,7 @@ class ImuNoise(Strict):
 
 
 class ProcessNoise(Strict):
-    """How far the model may be off; stretch: elongation and shears, curvature: bending and torsion."""
+    """Errors of the model; stretch: elongation and shears, curvature: bending and torsion."""
 
     stretch_acceleration: float = Field(
         2.0, ge=0, le=1e6, description="spectral density of the acceleration's error, strain/s^2/sqrt(Hz)"
@@ -63,12 +63,12 @@ class ProcessNoise(Strict):
         2e4, ge=0, le=1e9, description="the same of curvatures, 1/(m s^4)/sqrt(Hz)"
     )
     disturbance_time_s: float = Field(
-        5.0, gt=0, le=1e4, description="time in which a disturbance that nothing observes is forgotten"
+        5.0, gt=0, le=1e4, description="time constant with which a disturbance that no sample observes decays"
     )
 
 
 class InitialNoise(Strict):
-    """How well the state is known at the start and after re-acquisition."""
+    """Uncertainty of the state at the start and after re-acquisition."""
 
     stretch_std: float = Field(0.1, gt=0, le=10, description="elongation and shears, strain")
     curvature_std_per_m: float = Field(8.0, gt=0, le=1e3, description="curvatures")
@@ -98,8 +98,8 @@ class EstimatorConfig(Strict):
         2.0,
         ge=1,
         le=10,
-        description="factor on the covariance for every refused sample: one outlier costs little, a motion "
-        "that the model does not know is caught again within a few samples",
+        description="factor on the covariance for every refused sample: one outlier costs little, and the "
+        "filter follows a motion that the model does not predict within a few samples",
     )
     reacquire_after: int = Field(
         15,
@@ -111,12 +111,17 @@ class EstimatorConfig(Strict):
         0.15, gt=0, le=5, description="how far the filter can roll back for a late sample"
     )
     future_s: float = Field(
-        0.05, ge=0, le=1, description="samples stamped this far ahead wait; farther ones are refused"
+        0.05,
+        ge=0,
+        le=1,
+        description="samples stamped up to this far ahead wait; samples farther ahead are refused",
     )
     lost_after_s: float = Field(
         0.25, gt=0, le=60, description="time without a good sample after which the status is not ok"
     )
     max_step_s: float = Field(0.01, gt=0, le=0.1, description="longest step of the prediction")
     max_gap_s: float = Field(0.5, gt=0, le=10, description="longer gaps between two steps restart the filter")
-    stretch_limit: float = Field(0.8, gt=0, lt=1, description="largest elongation or shear that is believed")
-    bend_limit_rad: float = Field(6.0, gt=0, le=30, description="largest bending or torsion of a link")
+    stretch_limit: float = Field(0.8, gt=0, lt=1, description="largest elongation or shear of an estimate")
+    bend_limit_rad: float = Field(
+        6.0, gt=0, le=30, description="largest bending or torsion of a link of an estimate"
+    )

@@ -1,15 +1,15 @@
-"""The estimator: a Kalman filter with a short memory, so that a late sample is used at the time it was taken.
+"""The estimator: a Kalman filter with a short history, which fuses a late sample at the time of its stamp.
 
-The state keeps one segment a step (pressures, linearisation, the belief at its start, the samples fused in
-it). A sample stamped in the past is put into its segment; the filter rolls back to the start of that segment
-and replays what follows, with the linearisations that it has: those change in second order only.
+The state keeps one segment for each step (pressures, linearisation, belief at its start, samples fused in
+it). A sample stamped in the past belongs to an earlier segment; the filter rolls back to the start of that
+segment and replays the following ones with their stored linearisations, which are correct to second order.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -20,39 +20,12 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Belief, Filter
 from soro_core.estimation.measurement import Innovation, innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+from soro_core.estimation.state import EstimatorState, Segment
 from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
-from soro_core.estimation.transition import Transition
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 
 Array: TypeAlias = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Segment:
-    """One step of the past, [start_s, end_s]."""
-
-    start_s: float
-    end_s: float
-    pressure_pa: Array
-    transition: Transition
-    belief: Belief
-    samples: tuple[Sample, ...] = ()
-
-
-@dataclass(frozen=True)
-class EstimatorState:
-    """Everything that the estimator remembers."""
-
-    t_s: float
-    belief: Belief
-    pressure_pa: Array
-    history: tuple[Segment, ...] = ()
-    waiting: tuple[Sample, ...] = ()
-    stamps: Mapping[str, float] = field(default_factory=dict)
-    refused: Mapping[str, int] = field(default_factory=dict)
-    last_s: float = -math.inf
-    counts: Counts = field(default_factory=Counts)
 
 
 class Estimator:
@@ -61,13 +34,13 @@ class Estimator:
     Parameters
     ----------
     robot : Robot
-        The model that predicts.
+        Robot of the prediction model.
     config : EstimatorConfig
         Noise, gates and limits.
     dt : float
-        Nominal step [s]; the size of the memory follows from it.
+        Nominal step [s], which gives the number of segments in the history.
     model : Discretisation
-        How the robot is computed; `arm` is what becomes of it.
+        Discretisation of the robot; the attribute `arm` is the discretised model.
     """
 
     def __init__(
@@ -92,7 +65,21 @@ class Estimator:
     def initial_state(
         self, t_s: float = 0.0, q: Array | None = None, pressure_pa: Array | None = None
     ) -> EstimatorState:
-        """Return the state before the first step: straight (or at `q`), vented (or at `pressure_pa`)."""
+        """Return the state before the first step.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the start [s].
+        q : ndarray (n_q,), optional
+            Coordinates; 0, the straight arm, by default.
+        pressure_pa : ndarray (n_u,), optional
+            Pressures [Pa gauge]; 0 by default.
+
+        Returns
+        -------
+        EstimatorState
+        """
         pressure = np.zeros(self.arm.n_u) if pressure_pa is None else np.array(pressure_pa, dtype=np.float64)
         return EstimatorState(t_s=t_s, belief=self.filter.start(q), pressure_pa=pressure)
 
@@ -104,26 +91,35 @@ class Estimator:
         imus: Sequence[ImuSample],
         dt: float,
     ) -> tuple[EstimatorState, Estimate]:
-        """Advance to ``state.t_s + dt``, where `chamber_pressure_pa` was measured, and fuse what has come.
+        """Advance to ``state.t_s + dt``, the time of `chamber_pressure_pa`, and fuse the samples.
 
         Parameters
         ----------
+        state : EstimatorState
+            State after the last step.
         chamber_pressure_pa : ndarray (n_u,)
-            Measured gauge pressures [Pa] at the new time; between two readings their mean acts.
+            Measured gauge pressures [Pa] at the new time; between two readings the model uses their mean.
         poses, imus : sequence of PoseSample, ImuSample
             Samples that arrived since the last step, in any order, stamped when they were taken.
         dt : float
             Time since the last step [s].
 
+        Returns
+        -------
+        state : EstimatorState
+            State at the new time.
+        estimate : Estimate
+            Estimate at the new time.
+
         Notes
         -----
-        Nothing is raised for bad input: it is refused and counted, and the status says so.
+        Bad input raises nothing: the estimator refuses and counts it, and the status names it.
         """
         if not (math.isfinite(dt) and dt > 0.0):
             counts = replace(state.counts, failed=state.counts.failed + 1)
             state = replace(state, counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        # Numbers that overflow are caught as what they become; warnings of them would only fill a log.
+        # The checks for finiteness below find overflows; numpy's warnings would only fill the log.
         with np.errstate(all="ignore"):
             if dt > self.config.max_gap_s:
                 state = self._restarted(state, dt)
@@ -178,7 +174,7 @@ class Estimator:
         belief, counts, refused = state.belief, state.counts, dict(state.refused)
         last = state.last_s
         first = min([*new, len(history) - 1])
-        # The newest parts have no belief of their own yet: the replay gives it to them.
+        # The newest segments still have the belief of the one before: the replay computes theirs.
         while first > 0 and history[first].belief is history[first - 1].belief:
             first -= 1
         belief = history[first].belief
@@ -212,7 +208,7 @@ class Estimator:
     def _admit(
         self, state: EstimatorState, offered: list[Sample]
     ) -> tuple[EstimatorState, list[Sample], tuple[Sample, ...]]:
-        """Sort samples by their stamps: fresh ones, ones that must wait, and ones that are refused."""
+        """Sort samples by stamp and return the state with counts, the fresh samples and those that wait."""
         counts, stamps = state.counts, dict(state.stamps)
         fresh: list[Sample] = []
         waiting: list[Sample] = []
@@ -245,7 +241,7 @@ class Estimator:
     def _updated(
         self, belief: Belief, sample: Sample, refused: dict[str, int], gated: bool, counts: Counts
     ) -> tuple[Belief, Counts, bool]:
-        """Fuse one sample; `gated` for one seen for the first time (a replay does not judge again)."""
+        """Fuse one sample; `gated`: apply the chi-square gate (a replay does not apply it again)."""
 
         def measure(q: Array, qd: Array) -> Innovation:
             return innovation(self.arm, self.config, sample, q, qd)
@@ -257,8 +253,8 @@ class Estimator:
             if refused[name] < self.config.reacquire_after:
                 belief = replace(belief, covariance=self.config.outlier_inflation * belief.covariance)
                 return belief, replace(counts, outliers=counts.outliers + 1), False
-            # This sensor has disagreed for so long that the state is the likelier to be wrong.
-            # From straight, not from where the state strayed to: the update finds its way from there.
+            # After so many outliers in a row the state is more likely wrong than the sensor. The belief
+            # restarts at the straight arm, from which the iterated update converges.
             belief = self.filter.start()
             seen = measure(belief.q, belief.qd)
             counts = replace(counts, reacquired=counts.reacquired + 1)

@@ -1,16 +1,15 @@
 """Extended Kalman filter on (q, qd, disturbance): prediction with the arm's model, update with a sample.
 
-The disturbance is an acceleration per coordinate that the model does not explain (a payload, a wrong
-stiffness), with its rate: an integrated random walk follows a disturbance that turns with the arm without
-falling behind, as a plain random walk would. Both are forgotten slowly, so that they stay bounded where
-nothing observes them.
+The disturbance is an acceleration of each coordinate that the model does not explain (a payload, a wrong
+stiffness), with its rate: an integrated random walk follows a disturbance that turns with the arm, while a
+plain random walk would lag behind. Both decay slowly, so that they stay bounded if no sample observes them.
 
-Noise is configured for strains that are uniform along a link; what it means for several coefficients does not
-depend on the basis (`soro_core.robot.coordinates`). At the start every shape of the arm is as likely as any
-other: variance times W^-1. What the model does not explain accelerates the strain uniformly: it then pulls
-like the inertia of a bending arm, mostly on its outer part, as a payload does, and the model says what that
-does to the higher coefficients. Free disturbances of each coefficient, most of which no sensor at the tip
-tells apart, wander off until the prediction fails (docs/adr/0010).
+The configured noise is that of strains that are uniform along a link; its meaning for several coefficients
+does not depend on the basis (`soro_core.robot.coordinates`). The initial covariance of the coefficients is
+the variance times W^-1, W of docs/model.md (4): all shapes of the arm are equally likely. The disturbance
+accelerates the strain uniformly. It then acts like the inertia of a bending arm, mostly on the outer part, as
+a payload does, and the model gives its effect on the higher coefficients. Independent disturbances of all
+coefficients are mostly unobservable from the tip, and drift until the prediction fails (docs/adr/0010).
 """
 
 from __future__ import annotations
@@ -39,7 +38,19 @@ _CONVERGED = 1e-3
 
 @dataclass(frozen=True)
 class Belief:
-    """Mean and covariance of (q, qd, disturbance, its rate), and the internal states that go with it."""
+    """Mean and covariance of (q, qd, disturbance, drift), and the internal states at this mean.
+
+    Attributes
+    ----------
+    q, qd : ndarray (n_q,)
+        Coordinates and rates.
+    disturbance, drift : ndarray (n_d,)
+        Disturbance, an acceleration of the coordinates, and its rate; n_d is n_q, or 0 without disturbance.
+    internal : ndarray (n_internal,)
+        Creep and hysteresis states.
+    covariance : ndarray (m, m)
+        Covariance, m = 2 n_q + 2 n_d.
+    """
 
     q: Array
     qd: Array
@@ -54,7 +65,7 @@ class Belief:
         return np.concatenate([self.q, self.qd, self.disturbance, self.drift])
 
     def finite(self) -> bool:
-        """Whether every number is one."""
+        """Whether all numbers are finite."""
         return bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
 
 
@@ -65,7 +76,7 @@ class Filter:
         self.arm, self.config = arm, config
         self.n = arm.n_q
         self.n_d = arm.n_q if config.disturbance else 0
-        # Its linearisation is that of the rule alone, and the same in whatever basis the strain is written.
+        # Unguarded, the step has the same linearisation in every basis of the strains.
         self.stepper = make_stepper(config.integrator, arm, guarded=False)
         self.fields = strain_fields(arm.robot)
         stretch, lengths = self.fields.stretch, self.fields.length
@@ -83,18 +94,18 @@ class Filter:
         disturbance = np.where(stretch, start.stretch_disturbance_std, start.curvature_disturbance_std_per_m)
         position = np.where(stretch, start.stretch_std, start.curvature_std_per_m)
         rate = np.where(stretch, start.stretch_rate_std_per_s, start.curvature_rate_std_per_m_s)
-        # The disturbance is as fast as to change by itself within a second.
+        # Standard deviation of the drift: the disturbance can change by its own size within a second.
         self.initial = self._blocks(
             *(std[:, None] ** 2 * white for std in (position, rate)),
             *(std[:, None] ** 2 * uniform for std in (disturbance, disturbance)),
         )
         stds = [position, rate, disturbance, disturbance] if self.n_d else [position, rate]
-        # Variances of what no noise reaches (disturbances of higher coefficients) are round-off.
+        # Variances that no noise reaches (disturbances of higher coefficients) are round-off.
         self._negligible = np.maximum(1e-12 * np.concatenate(stds) ** 2, 1e-300)
         self._increment = np.where(stretch, 1e-6, 1e-6 / lengths) / np.sqrt(np.diag(self.fields.weight))
 
     def _blocks(self, *four: Array) -> Array:
-        """Covariance of (q, qd, disturbance, drift), without the last two where they are not estimated."""
+        """Return the covariance of (q, qd, disturbance, drift) with these diagonal blocks; n_d may be 0."""
         count = 4 if self.n_d else 2
         matrix = np.zeros((count, self.n, count, self.n))
         for i in range(count):
@@ -102,7 +113,7 @@ class Filter:
         return matrix.reshape(count * self.n, count * self.n)
 
     def start(self, q: Array | None = None) -> Belief:
-        """Return the belief before anything was measured."""
+        """Return the initial belief, at `q` (n_q,) or straight."""
         return Belief(
             q=np.zeros(self.n) if q is None else np.array(q, dtype=np.float64),
             qd=np.zeros(self.n),
@@ -113,7 +124,7 @@ class Filter:
         )
 
     def widen(self, belief: Belief) -> Belief:
-        """Forget what is known, keep the mean: the next sample decides."""
+        """Return the initial belief at the mean `q` of this one, with its internal states."""
         return replace(self.start(belief.q), internal=belief.internal)
 
     def linearise(self, belief: Belief, pressure_pa: Array) -> Array:
@@ -145,16 +156,33 @@ class Filter:
         return system
 
     def transition(self, belief: Belief, pressure_pa: Array) -> Transition:
-        """Return how errors move from the belief on, as long as the pressures are about these."""
+        """Return the linearised dynamics about the belief at the pressures (n_u,) [Pa gauge]."""
         return Transition(self.linearise(belief, pressure_pa), self.process)
 
     def predict(
         self, belief: Belief, pressure_pa: Array, transition: Transition, dt: float
     ) -> tuple[Belief, bool]:
-        """Advance by `dt` with the pressures held; False where the stepper failed and the mean was held.
+        """Return the belief after `dt` with the pressures held.
 
-        The disturbance acts as half a kick before and half a kick after the step (Strang splitting): second
-        order, and the equilibrium under a constant disturbance is exact.
+        Half of the disturbance's impulse acts before the step and half after it (Strang splitting): second
+        order, and exact for the equilibrium under a constant disturbance.
+
+        Parameters
+        ----------
+        belief : Belief
+            Belief at the start.
+        pressure_pa : ndarray (n_u,)
+            Pressures [Pa gauge].
+        transition : Transition
+            Linearised dynamics.
+        dt : float
+            Time step [s].
+
+        Returns
+        -------
+        belief : Belief
+        ok : bool
+            False if the stepper failed; the mean is then held at rest.
         """
         if dt <= 0.0:
             return belief, True
@@ -177,7 +205,7 @@ class Filter:
         return Belief(q, qd, disturbance, drift, internal, 0.5 * (spread + spread.T)), ok
 
     def distance(self, belief: Belief, innovation: Innovation) -> float:
-        """Return the normalised innovation squared: chi-square distributed for a good sample."""
+        """Return the normalised innovation squared, chi-square distributed for a good sample."""
         H = innovation.jacobian
         P = belief.covariance[: 2 * self.n, : 2 * self.n]
         try:
@@ -189,14 +217,21 @@ class Filter:
     def update(
         self, belief: Belief, seen: Innovation, measure: Callable[[Array, Array], Innovation]
     ) -> Belief | None:
-        """Fuse one sample (iterated update, Joseph form); None where that gives no finite result.
+        """Fuse one sample by an iterated update in Joseph form.
 
         Parameters
         ----------
+        belief : Belief
+            Belief before the sample.
         seen : Innovation
-            Of the sample at the belief's mean.
+            Innovation of the sample at the mean of the belief.
         measure : callable
-            The same at another (q, qd).
+            Function that returns the innovation of the sample at other (q, qd).
+
+        Returns
+        -------
+        Belief or None
+            None if the result is not finite.
         """
         n, size = self.n, belief.covariance.shape[0]
         prior = belief.mean

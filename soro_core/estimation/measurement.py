@@ -1,4 +1,4 @@
-"""Measurement models: what a sample should have read, and how that changes with the state."""
+"""Measurement models: predicted values of a sample, and their derivatives by the state."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.config import EstimatorConfig
-from soro_core.estimation.rotation import left_jacobian_inverse, matrix_from_quaternion, rotation_log, skew
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
 from soro_core.model import SoftArm
+from soro_core.rotation import left_jacobian_inverse, matrix_from_quaternion, rotation_log, skew
 
 Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Innovation:
-    """Residual of one sample, linear in the state around the point given.
+    """Residual of one sample, linearised about a state.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Innovation:
     jacobian : ndarray (m, 2 n_q)
         Derivative of the prediction by (q, qd).
     variance : ndarray (m,)
-        Noise of the sample and of the kinematics, independent.
+        Sum of the variances of sensor and kinematics; the components are independent.
     """
 
     residual: Array
@@ -36,7 +36,23 @@ class Innovation:
 
 
 def innovation(arm: SoftArm, config: EstimatorConfig, sample: Sample, q: Array, qd: Array) -> Innovation:
-    """Compare a sample with the state."""
+    """Return the innovation of a sample at a state.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Kinematics.
+    config : EstimatorConfig
+        Noise of the sensors.
+    sample : Sample
+        Measured values.
+    q, qd : ndarray (n_q,)
+        Coordinates and rates.
+
+    Returns
+    -------
+    Innovation
+    """
     s = min(max(sample.s, 0.0), arm.length)
     pose, jacobian = arm.pose_and_jacobian(q, s)
     if isinstance(sample, PoseSample):
@@ -61,7 +77,7 @@ def _imu(
     config: EstimatorConfig, sample: ImuSample, pose: Array, jacobian: Array, qd: Array, gravity: Array
 ) -> Innovation:
     rotation, n, noise = pose[:3, :3], jacobian.shape[1], config.imu
-    # d(omega)/dq = dJ/dq qd is left out: second order at the speeds of an arm, and it vanishes at rest.
+    # d(omega)/dq = dJ/dq qd is neglected: small at the speeds of an arm, and 0 at rest.
     residuals, rows, variances = (
         [sample.angular_velocity - jacobian[:3] @ qd],
         [np.hstack([np.zeros((3, n)), jacobian[:3]])],

@@ -1,4 +1,4 @@
-"""What sensors deliver, and what the filter keeps of it."""
+"""Samples of the sensors."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PoseSample:
         return f"pose@{self.s:.9g}"
 
     def finite(self) -> bool:
-        """Whether every number is one, and the quaternion a rotation."""
+        """Whether all numbers are finite and the quaternion is a rotation."""
         return (
             np.isfinite(self.stamp_s)
             and np.isfinite(self.s)
@@ -77,7 +77,7 @@ class ImuSample:
         return f"imu@{self.s:.9g}"
 
     def finite(self) -> bool:
-        """Whether every number is one, and the orientation, if any, a rotation."""
+        """Whether all numbers are finite and the orientation, if any, is a rotation."""
         return (
             np.isfinite(self.stamp_s)
             and np.isfinite(self.s)
@@ -95,6 +95,5 @@ def _finite(value: Array, n: int) -> bool:
 
 
 def _is_rotation(quaternion: Array) -> bool:
-    # Wide enough for quaternions of four decimals, narrow enough to refuse the zeros of a driver without a
-    # fix.
+    # The tolerance accepts quaternions of four decimals, and refuses the zeros of a driver without a fix.
     return _finite(quaternion, 4) and abs(float(quaternion @ quaternion) - 1.0) < 0.02

@@ -1,4 +1,4 @@
-"""What the estimator hands out: the estimate, and what became of the samples."""
+"""Output of the estimator: estimate, status and counts of samples."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Counts:
-    """What became of the samples and steps since the start.
+    """Counts of samples and steps since the start.
 
     Attributes
     ----------
     accepted, outliers, invalid : int
-        Samples fused; refused by the chi-square gate; refused for a value that is not a number.
+        Samples fused; refused by the chi-square gate; refused for a value that is not finite or not allowed.
     stale, early : int
-        Samples refused because their stamp did not increase or is too old; because it lies in the future.
+        Samples refused because their stamp is too old or did not increase; because it is too far in the
+        future.
     reacquired : int
-        Times that a sensor was believed again after many outliers in a row.
+        Re-acquisitions of the state from a sensor after many outliers in a row.
     pressures : int
-        Pressure readings that were not finite and were replaced by the last good ones.
+        Sets of pressures with a reading that was not finite, replaced by the last good one.
     failed : int
-        Predictions or updates that gave no finite result and were undone.
+        Predictions or updates without a finite result, which were undone.
     restarted : int
         Restarts after a gap in time or a loss of the state.
     """
@@ -44,7 +45,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class EstimatorStatus:
-    """Whether the estimate may be used; `message` says why not, and is empty where it may."""
+    """Whether the estimate may be used; if not, `message` says why."""
 
     ok: bool
     message: str
@@ -62,16 +63,16 @@ class Estimate:
     q, qd : ndarray (n_q,)
         Coordinates and rates.
     covariance : ndarray (2 n_q, 2 n_q)
-        Of (q, qd).
+        Covariance of (q, qd).
     tip_pose : ndarray (4, 4)
         Pose of the tip in the world frame.
     tip_covariance : ndarray (6, 6)
-        Of the tip's position and rotation, both along the world's axes, position first; the errors of the
-        kinematics that the configuration declares are included.
+        Covariance of position and rotation of the tip, in this order, along the world's axes; it includes the
+        configured errors of the kinematics.
     force : ndarray (n_q,)
         Generalised force of the measured pressures, H p.
     disturbance : ndarray (n_q,)
-        Acceleration that the model does not explain; zeros where it is not estimated.
+        Acceleration that the model does not explain; 0 if it is not estimated.
     """
 
     t_s: float

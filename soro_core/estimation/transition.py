@@ -1,4 +1,4 @@
-"""How errors of the filter move over a time: the transition matrix, and the noise that enters meanwhile."""
+"""Transition matrix and process noise of the filter over a time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array: TypeAlias = NDArray[np.float64]
 class Transition:
     """The linearised dynamics of one segment.
 
-    What it was asked for is kept: a segment that is replayed asks for the same times again.
+    Results are stored: a replay asks for the same times again.
 
     Parameters
     ----------
@@ -28,19 +28,19 @@ class Transition:
         self._kept: dict[float, tuple[Array, Array]] = {}
 
     def over(self, dt: float) -> tuple[Array, Array]:
-        """Return the transition matrix over `dt` and the covariance of what entered, (m, m) each."""
+        """Return the transition matrix over `dt` [s] and the covariance of the process noise, (m, m) each."""
         if dt not in self._kept:
-            self._kept[dt] = self._found(dt)
+            self._kept[dt] = self._compute(dt)
         return self._kept[dt]
 
-    def _found(self, dt: float) -> tuple[Array, Array]:
-        # The Cayley form is the trapezoidal rule's own transition: bounded for modes faster than the step.
+    def _compute(self, dt: float) -> tuple[Array, Array]:
+        # The Cayley form is the transition of the trapezoidal rule: bounded for modes faster than the step.
         half = np.multiply.outer((0.5 * dt, 0.25 * dt), self._system)
         one = np.eye(len(self._system))
         try:
             whole, middle = np.linalg.solve(one - half, one + half)
         except np.linalg.LinAlgError:
-            # An unstable mode of exactly this rate; the caller sees that the covariance is not finite.
+            # An unstable mode of exactly this rate; the caller finds a covariance that is not finite.
             whole = middle = np.full_like(self._system, np.nan)
         # Simpson's rule over the step for the white noise that enters along it.
         noise = (middle @ self._process) @ middle.T * (4.0 * dt / 6.0)

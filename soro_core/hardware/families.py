@@ -1,96 +1,186 @@
-"""The families of regulators: the one list that names them all, by where their parts are found.
+"""The list of all families of regulators.
 
-A family is a folder with three things: the model of its platform files, a function that makes its driver, and
-one that makes its emulated devices. Each is imported when it is asked for, so that a driver does not load
-the other buses' libraries and an emulator no driver.
+A family has a model of its platform files, a function that makes its driver, and a function that makes its
+emulated devices, which `soro_core.emulation.families` calls. Each part is imported when it is used: a driver
+imports neither the library of another bus nor the emulator.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any, TypeAlias
 
-if TYPE_CHECKING:
-    from soro_core.hardware.emulation.devices import EmulatedDevices
-    from soro_core.hardware.platform import PlatformBase
-    from soro_core.hardware.port import Regulator
+from soro_core.config import find_config, parse, read_yaml
+from soro_core.errors import ConfigError
+from soro_core.extras import named_packages
+from soro_core.hardware.platform import PlatformBase
+from soro_core.hardware.port import Regulator
 
 
 @dataclass(frozen=True)
 class Family:
-    """Where the parts of one family are, as ``module:name`` below a package.
+    """Parts of one family, as ``module:name`` relative to a package.
 
     Attributes
     ----------
     config : str
-        A `PlatformBase` with the family's own keys.
+        Model of the platform files: a `PlatformBase` with the keys of the family.
     driver : str
-        ``open(platform, endpoint, clock, lockstep) -> Regulator``; opens nothing before `configure`.
+        Function as `Family.open`.
     emulator : str
-        ``emulate(platform, lockstep, seed) -> EmulatedDevices``.
+        Function ``emulate(platform, lockstep, seed) -> EmulatedDevices``.
     package : str
-        Where they are; a family outside this tree names its own.
+        Package of the parts; a family outside of soro states its own.
     """
 
     config: str
     driver: str
     emulator: str
-    package: str = "soro_core.hardware"
-
-    def platform_model(self) -> type[PlatformBase]:
-        """Model of the family's platform files."""
-        model: type[PlatformBase] = self._find(self.config)
-        return model
+    package: str = "soro_core"
 
     def open(
         self, platform: PlatformBase, endpoint: str | None, clock: Callable[[], float], lockstep: bool
     ) -> Regulator:
-        """Make the driver of a platform."""
-        regulator: Regulator = self._find(self.driver)(platform, endpoint, clock, lockstep)
+        """Make the driver of a platform, which opens nothing before `Regulator.configure`.
+
+        Parameters
+        ----------
+        platform : PlatformBase
+            Description of the hardware.
+        endpoint : str or None
+            Path or address that replaces the platform's device, for example that of an emulator.
+        clock : callable
+            Returns a monotonic time [s].
+        lockstep : bool
+            Whether the cycles advance the time of the devices.
+
+        Returns
+        -------
+        Regulator
+        """
+        regulator: Regulator = self.find(self.driver)(platform, endpoint, clock, lockstep)
         return regulator
 
-    def emulate(self, platform: PlatformBase, lockstep: bool, seed: int) -> EmulatedDevices:
-        """Make the emulated devices of a platform."""
-        devices: EmulatedDevices = self._find(self.emulator)(platform, lockstep, seed)
-        devices.connect_faults(platform.chamber_names, seed)
-        return devices
+    def find(self, place: str) -> Any:
+        """Import the module of a place ``module:name`` and return the object of that name.
 
-    def _find(self, place: str) -> Any:
+        Raises
+        ------
+        MissingPackageError
+            If the library of the family's bus is not installed.
+        """
         module, name = place.split(":")
-        return getattr(import_module(f"{self.package}.{module}"), name)
+        with named_packages():
+            return getattr(import_module(f"{self.package}.{module}"), name)
 
 
 FAMILIES = {
     "canopen_408": Family(
-        config="canopen.config:CanopenPlatform",
-        driver="canopen.driver:open_driver",
-        emulator="emulation.world:emulate",
+        config="hardware.canopen.config:CanopenPlatform",
+        driver="hardware.canopen.driver:open_driver",
+        emulator="emulation.canopen.world:emulate",
     ),
     "itv_rs232": Family(
-        config="serial_line.config:ItvPlatform",
-        driver="serial_line.dialects:open_itv",
-        emulator="serial_line.emulated:emulate_itv",
+        config="hardware.serial_line.config:ItvPlatform",
+        driver="hardware.serial_line.dialects:open_itv",
+        emulator="emulation.serial_line.devices:ItvDevices",
     ),
     "alicat": Family(
-        config="serial_line.config:AlicatPlatform",
-        driver="serial_line.dialects:open_alicat",
-        emulator="serial_line.emulated:emulate_alicat",
+        config="hardware.serial_line.config:AlicatPlatform",
+        driver="hardware.serial_line.dialects:open_alicat",
+        emulator="emulation.serial_line.devices:AlicatDevices",
     ),
     "veab_tcp": Family(
-        config="veab.config:VeabPlatform",
-        driver="veab.driver:open_driver",
-        emulator="veab.emulated:emulate",
+        config="hardware.veab.config:VeabPlatform",
+        driver="hardware.veab.driver:open_driver",
+        emulator="emulation.veab:EmulatedVeabServer",
     ),
     "soro_board": Family(
-        config="board.config:BoardPlatform",
-        driver="board.driver:open_driver",
-        emulator="board.emulated:emulate",
+        config="hardware.board.config:BoardPlatform",
+        driver="hardware.board.driver:open_driver",
+        emulator="emulation.board.board:EmulatedBoard",
     ),
     "vtem_modbus": Family(
-        config="vtem.config:VtemPlatform",
-        driver="vtem.driver:open_driver",
-        emulator="vtem.emulated:emulate",
+        config="hardware.vtem.config:VtemPlatform",
+        driver="hardware.vtem.driver:open_driver",
+        emulator="emulation.vtem:EmulatedTerminal",
     ),
 }
+
+Platform: TypeAlias = PlatformBase
+
+
+def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
+    """Check a mapping against the model of its family.
+
+    Raises
+    ------
+    ConfigError
+        If a key is wrong; the message states the allowed values.
+    """
+    found = data.get("family", "nothing")
+    family = FAMILIES.get(found) if isinstance(found, str) else None
+    if family is None:
+        raise ConfigError(where, "family", found, f"one of {', '.join(FAMILIES)}")
+    model: type[PlatformBase] = family.find(family.config)
+    return parse(data, model, where)
+
+
+def load_platform(name_or_path: str | Path) -> PlatformBase:
+    """Read a platform file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name of a shipped file (``emulated_canopen``) or a path that ends in .yaml.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file or a key is wrong; the message states the allowed values.
+    """
+    path = find_config(name_or_path, "platforms")
+    return parse_platform(read_yaml(path), where=str(path))
+
+
+def require_driver(platform: PlatformBase) -> None:
+    """Import the driver of a platform, so that a missing library ends a command at its start.
+
+    Raises
+    ------
+    MissingPackageError
+        If the library of the family's bus is not installed.
+    """
+    family = FAMILIES[platform.family]
+    family.find(family.driver)
+
+
+def open_regulator(
+    platform: PlatformBase,
+    endpoint: str | None = None,
+    clock: Callable[[], float] = time.monotonic,
+    lockstep: bool = False,
+) -> Regulator:
+    """Make the driver of a platform, which opens nothing before `Regulator.configure`.
+
+    Parameters
+    ----------
+    platform : PlatformBase
+        Description of the hardware.
+    endpoint : str, optional
+        Path or address that replaces the platform's device, for example that of an emulator.
+    clock : callable
+        Returns a monotonic time [s].
+    lockstep : bool
+        Whether the cycles advance the time of the devices: each cycle waits for its answers, at most
+        `lockstep_timeout_s`, and no step waits for the clock.
+
+    Returns
+    -------
+    Regulator
+    """
+    return FAMILIES[platform.family].open(platform, endpoint, clock, lockstep)

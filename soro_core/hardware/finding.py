@@ -1,28 +1,71 @@
-"""What an examination of hardware finds: one line each, with what to do about it."""
+"""Findings of a check of the hardware, one line each, with advice."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from typing import Literal, NamedTuple, TypeAlias
+
+from soro_core.errors import HardwareError
 
 Level: TypeAlias = Literal["ok", "warn", "fail"]
 
 
 class Finding(NamedTuple):
-    """One thing that was looked at.
+    """Result of one check.
 
     Attributes
     ----------
     name : str
-        What was looked at.
+        Name of the check.
     level : str
-        ``ok``, ``warn`` (works, but read it) or ``fail``.
+        ``ok``, ``warn`` (it works, with a restriction) or ``fail``.
     found : str
-        What was found, in one line.
+        Result in one line.
     do : str
-        What to do; empty when nothing is.
+        Advice; empty if there is nothing to do.
     """
 
     name: str
     level: Level
     found: str
     do: str = ""
+
+
+def graded(name: str, found: str, *grades: tuple[bool, Level, str]) -> Finding:
+    """Return the finding of the first grade that applies, or ``ok``.
+
+    Parameters
+    ----------
+    name, found : str
+        Name and result of the check.
+    *grades : tuple of (bool, str, str)
+        Whether the grade applies, its level, and its advice.
+
+    Returns
+    -------
+    Finding
+    """
+    level, do = next(((level, do) for applies, level, do in grades if applies), ("ok", ""))
+    return Finding(name, level, found, do)
+
+
+def examined(
+    name: str, advice: str, findings: Iterable[Finding], close: Callable[[], None] = lambda: None
+) -> Iterator[Finding]:
+    """Yield findings, and a failure if a check raises a `HardwareError`.
+
+    Parameters
+    ----------
+    name, advice : str
+        Name and advice of that failure.
+    findings : iterable of Finding
+        Findings of the checks.
+    close : callable
+        Called at the end.
+    """
+    try:
+        yield from findings
+    except HardwareError as error:
+        yield Finding(name, "fail", str(error), advice)
+    finally:
+        close()

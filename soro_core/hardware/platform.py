@@ -1,22 +1,19 @@
-"""Platform files: which regulators feed which chambers, over which bus, and how they are emulated.
+"""Platform files: regulators, chambers, bus and emulation; the keys that all families have in common.
 
-What all families have in common; each one's own keys are in its folder (see `soro_core.hardware.families`).
+The keys of each family are in its folder; the list of families is in `families`.
 """
 
 from __future__ import annotations
 
 import re
-import time
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeAlias, TypeVar
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, find_config, parse, read_yaml
-from soro_core.errors import ConfigError
-from soro_core.hardware.families import FAMILIES
+from soro_core.config import Strict, changed, parse
 from soro_core.hardware.port import Regulator
+from soro_core.hardware.transport.tcp import TcpTransport
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import Limits, Rating, for_regulators
 
@@ -24,12 +21,12 @@ _CHAMBER = re.compile(r"link\d+/chamber\d+")
 
 Value = TypeVar("Value")
 
-# Part of a loop's rate below which chambers are served in turn, not in every cycle.
+# Update rate over loop rate below which chambers are served in turn, not in every cycle.
 IN_TURN = 0.9
 
 
 class ValveBase(Strict):
-    """One regulator: the chamber that it feeds; where it is on the bus is the family's."""
+    """One regulator with its chamber; each family adds the address on its bus."""
 
     chamber: str = Field(description="name of the chamber, for example link0/chamber0")
 
@@ -42,21 +39,37 @@ class ValveBase(Strict):
 
 
 class PressureRange(Strict):
-    """Set points that the driver accepts and the devices are limited to; 0 lies inside, so they can vent."""
+    """Range of set points of driver and devices; it contains 0, so that the devices can vent."""
 
     minimum_pa: float = Field(0.0, ge=-101e3, le=0, description="lowest set point [Pa gauge]")
     maximum_pa: float = Field(gt=0, le=2e6, description="highest set point [Pa gauge]")
 
 
 class EmulationBase(Strict):
-    """How the emulated devices of a platform behave: their air, whatever the family."""
+    """Behaviour of the emulated devices of a platform that all families have in common."""
 
     regulator: RegulatorModel = RegulatorModel()
     step_s: float = Field(0.0025, ge=0.0005, le=0.05, description="step of the air in real time")
+    wake_pa: float | None = Field(
+        None,
+        ge=-101e3,
+        le=2e6,
+        description="set point [Pa gauge] of the devices at power-on; none: 0, or the default of their chips",
+    )
+
+
+class ReadingAge(Protocol):
+    """Limits of the age of a reading."""
+
+    def is_stale(self, missed: int, age_ns: int) -> bool:
+        """Whether so many missed readings, or such an age, are too much."""
+
+    def too_old(self, missed: int, age_ns: int) -> str:
+        """What is wrong with a reading that is stale."""
 
 
 class Freshness(Strict):
-    """When a chamber's reading is no longer one."""
+    """Limits of the age of a reading, in missed cycles and in time."""
 
     stale_cycles: int = Field(3, ge=1, le=100, description="missed readings in a row that make a fault")
     stale_s: float = Field(0.05, gt=0, le=0.5, description="age of a reading that makes a fault")
@@ -73,16 +86,16 @@ class Freshness(Strict):
 
 
 class PlatformBase(Strict):
-    """What a driver must know about the hardware of one arm, whatever the family.
+    """Hardware of one arm, for all families.
 
     Attributes
     ----------
     where_device : str
-        Key under which the family's platform files name the hardware, for advice.
+        Key of the device in the family's platform files, for advice.
     start_advice : str
-        What to look at when the devices cannot be started.
+        Advice after a failed start-up.
     where_supervisor : str
-        Key under which they switch on the process that vents when the driver dies; empty without one.
+        Key that enables the supervisor, the process that vents when the driver dies; empty without one.
     """
 
     where_device: ClassVar[str] = "transport.device"
@@ -94,10 +107,10 @@ class PlatformBase(Strict):
     cycle_hz: float = Field(gt=0, le=2000, description="rate of exchanges")
     cycle_budget_s: float = Field(0.004, gt=0, le=0.1, description="longest wait for the answers of a cycle")
     lockstep_timeout_s: float = Field(
-        5.0, gt=0, le=60, description="the same in lockstep, where nothing may be lost"
+        5.0, gt=0, le=60, description="longest wait for the answers of a cycle in lockstep"
     )
     shutdown_ramp_pa_s: float = Field(
-        400e3, gt=0, le=10e6, description="rate at which close() takes pressure out"
+        400e3, gt=0, le=10e6, description="rate at which the driver lowers the pressures at its end"
     )
     rating: Rating = Rating()
     emulation: EmulationBase = EmulationBase()
@@ -122,118 +135,107 @@ class PlatformBase(Strict):
         return tuple(valve.chamber for valve in self.valves)
 
     @property
+    def update_hz(self) -> float:
+        """Rate [Hz] of the set points and readings of one chamber, according to the platform file."""
+        return self.cycle_hz
+
+    def response_at(self, rate_hz: float) -> RegulatorModel:
+        """Return the response of the regulators in a loop of a rate [Hz]."""
+        return in_loop(self.emulation.regulator, self.at_rate(rate_hz).update_hz, rate_hz)
+
+    @property
     def device(self) -> str | None:
-        """Path or address of the hardware, or None where it is given when opened."""
+        """Path or address of the hardware, or None if the platform file states none."""
         return None
 
     @property
     def missing_device(self) -> str:
-        """What the platform file lacks where `device` is None."""
+        """Message if `device` is None."""
         return "the platform file names none"
 
     @property
     def is_supervised(self) -> bool:
-        """Whether a process beside the driver vents when the driver dies."""
+        """Whether a supervisor process vents when the driver dies."""
         return False
 
     def at_rate(self, cycle_hz: float) -> Self:
-        """Return the same platform with another rate of exchanges, checked again.
+        """Return the same platform with another rate of cycles [Hz], validated again.
 
         Raises
         ------
         ConfigError
-            If the platform's times do not allow that rate.
+            If the times of the platform do not allow the rate.
         """
-        changed = {**self.model_dump(), "cycle_hz": float(cycle_hz)}
-        return parse(changed, type(self), where=f"platform at {cycle_hz} Hz")
+        values = {**self.model_dump(), "cycle_hz": float(cycle_hz)}
+        return parse(values, type(self), where=f"platform at {cycle_hz} Hz")
 
 
-Platform: TypeAlias = PlatformBase
+class TcpPlatform(PlatformBase):
+    """Devices behind one TCP connection."""
+
+    where_device: ClassVar[str] = "transport.host"
+    transport: TcpTransport
+
+    @property
+    def device(self) -> str | None:
+        return self.transport.address
 
 
-def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
-    """Check a mapping against the model of its family.
-
-    Raises
-    ------
-    ConfigError
-        One line that names `where`, key, what was found and what is allowed.
-    """
-    found = data.get("family", "nothing")
-    family = FAMILIES.get(found) if isinstance(found, str) else None
-    if family is None:
-        raise ConfigError(where, "family", found, f"one of {', '.join(FAMILIES)}")
-    return parse(data, family.platform_model(), where)
-
-
-def load_platform(name_or_path: str | Path) -> PlatformBase:
-    """Read a platform file.
+def in_loop(response: RegulatorModel, update_hz: float, rate_hz: float) -> RegulatorModel:
+    """Return the response of regulators in a loop; regulators served in turn respond one update later.
 
     Parameters
     ----------
-    name_or_path : str or Path
-        Name of a shipped file (``emulated_canopen``) or a path that ends in .yaml.
+    response : RegulatorModel
+        Response of the regulators.
+    update_hz, rate_hz : float
+        Rate of the updates of one chamber, and of the loop [Hz].
 
-    Raises
-    ------
-    ConfigError
-        One line that names file, key, what was found and what is allowed.
+    Returns
+    -------
+    RegulatorModel
     """
-    path = find_config(name_or_path, "platforms")
-    return parse_platform(read_yaml(path), where=str(path))
-
-
-def open_regulator(
-    platform: PlatformBase,
-    endpoint: str | None = None,
-    clock: Callable[[], float] = time.monotonic,
-    lockstep: bool = False,
-) -> Regulator:
-    """Make the driver that a platform asks for; nothing is opened before `Regulator.configure`.
-
-    Parameters
-    ----------
-    platform : PlatformBase
-        Description of the hardware.
-    endpoint : str, optional
-        What takes the place of the platform's device, for example the pseudo-terminal of an emulator.
-    clock : callable
-        Monotonic wall clock [s] for the time limits of blocking steps.
-    lockstep : bool
-        The devices' time advances with the exchanges only: one waits for its answers however long they take
-        (up to `lockstep_timeout_s`), and nothing is paced by the wall clock.
-    """
-    return FAMILIES[platform.family].open(platform, endpoint, clock, lockstep)
+    if update_hz >= IN_TURN * rate_hz:
+        return response
+    return changed(response, delay_s=response.delay_s + 1.0 / update_hz)
 
 
 def watched(
     platform: PlatformBase, regulator: Regulator, limits: Limits, rate_hz: float, where: str
 ) -> tuple[Limits, RegulatorModel]:
-    """Limits of a loop on this platform, and the response that its monitors expect of the valves.
+    """Return the limits of a loop on a platform, and the response of the valves for its monitors.
 
-    Regulators that are slower than the loop are served in turn: their readings may be older, and a set point
-    waits for its turn, so that the valves answer an update later.
+    Regulators that are slower than the loop are served in turn: their readings may be older, and the valves
+    respond later.
 
     Parameters
     ----------
+    platform : PlatformBase
+        Platform of the regulator.
+    regulator : Regulator
+        Configured regulator.
     limits : Limits
-        As asked for.
+        Limits before the change for slow devices.
     rate_hz : float
-        Rate of the loop.
+        Rate of the loop [Hz].
     where : str
-        What the platform is called in errors.
+        Name of the platform in errors.
+
+    Returns
+    -------
+    limits : Limits
+    response : RegulatorModel
 
     Raises
     ------
     ConfigError
-        If the devices are too slow to be watched.
+        If the devices are too slow for the monitors.
     """
-    update_hz, response = regulator.update_hz, platform.emulation.regulator
-    if update_hz < IN_TURN * rate_hz:
-        response = response.model_copy(update={"delay_s": response.delay_s + 1.0 / update_hz})
+    update_hz = regulator.update_hz
+    response = in_loop(platform.emulation.regulator, update_hz, rate_hz)
     return for_regulators(limits, update_hz, regulator.reading_age_s, where), response
 
 
 def repeated(values: Sequence[Value]) -> Value:
-    """First value that stands more than once."""
+    """Return the first value that occurs more than once."""
     return next(value for value in values if values.count(value) > 1)

@@ -1,8 +1,8 @@
-"""The regulator port: what every family of pressure regulators does, whatever bus it hangs on.
+"""The regulator port: the interface of all families of pressure regulators.
 
-A program that drives an arm sees only `Regulator`. One `exchange` a control period sends the set points and
-brings back the pressures; what goes wrong comes back as a value (`Fault`), so that the caller decides in one
-place how to make the arm safe. Only what ends the connection itself (adapter unplugged, wrong use) is raised.
+A program that drives an arm uses only `Regulator`. One `exchange` in each control period sends the set points
+and returns the pressures. Faults are returned as values (`Fault`), so that the caller decides in one place
+how to make the arm safe. Only a lost connection (adapter unplugged) or a wrong call raises an error.
 """
 
 from __future__ import annotations
@@ -20,21 +20,23 @@ from soro_core.hardware.finding import Finding
 Array: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.bool_]
 
+EMPTY_PA = 2e3  # pressure below which a chamber counts as empty
+
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that a device or a bus did wrong.
+    """A fault of a device or a bus.
 
     Attributes
     ----------
     code : str
         One of `FAULT_CODES`.
     source : str
-        Who, for example ``link0/chamber1 (node 2)`` or ``bus``.
+        Device or bus, for example ``link0/chamber1 (node 2)`` or ``bus``.
     message : str
-        What, in one line.
+        Description in one line.
     latched : bool
-        True when it stays until `Regulator.configure` has run again: meanwhile the driver sends zeros only.
+        True if the fault stays until the next `Regulator.configure`; until then the driver sends zeros.
     """
 
     code: str
@@ -45,43 +47,43 @@ class Fault:
 
 FAULT_CODES = {
     "emergency": "the device sent an emergency message",
-    "rebooted": "the device started anew and lost its configuration",
-    "heartbeat_lost": "the device has not been heard for the consumer heartbeat time",
+    "rebooted": "the device has restarted and lost its configuration",
+    "heartbeat_lost": "the device has sent no heartbeat for the consumer heartbeat time",
     "guard_lost": "the device has not answered node guarding for its life time",
     "left_operational": "the device left the communication state in which it exchanges values",
     "not_active": "the device does not follow the set point of the bus",
-    "stale_reading": "no pressure has come for several cycles",
-    "bus_off": "the controller of the adapter has taken itself off the bus",
-    "connection_lost": "the connection to the adapter broke; it is open again and waits for configure",
+    "stale_reading": "no pressure has arrived for several cycles",
+    "bus_off": "the CAN controller of the adapter is in the state bus-off",
+    "connection_lost": "the connection to the adapter was lost; it is open again and needs configure",
     "device_silent": "the device has not answered several requests in a row",
-    "setpoint_ignored": "the device has confirmed or keeps another set point than it was sent",
-    "command_rejected": "the device has refused a command that it must know",
-    "sensor_failed": "the device says that it cannot measure its pressure",
+    "setpoint_ignored": "the device has confirmed or keeps a set point that differs from the sent one",
+    "command_rejected": "the device has refused a required command",
+    "sensor_failed": "the device reports that it cannot measure its pressure",
     "supervisor_lost": "the process that vents when the driver dies has ended",
-    "link_lost": "the connection to the device has broken",
-    "out_of_sync": "the device's stream of bytes made no sense, so the connection was made anew",
-    "watchdog_vented": "a watchdog has vented because no set point came in time",
-    "device_error": "the device reports an error of its own",
-    "refused_setpoint": "the caller gave a set point that is not finite or out of range",
+    "link_lost": "the connection to the device is lost",
+    "out_of_sync": "the byte stream of the device was invalid, so the driver connected again",
+    "watchdog_vented": "a watchdog has vented because no set point arrived in time",
+    "device_error": "the device reports an error",
+    "refused_setpoint": "a set point of the caller is not finite or out of range",
 }
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """What one cycle did.
+    """Result of one cycle.
 
     Attributes
     ----------
     sent_pa : ndarray (n,)
-        Set points [Pa gauge] as they went over the wire, after rounding to the device's resolution.
+        Sent set points [Pa gauge], after rounding to the resolution of the device.
     pressure_pa : ndarray (n,)
-        Newest measured pressures [Pa gauge]; NaN for a chamber that has never reported.
+        Newest measured pressures [Pa gauge]; NaN for a chamber without a reading.
     fresh : ndarray (n,) of bool
-        True where the pressure was sampled in this cycle.
+        Whether the pressure was sampled in this cycle.
     faults : tuple of Fault
-        Everything that is wrong now; empty in a healthy cycle.
+        Present faults; empty in a healthy cycle.
     supply_pa : ndarray (n,) or None
-        Supply pressures [Pa gauge] where the devices report them (NaN for a chamber whose device does not).
+        Supply pressures [Pa gauge], NaN for a chamber whose device reports none; None if no device does.
     """
 
     sent_pa: Array
@@ -97,9 +99,9 @@ class Exchange:
 
     @property
     def known_pa(self) -> Array:
-        """Readings (n,) [Pa gauge] to be judged: a chamber that has never reported is not known to be bad.
+        """Readings (n,) [Pa gauge] for the limiter: 0 for a chamber without a reading.
 
-        Its silence trips by its age.
+        The limiter trips such a chamber by the age of its reading.
         """
         return np.where(self.fresh | np.isfinite(self.pressure_pa), self.pressure_pa, 0.0)
 
@@ -111,21 +113,21 @@ class BusStatistics:
     Attributes
     ----------
     cycles : int
-        Exchanges made.
+        Number of exchanges.
     frames_sent, frames_received : int
-        CAN frames given to and taken from the adapter.
+        Number of frames or messages sent and received.
     frames_lost : int
-        Answers that had not come when their cycle's time was over.
+        Answers that had not arrived at the end of their cycle.
     frames_late : int
-        Of these, answers that came afterwards.
+        Lost answers that arrived later.
     frames_garbled : int
-        Lines or frames that were dropped because they were malformed.
+        Malformed lines or frames, which were dropped.
     frames_refused : int
-        Frames that the adapter refused to send.
+        Frames that the adapter or the device refused.
     emergencies : int
-        Emergency messages received, "all clear" not counted.
+        Received emergency messages with an error code other than 0.
     bus_errors : int
-        Errors on the wire that the adapter reported.
+        Errors on the bus that the adapter reported.
     """
 
     cycles: int = 0
@@ -142,14 +144,14 @@ class BusStatistics:
 class Regulator(ABC):
     """Pressure regulators of one arm behind one bus.
 
-    Life: made (nothing is opened), `configure` (blocking), `exchange` once a control period, `close`.
-    `vent` may be called between any two of them. Not thread safe: one thread owns it.
+    The calls are: the constructor (opens nothing), `configure` (blocking), `exchange` once in each control
+    period, `close`. `vent` is allowed between any of them. The class is not thread safe.
 
     Attributes
     ----------
     device_watchdog : bool
-        Whether the devices vent by themselves when their host falls silent. Where they do not, the arm needs
-        a supervisor process and a normally open dump valve.
+        Whether the devices vent by themselves when messages of the host stop. Without such a watchdog, the
+        arm needs a supervisor process and a normally open dump valve.
     """
 
     device_watchdog: bool
@@ -167,16 +169,16 @@ class Regulator(ABC):
     @property
     @abstractmethod
     def update_hz(self) -> float:
-        """Rate [Hz] at which a chamber gets set points and gives readings when all goes well.
+        """Rate [Hz] of the set points and readings of one chamber without disturbances.
 
-        `exchange` may be called more often; `Exchange.fresh` says which chambers a call has sampled.
+        `exchange` may be called more often; `Exchange.fresh` states which chambers a call has sampled.
         """
 
     @property
     def reading_age_s(self) -> float:
-        """Age [s] that a reading can have before this bus counts it as lost; the limits allow for it.
+        """Age [s] of a reading up to which this bus does not count it as lost; the limits allow for it.
 
-        Four updates, unless a family's own patience with its devices is longer.
+        Four updates, unless the timeouts of the family are longer.
         """
         return 4.0 / self.update_hz
 
@@ -186,49 +188,49 @@ class Regulator(ABC):
         """Counts since the driver was made."""
 
     def probe(self) -> Iterable[Finding]:
-        """Look at the hardware before it is configured, for `soro doctor`; without commanding anything."""
+        """Check the hardware before `configure`, for `soro doctor`; sends no commands."""
         return ()
 
     @abstractmethod
     def configure(self) -> None:
-        """Open the bus, check and configure every device, and bring it to where it holds 0 Pa.
+        """Open the bus, check and configure every device, and bring it to a set point of 0 Pa.
 
-        Blocking. Called again, it clears latched faults by running the whole start-up once more. After it the
-        devices stay safe for any length of time: their watchdogs are armed by the first `exchange`.
+        The call blocks. A second call clears latched faults by a new start-up. Afterwards the devices stay
+        safe for any time: the first `exchange` arms their watchdogs.
 
         Raises
         ------
         HardwareError
-            One line that names the device and the step.
+            If a step fails; the message states the device and the step.
         """
 
     @abstractmethod
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        """Send one set point a chamber and bring back the pressures; bounded in time.
+        """Send one set point to each chamber and return the pressures, in bounded time.
 
         Parameters
         ----------
         setpoint_pa : ndarray (n,)
-            Set points [Pa gauge]. The limiter stands before the driver: one that is not finite or out of
-            range is a fault, and zeros are sent in place of all of them.
+            Set points [Pa gauge] from the limiter. If one is not finite or out of range, the driver reports a
+            fault and sends zeros to all chambers.
         now_ns : int
-            Time of this cycle [ns], never decreasing; it drives heartbeats and time limits.
+            Time of this cycle [ns], which never decreases; heartbeats and time limits use it.
 
         Raises
         ------
         HardwareError
-            If the connection to the bus is gone, before `configure`, or for a wrong shape.
+            If the connection to the bus is lost, before `configure`, or for a wrong shape.
         """
 
     @abstractmethod
     def vent(self) -> None:
         """Command 0 Pa for every chamber at once, without slew; idempotent, from any state, never raises.
 
-        Nothing is sent before the first `configure` (the devices are safe by themselves) or while the
-        connection is gone. Devices with a watchdog vent then; where they have none a call takes a step to get
-        the connection back, also after a start-up that has failed.
+        The driver sends nothing before the first `configure`, when the devices are safe by themselves, and
+        while the connection is lost. Devices with a watchdog then vent by themselves. For devices without
+        one, each call also tries to restore the connection, even after a failed start-up.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Bring the pressures down, the devices to rest, and let the bus go; idempotent, never raises."""
+        """Ramp the pressures down, stop the devices and close the bus; idempotent, never raises."""

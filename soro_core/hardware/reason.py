@@ -1,4 +1,4 @@
-"""What the operating system says is wrong with a port, a connection or a path, and what to do."""
+"""Texts for errors of ports, connections and paths: one line, with advice."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ import os
 
 IN_USE = "in use by another program"
 
-_LOOK, _AGAIN = "look at its cable and supply", "start the other side again"
+_LOOK, _AGAIN = "check its cable and supply", "start the other side again"
 _DO = {
-    errno.ENOENT: "plug it in or start what makes it, or mend the path",
+    errno.ENOENT: "plug it in or start what makes it, or correct the path",
     errno.EACCES: "`soro doctor` says how to get the right to it",
-    errno.ENOTTY: "it is no serial port, so mend the path",
+    errno.ENOTTY: "it is no serial port, so correct the path",
     errno.EIO: _LOOK,
     errno.ENXIO: _LOOK,
     errno.ENODEV: _LOOK,
-    errno.ECONNREFUSED: "start what serves it, or mend the address",
+    errno.ECONNREFUSED: "start what serves it, or correct the address",
     errno.ECONNRESET: _AGAIN,
     errno.EPIPE: _AGAIN,
-    errno.ETIMEDOUT: f"{_LOOK}, and at the address",
-    errno.EHOSTUNREACH: f"{_LOOK}, and at the address",
-    errno.ENETUNREACH: f"{_LOOK}, and at the address",
+    errno.ETIMEDOUT: f"{_LOOK}, and the address",
+    errno.EHOSTUNREACH: f"{_LOOK}, and the address",
+    errno.ENETUNREACH: f"{_LOOK}, and the address",
 }
 
 
 def reason(error: BaseException) -> str:
-    """Reason of a failed call in one line, once and without numbers.
+    """Return the reason of a failed call in one line, without error numbers.
 
-    Libraries wrap errors of the system in their own and write the first one's text into theirs.
+    Libraries wrap errors of the system and repeat their text.
 
     Parameters
     ----------
     error : Exception
-        An `OSError`, or what a library (pyserial, termios) has made of one.
+        An `OSError`, or an error of a library (pyserial, termios) that wraps one.
     """
     number = _number(error) or (_number(error.__context__) if error.__context__ else None)
     if number is None:
@@ -44,12 +44,12 @@ def reason(error: BaseException) -> str:
 
 
 def no_socket(error: OSError) -> str:
-    """Reason why a Unix socket could not be made; one that is left over was taken away before."""
+    """Return the reason why a Unix socket cannot be made; the caller has removed an old socket before."""
     return "a file of that name is in the way" if error.errno == errno.EADDRINUSE else reason(error)
 
 
 def _number(error: BaseException) -> int | None:
-    """Error number of the system, which is the first argument of more than `OSError`."""
+    """Return the error number of the system, which is the first argument of many errors."""
     if isinstance(error, TimeoutError):
         return errno.ETIMEDOUT
     first = error.args[0] if error.args else None

@@ -1,26 +1,30 @@
-"""The process that vents when a driver dies whose devices would keep their pressure.
+"""The supervisor: a process that vents devices without a watchdog when their driver dies.
 
-While the driver lives it only waits, and has the driver's own ports and connections as second descriptors: so
-a lock stays held, a server that ends with its client does not end, and nothing has to be opened in need. When
-the driver goes without the word ``end``, whatever killed it, this process sends what it was told to, again
-and again until the devices confirm it. It is a script of the standard library alone: it starts quickly, and
-what breaks the driver does not break it.
+The process waits while the driver works. It has duplicates of the descriptors of the driver's ports and
+connections: so a lock stays, a server that ends with its client continues, and the process opens nothing in
+an emergency. When the driver ends without the message ``end``, the process sends the last plan repeatedly,
+until the devices confirm it. The script uses the standard library only: it starts quickly, and an error in
+the driver's packages does not affect it.
 
-It cannot help when the whole machine stops or the cable is out: the arm needs a normally open dump valve.
+The process also vents when a driver that has commanded pressure hangs. Then it ends; a driver that continues
+detects this, and vents.
 
-It does the same when the driver is silent with pressure in the arm: stopped, or in a call that does not
-return. Then it ends, so that a driver that comes back finds it gone, and vents.
+It cannot vent when the machine stops or a cable is unplugged: the arm needs a normally open dump valve.
 
-Standard input is a Unix socket. A message there is ``end``, ``left`` (the driver ends in order, and has not
-seen the arm empty), ``+`` (the driver is at work and has asked for
-pressure: silence after it is an end), ``-`` (it has not), or a plan, which takes the place of the one before
-and of ``+``: a JSON list with one entry a line, with the descriptors in the same order. An entry has
+Standard input is a Unix socket. A message is ``end``; ``left`` (the driver ends, but readings have not shown
+the arm empty); ``+`` (the driver works and commands pressure; the next message must follow in time); ``-``
+(the driver works and commands no pressure); or a plan, which replaces the last plan and cancels ``+``. A plan
+is a JSON list with one entry for each line; the descriptors have the same order. An entry has
 
-- ``name``: the line, for texts;
-- ``begin``: bytes (as Latin-1) that end what the driver has begun, or nothing;
-- ``steps``: what to ``send`` (the same) and the answer that confirms it: a regular expression for a ``line``
-  of text, the ``bytes`` themselves, or so many consecutive ``doubles`` between ``low`` and ``high``;
-- ``timeout_s``: for one answer; ``least_s``: time before which no answer counts; ``longest_s``: for all.
+- ``name``: name of the line, for messages;
+- ``begin``: bytes (as Latin-1) that end an incomplete request of the driver, or nothing;
+- ``steps``: bytes to ``send`` (as Latin-1), and the answer that confirms them: a regular expression for a
+  ``line`` of text, whose groups are numbers between ``low`` and ``high``; a regular expression for ``bytes``
+  (as Latin-1); or a number of consecutive ``doubles`` between ``low`` and ``high``. The steps of one device,
+  named in ``of``, are confirmed only together in one round: a set point of 0, and the reading that shows the
+  chamber empty;
+- ``timeout_s``: longest wait for one answer; ``least_s``: time before which answers do not count;
+  ``longest_s``: longest time for all steps.
 """
 
 from __future__ import annotations
@@ -41,7 +45,8 @@ from typing import Any
 
 _MESSAGE, _LINES = 1 << 20, 64
 _SETTLE_S = 0.02
-SILENCE_S = 0.3  # of a driver that has asked for pressure
+SILENCE_S = 0.3  # longest time between two messages of a driver that commands pressure
+LEFT = "the driver ended and has not seen the arm empty"
 _MOST_CHUNKS, _LONGEST_ANSWER = 8, 4096
 
 Entry = dict[str, Any]
@@ -49,7 +54,7 @@ Held = list[tuple[Entry, int]]
 
 
 def await_end(control: socket.socket) -> tuple[Held, str]:
-    """Wait for the driver's end or silence; the plan to carry out, none after an orderly end, and why."""
+    """Wait until the driver ends or hangs; return the plan, empty after an orderly end, and the reason."""
     held: Held = []
     control.send(b"ready")
     while True:
@@ -62,7 +67,7 @@ def await_end(control: socket.socket) -> tuple[Held, str]:
         if not message:
             return held, "the driver died"
         if message == b"left":
-            return held, "the driver ended and has not seen the arm empty"
+            return held, LEFT
         control.settimeout(SILENCE_S if message == b"+" else None)
         if message in (b"+", b"-"):
             continue
@@ -74,31 +79,32 @@ def await_end(control: socket.socket) -> tuple[Held, str]:
 
 
 def carry_out(held: Held) -> bool:
-    """Vent every line, all at once; whether all devices have confirmed."""
+    """Vent all lines at once; whether all devices have confirmed, which without a line none has."""
     done: list[bool] = []
-    threads = [threading.Thread(target=lambda of=line: done.append(_vent_line(*of))) for line in held]
+    threads = [threading.Thread(target=lambda of=line: done.append(vent_line(*of))) for line in held]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    return len(done) == len(held) and all(done)
+    return bool(held) and len(done) == len(held) and all(done)
 
 
-def _vent_line(entry: Entry, descriptor: int) -> bool:
-    """Send what is not confirmed yet, again and again."""
+def vent_line(entry: Entry, descriptor: int) -> bool:
+    """Send the unconfirmed steps of a line repeatedly; return whether all are confirmed."""
     started_s, left = time.monotonic(), list(entry["steps"])
     try:
         os.set_blocking(descriptor, False)
         if entry["begin"]:
-            with contextlib.suppress(termios.error):  # what the driver left unsent is not to be sent now
+            with contextlib.suppress(termios.error):  # discard what the driver has not sent
                 termios.tcflush(descriptor, termios.TCIOFLUSH)
             with contextlib.suppress(BlockingIOError):
                 os.write(descriptor, entry["begin"].encode("latin-1"))
-            time.sleep(_SETTLE_S)  # an answer to it is not one to what follows
+            time.sleep(_SETTLE_S)  # an answer to it must not count as the answer to a step
         while left and (passed_s := time.monotonic() - started_s) < entry["longest_s"]:
             found = [_ask(descriptor, step, entry["timeout_s"]) for step in left]
             if passed_s >= entry["least_s"]:
-                left = [step for step, is_confirmed in zip(left, found, strict=True) if not is_confirmed]
+                missing = {_device(step) for step, confirms in zip(left, found, strict=True) if not confirms}
+                left = [step for step in left if _device(step) in missing]
     except OSError as error:
         _say(f"{entry['name']}: {error.strerror or error}")
         return False
@@ -107,42 +113,48 @@ def _vent_line(entry: Entry, descriptor: int) -> bool:
     return not left
 
 
+def _device(step: dict[str, Any]) -> str:
+    device: str = step.get("of", step["send"])
+    return device
+
+
 def _ask(descriptor: int, step: dict[str, Any], timeout_s: float) -> bool:
-    """Send once; whether the answer is the one that confirms it."""
-    _heard(descriptor)
+    """Send a step once; return whether the answer confirms it."""
+    _read(descriptor)
     with contextlib.suppress(BlockingIOError):
         os.write(descriptor, step["send"].encode("latin-1"))
-    heard, end_s = b"", time.monotonic() + timeout_s
+    answer, end_s = b"", time.monotonic() + timeout_s
     while (left_s := end_s - time.monotonic()) > 0 and select.select([descriptor], [], [], left_s)[0]:
-        heard = (heard + _heard(descriptor))[-_LONGEST_ANSWER:]
-        if _confirms(step, heard):
+        answer = (answer + _read(descriptor))[-_LONGEST_ANSWER:]
+        if confirms(step, answer):
             return True
     return False
 
 
-def _heard(descriptor: int) -> bytes:
-    """Everything that has come, or much of what never ends."""
-    heard = b""
+def _read(descriptor: int) -> bytes:
+    """Return the received bytes, at most some chunks of a stream without end."""
+    answer = b""
     with contextlib.suppress(BlockingIOError):
         for _ in range(_MOST_CHUNKS):
             chunk = os.read(descriptor, 65536)
             if not chunk:
                 raise OSError("closed by the other side")
-            heard += chunk
-    return heard
+            answer += chunk
+    return answer
 
 
-def _confirms(step: dict[str, Any], heard: bytes) -> bool:
+def confirms(step: dict[str, Any], answer: bytes) -> bool:
     if "line" in step:
-        lines = re.split(r"[\r\n]+", heard.decode("latin-1"))[:-1]
-        return any(re.fullmatch(step["line"], line.strip()) for line in lines)
+        lines = re.split(r"[\r\n]+", answer.decode("latin-1"))[:-1]
+        found = [re.fullmatch(step["line"], line.strip()) for line in lines]
+        return any(all(step["low"] < float(n) < step["high"] for n in f.groups()) for f in found if f)
     if "bytes" in step:
-        return step["bytes"].encode("latin-1") in heard
-    # The driver may have read a part of a message, so the numbers may begin at any byte.
+        return re.search(step["bytes"].encode("latin-1"), answer, re.DOTALL) is not None
+    # The driver may have read a part of a message, so the numbers may start at any byte.
     count = step["doubles"]
-    starts = range(max(len(heard) - 8 * count + 1, 0))
+    starts = range(max(len(answer) - 8 * count + 1, 0))
     return any(
-        all(step["low"] < value < step["high"] for value in struct.unpack_from(f"<{count}d", heard, start))
+        all(step["low"] < value < step["high"] for value in struct.unpack_from(f"<{count}d", answer, start))
         for start in starts
     )
 
@@ -154,12 +166,12 @@ def _say(text: str) -> None:
 
 
 def main() -> int:
-    """Wait on standard input; 0 when there was nothing to do or everything has confirmed."""
-    # Ends with the driver only: a Ctrl-C is for both, and the driver shuts down in order.
+    """Wait on standard input; return 0 if there was nothing to vent or all steps are confirmed, else 1."""
+    # A Ctrl-C reaches both processes: the driver shuts down in order, this one ends after it.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     held, why = await_end(socket.socket(fileno=sys.stdin.fileno()))
-    if not held:
+    if not held and why != LEFT:
         return 0
     started_s = time.monotonic()
     is_vented = carry_out(held)

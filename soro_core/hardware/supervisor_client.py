@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import socket
 import subprocess
 import sys
@@ -20,12 +21,14 @@ SCRIPT = Path(__file__).with_name("supervisor.py")
 START_LIMIT_S = 10.0
 _END_LIMIT_S = 2.0
 
-LOST = Fault("supervisor_lost", "supervisor", "the process that vents in need has ended", latched=True)
+LOST = Fault(
+    "supervisor_lost", "supervisor", "the process that vents when the driver dies has ended", latched=True
+)
 
 
 @dataclass(frozen=True)
 class VentPlan:
-    """What empties the arm on one line, and what shows that it has; see `soro_core.hardware.supervisor`."""
+    """Messages that vent the devices of one line, with the answers that confirm it; see `supervisor`."""
 
     name: str
     steps: tuple[dict[str, Any], ...]
@@ -36,7 +39,7 @@ class VentPlan:
 
 
 class Supervisor:
-    """A process that vents when this one dies.
+    """The supervisor: a process that vents when the driver's process dies.
 
     Raises
     ------
@@ -45,12 +48,12 @@ class Supervisor:
     """
 
     def __init__(self) -> None:
-        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._control.settimeout(START_LIMIT_S)
-        self._is_ready = self._pressed = False
+        self.control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self.control.settimeout(START_LIMIT_S)
+        self._is_ready = self._pressed = self._is_gone = False
         try:
-            # Isolated, and in a session of its own: what is sent to the driver's group is not for it.
-            self._process: subprocess.Popen[bytes] = subprocess.Popen(
+            # Isolated, and in a session of its own: signals to the driver's group do not reach it.
+            self.process: subprocess.Popen[bytes] = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(SCRIPT)],
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
@@ -58,93 +61,119 @@ class Supervisor:
                 cwd="/",
             )
         except OSError as error:
-            self._control.close()
-            raise HardwareError(f"supervisor: cannot start ({reason(error)})") from None
+            self.control.close()
+            raise HardwareError(f"cannot start ({reason(error)})", "supervisor", "open") from None
         finally:
             theirs.close()
 
     @property
     def is_alive(self) -> bool:
-        """Whether it would act."""
-        return self._process.poll() is None
+        """Whether the process waits for the driver's end; one that already vents does not."""
+        return not self._is_gone and self.process.poll() is None
 
     def watches(self, pressed: bool) -> bool:
-        """Tell it that this process is at work, and whether it asks for pressure; whether it would act.
+        """Report that the driver works, and whether it commands pressure; return `is_alive`.
 
-        While pressure is asked for it vents when this is not called for 0.3 s.
+        While pressure is commanded, the process vents 0.3 s after the last call.
         """
         try:
             if pressed or self._pressed:
-                self._control.send(b"+" if pressed else b"-", socket.MSG_DONTWAIT)
-        except OSError:  # gone, or so long asleep that there is no more room
-            return False
+                self.control.send(b"+" if pressed else b"-", socket.MSG_DONTWAIT)
+        except OSError:  # the process vents, has ended or does not read
+            self._is_gone = True
         self._pressed = pressed
         return self.is_alive
 
     @property
     def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
+        """Process id."""
+        return self.process.pid
 
     def wait_until_ready(self) -> None:
-        """See that it listens.
+        """Wait until the process is ready.
 
         Raises
         ------
         HardwareError
-            If it does not.
+            If it ends at its start, or is not ready in time.
         """
         if self._is_ready:
             return
         try:
-            self._is_ready = bool(self._control.recv(16))
-        except OSError:  # a time-out is one
+            self._is_ready = bool(self.control.recv(16))
+        except TimeoutError:
+            raise HardwareError(f"not ready within {START_LIMIT_S:g} s", "supervisor", "silent") from None
+        except OSError:  # of a process that has ended
             self._is_ready = False
         if not self._is_ready:
-            raise HardwareError(f"supervisor: not ready within {START_LIMIT_S:g} s")
+            raise HardwareError("its process ended at the start", "supervisor", "gone")
 
     def hold(self, plan: Sequence[VentPlan], descriptors: Sequence[int]) -> None:
-        """Share the descriptor of each line and say what to do there; in place of all before.
+        """Pass a plan and the descriptor of each line to the process, in place of the last plan.
 
-        When it has gone, `is_alive` says so, not this.
+        If the process has ended, the call does not raise; `is_alive` is then false.
 
         Raises
         ------
         HardwareError
-            If they cannot be handed over: it would be alive and hold nothing.
+            If the process runs and the descriptors cannot be passed.
         """
         self.wait_until_ready()
         message = json.dumps([asdict(line) for line in plan]).encode()
         try:
-            socket.send_fds(self._control, [message], descriptors)
+            socket.send_fds(self.control, [message], descriptors)
         except ConnectionError:
             pass
         except OSError as error:
-            raise HardwareError(f"supervisor: cannot be given the ports ({reason(error)})") from None
+            raise HardwareError(f"cannot receive the ports ({reason(error)})", "supervisor", "open") from None
 
-    def let_go(self) -> None:
-        """Have it close what it holds."""
+    def release(self) -> None:
+        """Make the process close its descriptors."""
         self._say(b"[]")
 
     def dismiss(self, vented: bool = True) -> None:
-        """End it: at once, or, where the arm is not known to be empty, by itself after it has tried."""
+        """End the process at once, or, if the arm is not `vented`, after it has vented it."""
         self._say(b"end" if vented else b"left")
-        self._control.close()
+        self.control.close()
         try:
-            self._process.wait(_END_LIMIT_S)
+            self.process.wait(_END_LIMIT_S)
         except subprocess.TimeoutExpired:
             if vented:
-                self._process.kill()
-                self._process.wait()
+                self.process.kill()
+                self.process.wait()
 
     def _say(self, message: bytes) -> None:
         with contextlib.suppress(OSError):
-            self._control.send(message)
+            self.control.send(message)
+
+
+def end(supervisor: Supervisor | None, who: str, vented: bool) -> None:
+    """End the supervisor; if none runs and the arm may have pressure, warn.
+
+    Parameters
+    ----------
+    supervisor : Supervisor or None
+        Process to end.
+    who : str
+        Name of the devices in the warning.
+    vented : bool
+        Whether readings have shown every chamber empty.
+    """
+    is_there = supervisor is not None and supervisor.is_alive
+    if supervisor is not None:
+        supervisor.dismiss(vented)
+    if not (vented or is_there):
+        logging.getLogger(__name__).warning(
+            "%s: the driver ended and has not seen the arm empty: open the dump valve", who
+        )
 
 
 def running(supervisor: Supervisor | None) -> Supervisor:
-    """Return a supervisor that is alive: the given one, or a new one in its place."""
-    if supervisor is not None and supervisor.is_alive:
+    """Return a supervisor that waits for the driver's end: the given one, or a new one.
+
+    One that already vents ends first: it takes answers of the connection that it shares with the driver.
+    """
+    if supervisor is not None and supervisor.watches(False):  # the next steps may take seconds, at 0 Pa
         return supervisor
     if supervisor is not None:
         supervisor.dismiss()

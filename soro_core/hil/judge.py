@@ -1,4 +1,4 @@
-"""What the measurements of a first pressurisation mean, one finding a question, with what to do; pure."""
+"""Findings of a first pressurisation from its measurements, with advice; pure functions."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from soro_core.hardware.port import Array
 from soro_core.hil.measured import Hold, Rest, Vent
 from soro_core.pneumatics.regulator import RegulatorModel, initial_state, step, vent_time
 
-# A level may be off by this, and by this part of the set point.
+# Largest error of a level: absolute [Pa], plus a part of the set point.
 LEVEL_PA, LEVEL_PART = 500.0, 0.05
-# Below this part of what was expected a reading has not followed; above it another chamber has.
+# A reading below this part of the expected one has not followed; another chamber above it has.
 FOLLOWED, OTHER_FOLLOWED = 0.4, 0.4
-# What another chamber may change by, as a part of the set point.
+# Largest change of another chamber: absolute [Pa], plus a part of the set point.
 CROSSTALK_PA, CROSSTALK_PART = 400.0, 0.05
 DRIFT_PA_S, DRIFT_ERRORS = 300.0, 5.0
-# How much longer than by the platform's model a rise and a vent may take.
+# Longest time of a rise or a vent: this factor of the model's, plus a constant [s].
 SLOWER, SLOWER_S = 2.5, 0.05
-# Of the way that the model says, what counts as motion, and the angle that it may be off.
+# Least motion of the tip, as a part of the model's and absolute [m], and largest error of its direction.
 MOVED_PART, MOVED_M, ANGLE_DEG = 0.2, 5e-4, 35.0
 
 _TRIPS = {
@@ -42,14 +42,14 @@ _TRIPS = {
 
 @dataclass(frozen=True)
 class Bending:
-    """How the model says that the tip moves.
+    """Motion of the tip by the model.
 
     Attributes
     ----------
     expected_m : ndarray (n, m, 2)
-        Displacement of the tip across the base's axis with chamber n alone at step m [m].
+        Displacement of the tip normal to the axis of the base, with chamber n alone at step m [m].
     across : ndarray (2, 3)
-        The base frame's x and y axes in the world.
+        x and y axes of the base frame in the world.
     """
 
     expected_m: Array
@@ -58,7 +58,23 @@ class Bending:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What a healthy platform does: how it follows its set points, and how the arm bends."""
+    """Behaviour of a healthy platform.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the chambers.
+    steps_pa : tuple of float
+        Set points of each chamber [Pa gauge].
+    response : RegulatorModel
+        Response of the regulators.
+    rise_pa_s : float
+        Rise of the set points [Pa/s].
+    update_s : float
+        Time between two exchanges of a chamber [s].
+    bending : Bending or None
+        Motion of the tip, if a robot is given.
+    """
 
     names: tuple[str, ...]
     steps_pa: tuple[float, ...]
@@ -68,29 +84,29 @@ class Expectation:
     bending: Bending | None = None
 
     def level_pa(self, setpoint_pa: float) -> float:
-        """Pressure [Pa gauge] that a set point leads to from below."""
+        """Return the final pressure [Pa gauge] for a set point, from below."""
         state = step(self.response, initial_state(self.response, 1), np.array([setpoint_pa]), 1e3)
         return float(state.pressure_pa[0])
 
     def rise_s(self, change_pa: float) -> float:
-        """Time to 63 % of a step that the limiter turns into a ramp, and two readings."""
+        """Return the time to 63 % of a step [s]: dead time, lag, ramp of the limiter, and updates."""
         ramp = change_pa / self.rise_pa_s
         return self.response.delay_s + self.response.tau_s + 0.63 * ramp + 3 * self.update_s
 
 
 def judge_rest(names: tuple[str, ...], rest: Rest) -> list[Finding]:
-    """Readings without pressure."""
+    """Return the findings of the readings at rest."""
     return check_offsets(names, rest.mean_pa, rest.noise_pa)
 
 
 def judge_trip(where: str, cause: str) -> Finding:
-    """The limiter has vented."""
+    """Return the finding of a trip of the limiter."""
     advice = next((do for word, do in _TRIPS.items() if cause.startswith(word)), "see docs/safety.md")
     return Finding(f"{where}: limiter", "fail", f"vented: {cause}", advice)
 
 
 def judge_holds(expected: Expectation, holds: Sequence[Hold]) -> list[Finding]:
-    """All steps of one chamber so far, one line a question; a failure leaves out what follows from it."""
+    """Return the findings of the steps of one chamber so far; a failure omits findings that depend on it."""
     if not holds:
         return []
     findings = [_follows(expected, holds)]
@@ -106,7 +122,7 @@ def judge_holds(expected: Expectation, holds: Sequence[Hold]) -> list[Finding]:
 
 
 def judge_vent(expected: Expectation, vent: Vent) -> Finding:
-    """Whether everything has gone, and how fast."""
+    """Return the finding of a vent: whether the chambers are empty, and how fast."""
     name = f"{expected.names[vent.chamber]}: vent"
     worst = int(np.nanargmax(np.nan_to_num(vent.end_pa, nan=np.inf)))
     if math.isnan(vent.took_s):
@@ -122,7 +138,7 @@ def judge_vent(expected: Expectation, vent: Vent) -> Finding:
 
 
 def _follows(expected: Expectation, holds: Sequence[Hold]) -> Finding:
-    """Whether the reading rises with the set point, and that of its own chamber."""
+    """Return whether the reading of the commanded chamber rises with the set point."""
     last = holds[-1]
     k, name = last.chamber, f"{expected.names[last.chamber]}: rises"
     wanted = expected.level_pa(last.setpoint_pa)
@@ -148,7 +164,7 @@ def _follows(expected: Expectation, holds: Sequence[Hold]) -> Finding:
 
 
 def _speed(expected: Expectation, holds: Sequence[Hold]) -> Finding:
-    """Time to 63 % of the step that is slowest, measured by what is expected of it."""
+    """Return the finding of the slowest step, relative to its expected time to 63 %."""
     name = f"{expected.names[holds[0].chamber]}: speed"
     before, slowest = 0.0, (0.0, 0.0, 0.0, 0.0)
     for hold in holds:
@@ -169,7 +185,7 @@ def _speed(expected: Expectation, holds: Sequence[Hold]) -> Finding:
 
 
 def _level(expected: Expectation, holds: Sequence[Hold]) -> Finding:
-    """Where the readings end, less what the platform's regulators are known for."""
+    """Return the finding of the level of the last step, relative to the level that the model expects."""
     last = holds[-1]
     name = f"{expected.names[last.chamber]}: level"
     wanted, level = expected.level_pa(last.setpoint_pa), float(last.level_pa[last.chamber])
@@ -181,13 +197,13 @@ def _level(expected: Expectation, holds: Sequence[Hold]) -> Finding:
             name,
             "fail",
             f"low: {found}",
-            "a leak that the regulator cannot make up for (listen, spray), else the scale",
+            "a leak that exceeds the regulator's flow (listen, spray), else the scale",
         )
     return Finding(name, "fail", f"high: {found}", "the scale of reading or set point, or the valve's gain")
 
 
 def _drift(expected: Expectation, holds: Sequence[Hold]) -> Finding:
-    """Readings at a constant set point."""
+    """Return the finding of the drift of readings at a constant set point."""
     worst = max(holds, key=lambda hold: abs(hold.drift_pa_s))
     name = f"{expected.names[worst.chamber]}: leak"
     found = f"{worst.drift_pa_s / 1e3:+.2f} kPa/s at a constant {worst.setpoint_pa / 1e3:g} kPa"
@@ -203,7 +219,7 @@ def _drifts(hold: Hold) -> bool:
 
 
 def _others(expected: Expectation, holds: Sequence[Hold]) -> Finding:
-    """Readings of the chambers without pressure."""
+    """Return the finding of the readings of the other chambers."""
     k = holds[0].chamber
     name = f"{expected.names[k]}: others"
     others = np.delete(np.arange(len(expected.names)), k)
@@ -218,16 +234,11 @@ def _others(expected: Expectation, holds: Sequence[Hold]) -> Finding:
 
 
 def _bends(expected: Expectation, bending: Bending, holds: Sequence[Hold]) -> Finding:
-    """Whether the arm bends as its model says; if not, like which other chamber."""
+    """Return whether the arm bends as its model; if not, the chamber whose motion it shows."""
     last, k = holds[-1], holds[-1].chamber
     name = f"{expected.names[k]}: bends"
     if last.moved_m is None:
-        return Finding(
-            name,
-            "warn",
-            "no pose of the tip has come",
-            "give --pose TOPIC, or --ask",
-        )
+        return Finding(name, "warn", "no pose of the tip received", "give --pose TOPIC, or --ask")
     m = expected.steps_pa.index(last.setpoint_pa)
     moved, model = bending.across @ last.moved_m, bending.expected_m[:, m]
     way, wanted = float(np.linalg.norm(moved)), float(np.linalg.norm(model[k]))

@@ -1,13 +1,13 @@
-"""Latency of the loop: from a set point sent to readings exchanged, to the first that moves, to 63 %.
+"""Latency of the loop: from a command to its set point sent, to the exchange, to the first motion, to 63 %.
 
-Small steps up and down, one chamber at a time, each within one cycle; all of them laid over one another give
-dead time and lag by a fit that is finer than the cycle.
+Small steps up and down, one chamber at a time, each within one cycle. Superimposed, the steps give dead time
+and lag with a resolution finer than the cycle.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,32 +15,28 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.optimize import least_squares
 
-from soro_core import safety
 from soro_core.config import Strict
-from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.port import Array
 from soro_core.hil.measured import T63
-from soro_core.hil.paced import PacedRegulator, Sample, small_limits
+from soro_core.hil.paced import Sample
+from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel
 
-# The limiter's steepest slew: what a step within one cycle may be at most.
-STEEPEST_PA_S = 2e6
-# A reading has moved beyond its noise by so many standard deviations, twice in a row.
+# A reading has moved if it is beyond so many standard deviations of its noise, twice in a row.
 NOISE_STD = 4.0
-# Part of the step before it of which the level and the noise are taken.
+# Last part of the previous step, from which level and noise are taken.
 BEFORE_PART = 0.4
-# Cycles that a driver with a slew of its own may take for a step.
+# Most cycles of a step in a driver that limits the slew.
 SLEWED_CYCLES = 8
-# How far off the platform's model may be before the report says so.
+# Largest deviation from the platform's model without a warning: lag, relative; dead time [s].
 LAG_PART, DEAD_S = 0.25, 0.01
 
 
 class LatencyConfig(Strict):
-    """Which steps."""
+    """Steps of the measurement."""
 
-    low_pa: float = Field(5e3, ge=2e3, le=500e3, description="set point that steps begin from [Pa gauge]")
+    low_pa: float = Field(5e3, ge=2e3, le=500e3, description="set point before a step up [Pa gauge]")
     step_pa: float = Field(4e3, ge=1e3, le=20e3, description="height of a step [Pa]")
     repeat: int = Field(10, ge=2, le=200, description="steps up, and as many down, of each chamber")
     hold_s: float = Field(0.5, ge=0.1, le=20, description="time between steps")
@@ -48,7 +44,7 @@ class LatencyConfig(Strict):
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds: half of all were shorter, 99 of 100 were, the longest."""
+    """Median, 99th percentile and maximum of times [s]."""
 
     p50_s: float
     p99_s: float
@@ -57,23 +53,30 @@ class Times:
 
 @dataclass(frozen=True)
 class ChamberLatency:
-    """What the steps of one chamber say.
+    """Latency of one chamber.
 
     Attributes
     ----------
+    name : str
+        Name of the chamber.
+    steps : int
+        Number of evaluated steps.
+    waited : Times
+        From a command to the first set point sent for it.
     moved : Times
-        From the set point sent to the first reading beyond the noise in hand.
+        From the set point sent to the return of the first reading beyond the noise.
     t63_up_s, t63_down_s : float
         Median time to 63 % of a step.
     dead_s, lag_s, gain : float
-        Of the first order with dead time that fits all steps up: `dead_s` from the set point sent to the
-        readings in hand, so with all that bus and device add.
-    time_s, change : ndarray
-        All fresh readings of the steps up, over the time since their set point, as parts of the step.
+        First-order lag with dead time fitted to all steps up; `dead_s` is the time from the set point sent
+        to the return of the readings, which includes bus and device.
+    time_s, change : ndarray (n,)
+        All fresh readings of the steps up: time since the set point [s], and change as a part of the step.
     """
 
     name: str
     steps: int
+    waited: Times
     moved: Times
     t63_up_s: float
     t63_down_s: float
@@ -86,66 +89,33 @@ class ChamberLatency:
 
 @dataclass(frozen=True)
 class Latency:
-    """Exchanges of all cycles, and each chamber."""
+    """Latencies: rate of the cycle [Hz], exchange of all cycles, and each chamber."""
 
     cycle_hz: float
     exchange: Times
     chambers: tuple[ChamberLatency, ...]
 
 
-def latency_limits(platform: PlatformBase, config: LatencyConfig) -> safety.Limits:
-    """Limits just above the steps, which let each of them happen within one cycle.
-
-    Raises
-    ------
-    ConfigError
-        If that is steeper than the limiter allows at all, or beyond the platform's range.
-    """
-    most_pa = config.low_pa + config.step_pa
-    if most_pa > platform.range.maximum_pa:
-        top = f"low_pa and step_pa together up to the platform's {platform.range.maximum_pa:g} Pa"
-        raise ConfigError("latency", "step_pa", config.step_pa, top)
-    slew_pa_s = 1.01 * config.step_pa * platform.cycle_hz
-    if slew_pa_s > STEEPEST_PA_S:
-        at_most = STEEPEST_PA_S / platform.cycle_hz / 1.01
-        raise ConfigError("latency", "step_pa", config.step_pa, f"at most {at_most:.0f} Pa: one cycle's slew")
-    return small_limits(platform, most_pa, slew_pa_s, slew_pa_s)
-
-
-def measure(
-    config: LatencyConfig, guarded: PacedRegulator, stopped: Callable[[], bool] = lambda: False
-) -> list[list[Sample]]:
-    """Make the steps; returns the samples of each chamber.
-
-    Raises
-    ------
-    HardwareError
-        When the limiter vents, or `stopped` says so; the chambers are vented then.
-    """
-    n = guarded.n_chambers
-    cycles = max(round(config.hold_s / guarded.period_s), 1)
-    found = []
-    for chamber in range(n):
-        samples: list[Sample] = []
-        # From above, so that valves with play begin all steps up alike; the first way down is none of them.
-        high = config.low_pa + config.step_pa
-        for level in (high, high, *(config.low_pa, high) * config.repeat, config.low_pa, 0.0):
-            wanted = np.zeros(n)
-            wanted[chamber] = level
-            for _ in range(cycles):
-                if stopped():
-                    guarded.vent("interrupted")
-                samples.append(guarded.cycle(wanted))
-                if samples[-1].cause is not None:
-                    raise HardwareError(f"vented: {samples[-1].cause}")
-        found.append(samples)
-    return found
-
-
 def evaluate(
     config: LatencyConfig, names: Sequence[str], cycle_hz: float, runs: Sequence[Sequence[Sample]]
 ) -> Latency:
-    """Lay all steps of each chamber over one another."""
+    """Return the latencies from all steps.
+
+    Parameters
+    ----------
+    config : LatencyConfig
+        Steps.
+    names : sequence of str
+        Names of the chambers.
+    cycle_hz : float
+        Rate of the cycle [Hz].
+    runs : sequence of sequence of Sample
+        Samples of each chamber.
+
+    Returns
+    -------
+    Latency
+    """
     took = [sample.took_s for samples in runs for sample in samples if sample.fresh.any()]
     chambers = tuple(
         _chamber(config, name, chamber, samples)
@@ -155,12 +125,21 @@ def evaluate(
 
 
 def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> list[Finding]:
-    """What was measured against the platform's model, which the monitors of the limiter believe.
+    """Compare measured lags and dead times with the platform's model, which the limiter's monitors use.
 
     Parameters
     ----------
+    latency : Latency
+        Measured latencies.
+    response : RegulatorModel
+        Model of the platform.
     update_hz : float
-        How often a chamber is served; on a slow line its model has an update of delay more.
+        Rate of exchanges of a chamber [Hz]; set points and readings may each wait for one exchange.
+
+    Returns
+    -------
+    list of Finding
+        One finding for each chamber.
     """
     findings = []
     period_s = 1.0 / update_hz
@@ -168,7 +147,7 @@ def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> lis
         found = f"dead time {chamber.dead_s * 1e3:.1f} ms, lag {chamber.lag_s * 1e3:.1f} ms"
         known = f"{response.delay_s * 1e3:.1f} and {response.tau_s * 1e3:.1f} ms"
         off = abs(chamber.lag_s - response.tau_s) > LAG_PART * response.tau_s
-        # Set points and readings may wait an update each for the bus.
+        # Set points and readings may each wait for an exchange on the bus.
         off |= not -DEAD_S < chamber.dead_s - response.delay_s < DEAD_S + 2 * period_s
         advice = "put delay_s and tau_s into emulation.regulator of the platform: the monitors use them"
         text = f"{found}; platform: {known}"
@@ -180,13 +159,16 @@ def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> lis
 def _chamber(config: LatencyConfig, name: str, chamber: int, samples: Sequence[Sample]) -> ChamberLatency:
     t = np.array([sample.t_s for sample in samples])
     in_hand = t + np.array([sample.took_s for sample in samples])
+    wanted = np.array([sample.wanted_pa[chamber] for sample in samples])
+    given = np.flatnonzero(wanted[1:] != wanted[:-1]) + 1
     sent = np.array([sample.sent_pa[chamber] for sample in samples])
     fresh = np.array([sample.fresh[chamber] for sample in samples])
     reading = np.array([sample.reading_pa[chamber] for sample in samples])
+    waited: list[float] = []
     moved: list[float] = []
     t63: dict[int, list[float]] = {1: [], -1: []}
     times, changes = [], []
-    # A device rounds what it is sent; steps from zero, and to it, are none of these.
+    # Devices round set points, hence the tolerance; steps from and to zero are excluded.
     where = (np.abs(sent - config.low_pa - config.step_pa) < 0.1 * config.step_pa).astype(int)
     where -= np.abs(sent - config.low_pa) < 0.1 * config.step_pa
     steps = itertools.dropwhile(lambda step: step[1] < 0, _steps(where))
@@ -197,7 +179,8 @@ def _chamber(config: LatencyConfig, name: str, chamber: int, samples: Sequence[S
             continue
         level, noise = reading[before].mean(), reading[before].std()
         since, change = in_hand[inside] - t[at], sign * (reading[inside] - level)
-        # The first reading of a step was taken before its set point could act: noise as well.
+        waited.append(float(t[at] - t[given[given <= at][-1]]))
+        # The first reading of a step precedes the effect of its set point, and is part of the noise.
         moved.append(_first(since, change, max(NOISE_STD * noise, 0.05 * config.step_pa)))
         late = since >= (1 - BEFORE_PART) * config.hold_s
         t63[sign].append(_first(since, change, T63 * float(change[late].mean())) if late.any() else np.nan)
@@ -208,29 +191,30 @@ def _chamber(config: LatencyConfig, name: str, chamber: int, samples: Sequence[S
     all_changes = np.concatenate(changes) if changes else np.zeros(0)
     dead, lag, gain = _fit(all_times, all_changes)
     up, down = (float(np.nanmedian(t63[sign])) if t63[sign] else float("nan") for sign in (1, -1))
-    return ChamberLatency(name, len(moved), _times(moved), up, down, dead, lag, gain, all_times, all_changes)
+    found = _times(waited), _times(moved), up, down, dead, lag, gain, all_times, all_changes
+    return ChamberLatency(name, len(moved), *found)
 
 
 def _steps(where: NDArray[np.int_]) -> Iterator[tuple[int, int]]:
-    """Where steps begin, and whether up (1) or down (-1), from where set points are: high 1, low -1, else 0.
+    """Yield the index and the direction (up 1, down -1) of steps; `where` is 1 for high, -1 for low, else 0.
 
-    Some devices take a few cycles to go from one to the other.
+    Some devices take several cycles for a step.
     """
     left = np.flatnonzero((where[:-1] != 0) & (where[1:] != where[:-1])) + 1
     for at in left:
-        came = int(np.argmax(where[at:] != 0))
-        if where[at + came] == -where[at - 1] and came <= SLEWED_CYCLES:
-            yield int(at), int(where[at + came])
+        length = int(np.argmax(where[at:] != 0))
+        if where[at + length] == -where[at - 1] and length <= SLEWED_CYCLES:
+            yield int(at), int(where[at + length])
 
 
 def _first(t: Array, values: Array, above: float) -> float:
-    """Time of the first of two values in a row above a threshold."""
+    """Return the time of the first of two consecutive values above a threshold, else nan."""
     both = np.flatnonzero((values[:-1] >= above) & (values[1:] >= above))
     return float(t[both[0]]) if both.size else float("nan")
 
 
 def _fit(t: Array, change: Array) -> tuple[float, float, float]:
-    """Dead time, lag and gain of the first order that fits best."""
+    """Return dead time [s], lag [s] and gain of the best first-order lag with dead time."""
     if t.size < 4:
         return float("nan"), float("nan"), float("nan")
 
@@ -250,8 +234,22 @@ def _fit(t: Array, change: Array) -> tuple[float, float, float]:
 
 
 def response(t: Array, dead_s: float, lag_s: float, gain: float) -> Array:
-    """Answer of the first order with dead time to a unit step at 0."""
-    return gain * (1.0 - np.exp(-np.maximum(t - dead_s, 0.0) / lag_s))
+    """Return the response of a first-order lag with dead time to a unit step at 0.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Times [s].
+    dead_s, lag_s : float
+        Dead time and time constant [s].
+    gain : float
+        Final value.
+
+    Returns
+    -------
+    ndarray (n,)
+    """
+    return follow(np.zeros_like(t), gain, np.maximum(t - dead_s, 0.0), lag_s)
 
 
 def _times(values: Sequence[float]) -> Times:

@@ -1,4 +1,4 @@
-"""What a run of samples says: levels, drifts, times; pure."""
+"""Levels, drifts and times from samples; pure functions."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from soro_core.hardware.port import Array
 from soro_core.hil.paced import Sample
 
-# A mean is taken of this last part of a phase, a drift of this one.
+# Last part of a phase for means, and for drifts.
 SETTLED_PART, DRIFT_PART = 1 / 3, 1 / 2
 T63 = 1.0 - np.exp(-1.0)
 
 
 @dataclass(frozen=True)
 class Rest:
-    """Readings without pressure: mean and standard deviation (n,) [Pa gauge], and the tip (3,) [m]."""
+    """Readings at rest: mean and standard deviation (n,) [Pa gauge], and position of the tip (3,) [m]."""
 
     mean_pa: Array
     noise_pa: Array
@@ -30,18 +30,20 @@ class Hold:
 
     Attributes
     ----------
-    chamber, setpoint_pa
-        Which, and at what.
+    chamber : int
+        Number of the chamber.
+    setpoint_pa : float
+        Set point [Pa gauge].
     level_pa : ndarray (n,)
-        Mean readings at the end of it, less those before the first step.
+        Mean readings at the end of the hold, minus those before the first step [Pa].
     drift_pa_s : float
-        Slope of the chamber's reading in the second half.
+        Slope of the chamber's reading in the second half [Pa/s].
     drift_error_pa_s : float
-        Standard error of that.
+        Standard error of the slope [Pa/s].
     t63_s : float
-        Time from the first set point of the step to 63 % of the change of the reading; NaN if it is small.
+        Time from the first set point of the step to 63 % of the change of the reading [s]; NaN if unknown.
     moved_m : ndarray (3,) or None
-        Where the tip has gone from its place before the first step.
+        Displacement of the tip since before the first step [m].
     """
 
     chamber: int
@@ -55,7 +57,19 @@ class Hold:
 
 @dataclass(frozen=True)
 class Vent:
-    """One vent: readings before and at its end, less those at rest; time until all were low, NaN if never."""
+    """One vent.
+
+    Attributes
+    ----------
+    chamber : int
+        Number of the chamber that had pressure.
+    from_pa, end_pa : ndarray (n,)
+        Readings at start and end, minus those at rest [Pa].
+    low_pa : float
+        Pressure below which a chamber is empty [Pa].
+    took_s : float
+        Time until all chambers are empty [s]; NaN if they are not.
+    """
 
     chamber: int
     from_pa: Array
@@ -65,7 +79,7 @@ class Vent:
 
 
 def rest(samples: Sequence[Sample]) -> Rest:
-    """Mean and noise of the fresh readings of a phase, and where the tip was."""
+    """Return mean and noise of the fresh readings of a phase, and the mean position of the tip."""
     readings, fresh = _readings(samples)
     columns = [readings[fresh[:, k], k] for k in range(readings.shape[1])]
     mean = np.array([column.mean() if column.size else np.nan for column in columns])
@@ -74,7 +88,23 @@ def rest(samples: Sequence[Sample]) -> Rest:
 
 
 def hold(samples: Sequence[Sample], chamber: int, setpoint_pa: float, at_rest: Rest) -> Hold:
-    """Measure a hold from all samples since its set point began to rise."""
+    """Evaluate a hold.
+
+    Parameters
+    ----------
+    samples : sequence of Sample
+        All samples since the set point started to rise.
+    chamber : int
+        Number of the chamber.
+    setpoint_pa : float
+        Set point [Pa gauge].
+    at_rest : Rest
+        Readings before the first step.
+
+    Returns
+    -------
+    Hold
+    """
     readings, fresh = _readings(samples)
     t = np.array([sample.t_s for sample in samples])
     end = rest(_last(samples, SETTLED_PART))
@@ -85,7 +115,23 @@ def hold(samples: Sequence[Sample], chamber: int, setpoint_pa: float, at_rest: R
 
 
 def vent(samples: Sequence[Sample], chamber: int, low_pa: float, at_rest: Rest) -> Vent:
-    """Measure a vent; `low_pa` is what counts as empty."""
+    """Evaluate a vent.
+
+    Parameters
+    ----------
+    samples : sequence of Sample
+        Samples since the vent.
+    chamber : int
+        Number of the chamber that had pressure.
+    low_pa : float
+        Pressure below which a chamber is empty [Pa].
+    at_rest : Rest
+        Readings at rest.
+
+    Returns
+    -------
+    Vent
+    """
     readings, _ = _readings(samples)
     above = np.nan_to_num(readings - at_rest.mean_pa, nan=np.inf).max(axis=1) > low_pa
     t = np.array([sample.t_s for sample in samples])
@@ -109,7 +155,7 @@ def _tip(samples: Sequence[Sample]) -> Array | None:
 
 
 def _slope(t: Array, values: Array, use: np.ndarray) -> tuple[float, float]:
-    """Slope of a straight line through some samples, and its standard error."""
+    """Return the slope of a straight line through the samples in `use`, and its standard error."""
     if use.sum() < 4:
         return 0.0, np.inf
     x, y = t[use] - t[use].mean(), values[use] - values[use].mean()
@@ -119,7 +165,7 @@ def _slope(t: Array, values: Array, use: np.ndarray) -> tuple[float, float]:
 
 
 def _t63(t: Array, values: Array, fresh: np.ndarray, end: float) -> float:
-    """Time to the first of two readings in a row beyond 63 % of the way from the first to the end."""
+    """Return the time of the first of two consecutive readings beyond 63 % of the change; else nan."""
     times, y = t[fresh] - t[0], values[fresh]
     if y.size < 4 or not np.isfinite(end):
         return float("nan")

@@ -1,4 +1,4 @@
-"""Regulators behind the limiter at the rate of their platform: how a procedure gives chambers pressure."""
+"""A regulator behind the limiter at the rate of its platform, for procedures that pressurise chambers."""
 
 from __future__ import annotations
 
@@ -9,41 +9,44 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core import safety
-from soro_core.hardware.guarded import GuardedRegulator
+from soro_core.hardware.limited import LimitedRegulator
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.port import Array, Flags, Regulator
 from soro_core.safety.limits import BURST, OVER_PRESSURE
 
-# Above the highest set point of a procedure: where it trips after a moment, and at once.
+# Trip levels above the highest set point of a procedure [Pa]: with delay, and immediate.
 OVER_PA, BURST_PA = 10e3, 20e3
-# Age of a reading that trips: set points go slowly here, and a machine that is not tuned for real time is
-# late now and then.
+# Age of a reading that trips [s]: set points change slowly here, and a machine that is not tuned for real
+# time is sometimes late.
 READING_AGE_S = 0.2
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What one cycle sent and brought back.
+    """Commands and readings of one cycle.
 
     Attributes
     ----------
     t_s : float
-        When the set points were sent, from the first cycle on.
+        Start of the cycle since the first one [s], when the command was given and the set points were sent.
+    wanted_pa : ndarray (n,)
+        Command [Pa gauge].
     sent_pa : ndarray (n,)
-        Set points [Pa gauge] that went over the wire.
+        Set points sent to the devices [Pa gauge].
     reading_pa : ndarray (n,)
         Newest measured pressures [Pa gauge].
     fresh : ndarray (n,) of bool
-        Whose reading came with this cycle.
+        Whether the reading is from this cycle.
     took_s : float
-        Time from set points sent to readings back; 0 in lockstep.
+        Time from sending the set points to receiving the readings [s]; 0 in lockstep.
     cause : str or None
-        Why the limiter has vented.
+        Why the limiter has vented; None if it has not.
     tip_m : ndarray (3,) or None
-        Newest measured position of the tip in the world, where something measures it.
+        Newest measured position of the tip in the world [m]; None without a sensor.
     """
 
     t_s: float
+    wanted_pa: Array
     sent_pa: Array
     reading_pa: Array
     fresh: Flags
@@ -55,19 +58,21 @@ class Sample:
 def small_limits(
     platform: PlatformBase, most_pa: float, rise_pa_s: float, fall_pa_s: float = 400e3
 ) -> safety.Limits:
-    """Limits that end just above the highest set point of a procedure.
+    """Return limits just above the highest set point of a procedure.
 
     Parameters
     ----------
+    platform : PlatformBase
+        Platform, whose rating bounds the limits.
     most_pa : float
         Highest set point [Pa gauge].
     rise_pa_s, fall_pa_s : float
-        Fastest rise and fall of a set point; a vent is not limited.
+        Fastest rise and fall of a set point [Pa/s]; a vent is not limited.
 
     Raises
     ------
     ConfigError
-        If they lead beyond what the limiter or the platform's rating allows.
+        If the limits exceed those of the limiter or the platform's rating.
     """
     top = platform.rating.maximum_pa
     burst_pa = min(most_pa + BURST_PA, BURST * top)
@@ -85,20 +90,22 @@ def small_limits(
 
 
 class PacedRegulator:
-    """A configured regulator that is commanded through the limiter only.
+    """A configured regulator behind the limiter, at the rate of its platform.
 
     Parameters
     ----------
     platform : PlatformBase
-        Of the regulator.
+        Platform of the regulator.
     regulator : Regulator
-        Configured; the caller closes it.
+        Configured regulator; the caller closes it.
     limits : Limits
-        Of commands and readings.
+        Limits of commands and readings.
     lockstep : bool
-        Whether time goes on by one period a cycle, or by the clock.
+        Whether each cycle advances the time by one period, instead of the clock.
     tip : callable, optional
-        Newest measured position of the tip [m], None where there is none.
+        Function that returns the newest measured position of the tip (3,) [m], or None.
+    clock : callable
+        Function that returns the time [s].
     """
 
     def __init__(
@@ -110,7 +117,7 @@ class PacedRegulator:
         tip: Callable[[], Array | None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._guarded = GuardedRegulator(platform, regulator, limits)
+        self._limited = LimitedRegulator(platform, regulator, limits)
         self._lockstep, self._tip, self._clock = lockstep, tip, clock
         self.period_s = 1.0 / platform.cycle_hz
         self._cycles = 0
@@ -119,43 +126,43 @@ class PacedRegulator:
     @property
     def n_chambers(self) -> int:
         """Number of chambers."""
-        return self._guarded.regulator.n_chambers
+        return self._limited.regulator.n_chambers
 
     @property
     def cause(self) -> str | None:
         """Why the limiter has vented, or None."""
-        return self._guarded.cause
+        return self._limited.cause
 
     @property
     def lost(self) -> str | None:
         """Why the devices cannot be commanded any more, or None."""
-        return self._guarded.lost
+        return self._limited.lost
 
     def cycle(self, wanted_pa: Array) -> Sample:
-        """Wait for the next cycle, exchange, judge; what is wanted (n,) [Pa gauge] is sent in the one after.
+        """Wait for the next cycle, send the command (n,) [Pa gauge] through the limiter; return the sample.
 
-        A vent is sent at once; while it is latched only zeros are.
+        A vent is sent at once; while it is latched, the set points are zeros.
         """
         now_s = self._next()
         now_ns = round(now_s * 1e9)
-        self._guarded.offer(wanted_pa, now_ns, now_ns)
+        self._limited.offer(wanted_pa, now_ns, now_ns)
         began_s = self._clock()
-        result = self._guarded.cycle(now_ns)
+        result = self._limited.cycle(now_ns)
         took_s = 0.0 if self._lockstep else self._clock() - began_s
         if result is None:
-            nothing = np.full(self.n_chambers, np.nan)
-            return Sample(now_s, np.zeros_like(nothing), nothing, np.isfinite(nothing), 0.0, self.cause)
-        return Sample(
-            now_s, result.sent_pa, result.pressure_pa, result.fresh, took_s, self.cause, self._tip()
-        )
+            missing = np.full(self.n_chambers, np.nan)
+            zeros = np.zeros_like(missing)
+            return Sample(now_s, wanted_pa, zeros, missing, np.isfinite(missing), 0.0, self.cause)
+        exchanged = result.sent_pa, result.pressure_pa, result.fresh
+        return Sample(now_s, wanted_pa, *exchanged, took_s, self.cause, self._tip())
 
     def vent(self, cause: str) -> None:
-        """Latch, and send zeros at once."""
-        self._guarded.vent(cause)
+        """Latch the limiter, and send zeros at once."""
+        self._limited.vent(cause)
 
     def reset(self) -> str | None:
-        """Leave the latch; the refusal, or None. A procedure does not go on with devices that were lost."""
-        return self._guarded.lost or self._guarded.reset(lambda: round(self._now() * 1e9))
+        """Reset the latch; return the reason of a refusal, or None. Lost devices refuse it."""
+        return self._limited.lost or self._limited.reset(lambda: round(self._now() * 1e9))
 
     def _now(self) -> float:
         if self._lockstep or self._start_s is None:
@@ -163,7 +170,7 @@ class PacedRegulator:
         return self._clock() - self._start_s
 
     def _next(self) -> float:
-        """Time of the next cycle; one that comes late moves the schedule of those after it."""
+        """Wait for the next cycle and return its time [s]; a late cycle delays those after it."""
         self._cycles += 1
         if self._lockstep:
             return self._now()

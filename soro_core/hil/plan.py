@@ -1,4 +1,4 @@
-"""What a first pressurisation is given, where it is, and what it orders."""
+"""Plan, state and orders of a first pressurisation."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from soro_core.hil.paced import Sample
 
 Phase: TypeAlias = Literal["rest", "confirm", "settle", "hold", "direction", "vent", "done"]
 Do: TypeAlias = Literal["hold", "vent", "reset"]
-# The finding that names chambers of which nothing is known, or not all.
+# Name of the finding that lists chambers without a complete examination.
 NOT_EXAMINED = "not examined"
 
 
 class FirstPressureConfig(Strict):
-    """How far and how slowly."""
+    """Steps and times of a first pressurisation."""
 
     steps_pa: Floats = Field((5e3, 10e3, 20e3), description="set points of each chamber, rising [Pa gauge]")
     rest_s: float = Field(1.0, ge=0.2, le=60, description="time without pressure before the first step")
@@ -39,14 +39,18 @@ class FirstPressureConfig(Strict):
 
 @dataclass(frozen=True)
 class Plan:
-    """What is done and what is expected of it.
+    """Steps of a procedure, and expectations.
 
     Attributes
     ----------
+    config : FirstPressureConfig
+        Steps and times.
+    expected : Expectation
+        Behaviour of a healthy platform.
     confirm : bool
-        Whether a person is asked before each chamber.
+        Whether the operator confirms each chamber.
     directions : tuple of str
-        For each chamber in which direction the tip goes, to be asked at its highest step; empty: not asked.
+        Expected direction of the tip for each chamber, a question at its highest step; empty for no question.
     """
 
     config: FirstPressureConfig
@@ -56,17 +60,29 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class State:
-    """Where the procedure is, and what it has found.
+class ProcedureState:
+    """State of the procedure.
 
     Attributes
     ----------
+    phase : Phase
+        Present phase.
+    chamber, step : int
+        Numbers of the present chamber and step.
     samples : tuple of Sample
-        Those of the present phase.
+        Samples of the present phase.
     rest, before : Rest or None
-        Readings before everything, and just before the present chamber.
+        Readings at rest at the start, and just before the present chamber.
+    holds, vents : tuple of Hold, tuple of Vent
+        Results so far.
+    findings : tuple of Finding
+        Findings so far.
     answer : Finding or None
-        What the person who watches has said of the present chamber.
+        The operator's answer about the present chamber.
+    tripped : bool
+        Whether the limiter has tripped.
+    skipped : tuple of str
+        Chambers that the operator skipped.
     asks : bool
         Whether a question is open.
     """
@@ -88,7 +104,7 @@ class State:
 
 @dataclass(frozen=True)
 class Order:
-    """What the loop has to do next: set points (n,) [Pa gauge], or a vent, or a reset; and what to ask."""
+    """Order for the next cycle: set points (n,) [Pa gauge], a vent or a reset; a question to the operator."""
 
     setpoint_pa: Array
     do: Do = "hold"

@@ -1,4 +1,4 @@
-"""Carry a first pressurisation out: what is expected, and the loop around the machine."""
+"""Execution of a first pressurisation: expectations, and the loop around the state machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from soro_core.hardware.port import Array
 from soro_core.hil.first_pressure import advance, interrupted
 from soro_core.hil.judge import Bending, Expectation, judge_trip
 from soro_core.hil.paced import PacedRegulator, Sample
-from soro_core.hil.plan import FirstPressureConfig, Order, Plan, State
+from soro_core.hil.plan import FirstPressureConfig, Order, Plan, ProcedureState
 from soro_core.robot import Robot
 
 COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
@@ -22,12 +22,27 @@ COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
 def expectation(
     platform: PlatformBase, update_hz: float, config: FirstPressureConfig, robot: Robot | None = None
 ) -> Expectation:
-    """What a healthy platform does, and with a robot how its arm bends.
+    """Return the behaviour of a healthy platform and, with a robot, the bending of its arm.
+
+    Parameters
+    ----------
+    platform : PlatformBase
+        Platform.
+    update_hz : float
+        Rate of exchanges of a chamber [Hz].
+    config : FirstPressureConfig
+        Steps.
+    robot : Robot, optional
+        Robot on the platform.
+
+    Returns
+    -------
+    Expectation
 
     Raises
     ------
     ConfigError
-        If a step is beyond the platform's range, or the robot has other chambers.
+        If a step is beyond the platform's range, or the chambers of robot and platform differ.
     """
     if config.steps_pa[-1] > platform.range.maximum_pa:
         top = f"set points up to the platform's {platform.range.maximum_pa:g} Pa"
@@ -38,7 +53,7 @@ def expectation(
 
 
 def directions(expected: Expectation) -> tuple[str, ...]:
-    """For each chamber in which direction of the base frame the tip goes, in words."""
+    """Return the direction of the tip in the base frame for each chamber, as text; empty without a robot."""
     if expected.bending is None:
         return ()
     angles = [np.arctan2(row[-1, 1], row[-1, 0]) for row in expected.bending.expected_m]
@@ -50,53 +65,64 @@ def directions(expected: Expectation) -> tuple[str, ...]:
 
 def pressurise(
     plan: Plan,
-    guarded: PacedRegulator,
+    regulator: PacedRegulator,
     record: Callable[[Sample], None] = lambda sample: None,
     ask: Callable[[str], None] = lambda question: None,
     answers: Callable[[], str | None] = lambda: None,
     stopped: Callable[[], bool] = lambda: False,
-) -> State:
-    """Carry the plan out to its end.
+) -> ProcedureState:
+    """Execute a plan.
 
-    The exchanges go on while a person thinks: devices vent when their host falls silent.
+    The exchanges continue during a question: devices vent if their host is silent.
 
     Parameters
     ----------
+    plan : Plan
+        Steps and expectations.
+    regulator : PacedRegulator
+        Regulator behind the limiter.
     record : callable
-        Is given every sample.
-    ask, answers : callable
-        Shows a question; says what has been answered since, and is asked only while one is open.
+        Called with every sample.
+    ask : callable
+        Called with a question to the operator.
+    answers : callable
+        Returns the operator's answer, or None; called only while a question is open.
     stopped : callable
-        Whether to vent and end.
+        Returns whether to vent and end.
+
+    Returns
+    -------
+    ProcedureState
+        State at the end.
     """
-    state, order = State(), Order(np.zeros(len(plan.expected.names)))
+    state, order = ProcedureState(), Order(np.zeros(len(plan.expected.names)))
     while state.phase != "done":
         if stopped():
-            guarded.vent("interrupted")
+            regulator.vent("interrupted")
             return interrupted(plan, state)
-        sample = guarded.cycle(order.setpoint_pa)
+        sample = regulator.cycle(order.setpoint_pa)
         record(sample)
         state, order = advance(plan, state, sample, answers() if state.asks else None)
         if order.do == "vent":
-            guarded.vent(f"vent of {plan.expected.names[state.chamber]}")
+            regulator.vent(f"vent of {plan.expected.names[state.chamber]}")
         elif order.do == "reset":
-            refusal = guarded.reset()
+            refusal = regulator.reset()
             if refusal is not None:
                 state = interrupted(plan, state, f"the limiter stays vented: {refusal}")
         if order.question:
             ask(order.question)
-    if guarded.lost is None or state.tripped:
+    if regulator.lost is None or state.tripped:
         return state
-    # In a vent that the procedure asked for no trip tells of it.
-    return replace(state, findings=(*state.findings, judge_trip("devices", guarded.lost)))
+    # During a commanded vent no trip reports lost devices.
+    return replace(state, findings=(*state.findings, judge_trip("devices", regulator.lost)))
 
 
 def _bending(robot: Robot, names: tuple[str, ...], steps_pa: tuple[float, ...]) -> Bending:
-    """Where the model's tip goes with each chamber alone."""
-    # Imported here: the model's kernels are not needed without a robot.
-    from soro_core.estimation.rotation import matrix_from_quaternion
+    """Return the displacement of the model's tip with each chamber alone."""
+    # Imported here: without a robot no kernel is compiled.
     from soro_core.model.soft_arm import SoftArm
     from soro_core.model.statics import equilibrium
+    from soro_core.rotation import matrix_from_quaternion
 
     if set(robot.chamber_names) != set(names):
         raise ConfigError(robot.name, "chambers", ", ".join(robot.chamber_names), ", ".join(names))

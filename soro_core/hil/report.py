@@ -1,4 +1,4 @@
-"""Reports of procedures as files: Markdown to read, JSON to compare, a picture of what was sent and read."""
+"""Reports of procedures: Markdown, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -15,18 +15,34 @@ from matplotlib.figure import Figure
 from soro_core.hardware.finding import Finding
 from soro_core.hil.latency import Latency, Times, response
 from soro_core.hil.paced import Sample
-from soro_core.hil.plan import NOT_EXAMINED, Plan, State
+from soro_core.hil.plan import NOT_EXAMINED, Plan, ProcedureState
 
 
 def verdict(findings: Sequence[Finding]) -> str:
-    """FAILED, INCOMPLETE where a chamber was left out, else passed."""
+    """Return FAILED, INCOMPLETE if a chamber was left out, else passed."""
     if any(finding.level == "fail" for finding in findings):
         return "FAILED"
     return "INCOMPLETE" if any(finding.name == NOT_EXAMINED for finding in findings) else "passed"
 
 
-def markdown(title: str, about: Mapping[str, str], plan: Plan, state: State) -> str:
-    """The report of a first pressurisation, to read and to keep."""
+def markdown(title: str, about: Mapping[str, str], plan: Plan, state: ProcedureState) -> str:
+    """Return the report of a first pressurisation as Markdown.
+
+    Parameters
+    ----------
+    title : str
+        Title of the report.
+    about : mapping of str to str
+        Facts about the procedure: platform, date and so on.
+    plan : Plan
+        Steps and expectations.
+    state : ProcedureState
+        State at the end.
+
+    Returns
+    -------
+    str
+    """
     lines = [
         f"# {title}",
         "",
@@ -61,6 +77,7 @@ def markdown(title: str, about: Mapping[str, str], plan: Plan, state: State) -> 
 LATENCY_HEAD = (
     "chamber",
     "steps up and down",
+    "command to set point p50 / p99 / max [ms]",
     "first moved p50 / p99 / max [ms]",
     "63 % up / down [ms]",
     "dead time [ms]",
@@ -69,11 +86,12 @@ LATENCY_HEAD = (
 
 
 def latency_rows(latency: Latency) -> list[tuple[str, ...]]:
-    """A line of text a chamber, under `LATENCY_HEAD`."""
+    """Return the rows of a table with the head `LATENCY_HEAD`, one for each chamber."""
     return [
         (
             chamber.name,
             str(chamber.steps),
+            milliseconds(chamber.waited),
             milliseconds(chamber.moved),
             f"{chamber.t63_up_s * 1e3:.1f} / {chamber.t63_down_s * 1e3:.1f}",
             f"{chamber.dead_s * 1e3:.1f}",
@@ -84,12 +102,28 @@ def latency_rows(latency: Latency) -> list[tuple[str, ...]]:
 
 
 def milliseconds(times: Times) -> str:
-    """Median, 99 % and longest, in milliseconds."""
+    """Return median, 99th percentile and maximum as text [ms]."""
     return f"{times.p50_s * 1e3:.2f} / {times.p99_s * 1e3:.2f} / {times.max_s * 1e3:.2f}"
 
 
 def latency_markdown(title: str, about: Mapping[str, str], latency: Latency, found: Sequence[Finding]) -> str:
-    """The report of the latencies, to read and to keep."""
+    """Return the report of latencies as Markdown.
+
+    Parameters
+    ----------
+    title : str
+        Title of the report.
+    about : mapping of str to str
+        Facts about the procedure: platform, date and so on.
+    latency : Latency
+        Measured latencies.
+    found : sequence of Finding
+        Comparison with the platform's model.
+
+    Returns
+    -------
+    str
+    """
     lines = [f"# {title}", "", *(f"- {key}: {value}" for key, value in about.items())]
     lines += [
         f"- set points sent to readings exchanged, p50 / p99 / max: {milliseconds(latency.exchange)} ms"
@@ -103,24 +137,38 @@ def latency_markdown(title: str, about: Mapping[str, str], latency: Latency, fou
 
 
 def latency_json(about: Mapping[str, str], latency: Latency) -> str:
-    """The latencies, to compare."""
+    """Return the latencies as JSON."""
     chambers = [{k: v for k, v in vars(c).items() if k not in ("time_s", "change")} for c in latency.chambers]
     return as_json({**about, **vars(latency), "chambers": chambers})
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a Markdown table."""
+    """Return the lines of a Markdown table."""
     body = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     return ["| " + " | ".join(head) + " |", "| " + " | ".join("---" for _ in head) + " |", *body]
 
 
 def as_json(value: object) -> str:
-    """Results as JSON; what is not a number is null."""
+    """Return results as JSON; values that are not finite are null."""
     return json.dumps(_plain(value), indent=2)
 
 
-def first_pressure_json(about: Mapping[str, str], plan: Plan, state: State) -> str:
-    """The report of a first pressurisation, to compare."""
+def first_pressure_json(about: Mapping[str, str], plan: Plan, state: ProcedureState) -> str:
+    """Return the report of a first pressurisation as JSON.
+
+    Parameters
+    ----------
+    about : mapping of str to str
+        Facts about the procedure.
+    plan : Plan
+        Steps and expectations.
+    state : ProcedureState
+        State at the end.
+
+    Returns
+    -------
+    str
+    """
     return as_json(
         {
             "passed": verdict(state.findings) == "passed",
@@ -136,7 +184,19 @@ def first_pressure_json(about: Mapping[str, str], plan: Plan, state: State) -> s
 
 
 def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sample]) -> None:
-    """Draw set points and readings of every chamber, and where the tip went."""
+    """Draw set points and readings of every chamber, and the path of the tip.
+
+    Parameters
+    ----------
+    file : Path
+        File of the picture.
+    title : str
+        Title.
+    plan : Plan
+        Steps and expectations.
+    samples : sequence of Sample
+        All samples.
+    """
     t = np.array([sample.t_s for sample in samples])
     sent = np.array([sample.sent_pa for sample in samples]) / 1e3
     read = np.array([sample.reading_pa for sample in samples]) / 1e3
@@ -165,7 +225,17 @@ def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sa
 
 
 def draw_latency(file: Path, title: str, latency: Latency) -> None:
-    """Draw all steps up of each chamber over one another, with the response that fits them."""
+    """Draw all steps up of each chamber superimposed, with the fitted response.
+
+    Parameters
+    ----------
+    file : Path
+        File of the picture.
+    title : str
+        Title.
+    latency : Latency
+        Measured latencies.
+    """
     n = len(latency.chambers)
     columns = min(n, 4)
     rows = -(-n // columns)
@@ -192,7 +262,7 @@ def draw_latency(file: Path, title: str, latency: Latency) -> None:
 
 
 def _draw_tips(axes: Any, plan: Plan, samples: Sequence[Sample]) -> None:
-    """The tip's way across the base's axis while a chamber has pressure, and where the model says."""
+    """Draw the path of the tip normal to the axis of the base for each chamber, and the model's positions."""
     bending = plan.expected.bending
     assert bending is not None
     origin = next(sample.tip_m for sample in samples if sample.tip_m is not None)

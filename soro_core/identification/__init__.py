@@ -1,7 +1,7 @@
 """Fitting the parameters of a robot and its valves to recorded runs, and judging models against them."""
 
 from soro_core.identification.fit import Fit, Parameter, fit
-from soro_core.identification.frame import CurvatureErrors, Frame, curvature_errors, fit_frame
+from soro_core.identification.frame import CurvatureErrors, MeasurementFrame, curvature_errors, fit_frame
 from soro_core.identification.records import ForcedRun, ReleaseRun, read_forced, read_release
 from soro_core.identification.runs import forced_curvature, release_bend
 from soro_core.identification.steps import PressureRecord, Step, StepLimits, find_steps, read_pressures
@@ -12,7 +12,7 @@ __all__ = [
     "Fit",
     "FlowModel",
     "ForcedRun",
-    "Frame",
+    "MeasurementFrame",
     "Parameter",
     "PressureRecord",
     "ReleaseRun",

@@ -1,7 +1,7 @@
-"""Step responses of regulators against every model of them: fitted to all runs, judged on runs not seen.
+"""Comparison of regulator models with recorded step responses: fitted to all runs, judged on held-out runs.
 
-Each half of the runs is judged by the parameters that the other half gave. A direction that the other half
-does not show is not judged.
+Two-fold cross-validation: the parameters fitted to one half of the runs are judged on the other half. A
+direction (fill or vent) that is missing in the first half is not judged.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from soro_core.identification.valves import (
 from soro_core.pneumatics.regulator import RegulatorModel
 
 GOOD = 0.2
-"""Largest error of a time to 63.2 % that passes, of the measured one."""
+"""Largest relative error of a time to 63.2 % that passes."""
 
 HEADER = (
     "model",
@@ -47,28 +47,40 @@ HEADER = (
 
 @dataclass(frozen=True)
 class Kind:
-    """A way to model regulators: how to fit it and how to simulate it."""
+    """A kind of regulator model.
+
+    Attributes
+    ----------
+    name : str
+        Name in tables.
+    each_line : bool
+        Whether each line has parameters of its own.
+    fit : callable
+        Function that fits the model to steps.
+    response : callable
+        Function that simulates the model over steps.
+    """
 
     name: str
     each_line: bool
-    """Whether each line has parameters of its own."""
     fit: Callable[[Sequence[Step]], tuple[Any, Fit]]
     response: Callable[[Any, Sequence[Step], Array | None], Response]
 
 
 @dataclass(frozen=True)
 class AirFit:
-    """A kind of model fitted.
+    """A fitted kind of model.
 
     Attributes
     ----------
     kind : Kind
+        Kind of model.
     models : dict
-        Fitted to all runs, by line; by "" where all lines share one.
+        Models fitted to all runs by line; the key is "" if all lines share one.
     fits : dict
-        How well each is determined, by the same names.
+        Outcome of each fit, by the same keys.
     own, held_out : tuple of Judged
-        Steps by the model of all runs, and by that of the other half of the runs.
+        Steps judged by the model of all runs, and by the model of the other half of the runs.
     """
 
     kind: Kind
@@ -82,7 +94,7 @@ class AirFit:
         return self.models[line if self.kind.each_line else ""]
 
     def response(self, step: Step, t: Array) -> Array:
-        """Pressures [Pa gauge] at times t over one step, by the model of all runs."""
+        """Return the pressures [Pa gauge] of the model of all runs at times t [s] over one step."""
         _, pressure = self.kind.response(self.model_of(step.line), [step], t)
         response: Array = pressure[:, 0]
         return response
@@ -90,7 +102,17 @@ class AirFit:
 
 @dataclass(frozen=True)
 class Score:
-    """Times to 63.2 % in one direction: steps, those within 20 %, median error, median RMS error [Pa]."""
+    """Summary of one direction.
+
+    Attributes
+    ----------
+    n, within : int
+        Judged steps, and those whose time to 63.2 % is within `GOOD`.
+    median : float
+        Median relative error of the time to 63.2 %.
+    rms_pa : float
+        Median of the RMS errors of the steps [Pa].
+    """
 
     n: int
     within: int
@@ -99,7 +121,7 @@ class Score:
 
 
 def kinds(volume_m3: float, supply_pa: float) -> tuple[Kind, ...]:
-    """Every kind: lags and flow, one for all lines and one for each."""
+    """Return all kinds: lags and flow, with parameters for all lines or for each line."""
 
     def flow(steps: Sequence[Step]) -> tuple[FlowModel, Fit]:
         return fit_flow(steps, volume_m3, supply_pa)
@@ -117,7 +139,7 @@ def kinds(volume_m3: float, supply_pa: float) -> tuple[Kind, ...]:
 
 
 def fit_air(steps: Sequence[Step], kind: Kind) -> AirFit:
-    """Fit one kind of model and judge it."""
+    """Fit one kind of model and judge it on own and held-out steps."""
     one, other = halves(steps)
     t = grid(steps)
     models, fits = {}, {}
@@ -128,23 +150,23 @@ def fit_air(steps: Sequence[Step], kind: Kind) -> AirFit:
         models[name], fits[name] = kind.fit(group)
         own += judge(group, kind.response(models[name], group, t))
         for seen, unseen in ((one, other), (other, one)):
-            known = [step for step in group if step.run in seen]
-            shown = {step.fill for step in known}
-            asked = [step for step in group if step.run in unseen and step.fill in shown]
-            if asked:
-                model, _ = kind.fit(known)
-                held_out += judge(asked, kind.response(model, asked, t))
+            training = [step for step in group if step.run in seen]
+            directions = {step.fill for step in training}
+            test = [step for step in group if step.run in unseen and step.fill in directions]
+            if test:
+                model, _ = kind.fit(training)
+                held_out += judge(test, kind.response(model, test, t))
     return AirFit(kind, models, fits, tuple(own), tuple(held_out))
 
 
 def halves(steps: Sequence[Step]) -> tuple[frozenset[str], frozenset[str]]:
-    """Names of every other run, and of the others."""
+    """Return the names of every other run, and of the rest."""
     runs = sorted({step.run for step in steps})
     return frozenset(runs[::2]), frozenset(runs[1::2])
 
 
 def score(judged: Iterable[Judged], fill: bool) -> Score | None:
-    """Summary of one direction; nothing where no step was judged."""
+    """Return the summary of one direction, or None without judged steps."""
     chosen = [one for one in judged if one.step.fill == fill]
     if not chosen:
         return None
@@ -154,7 +176,7 @@ def score(judged: Iterable[Judged], fill: bool) -> Score | None:
 
 
 def rows(fits: Iterable[AirFit]) -> list[list[str]]:
-    """Cells of a table under `HEADER`."""
+    """Return the rows of a table with the head `HEADER`."""
     table = []
     for fitted in fits:
         for on, judged in (("all runs, its own", fitted.own), ("runs not seen", fitted.held_out)):
@@ -175,7 +197,7 @@ def _cells(result: Score) -> list[str]:
 
 
 def block(model: RegulatorModel | FlowModel) -> dict[str, Any]:
-    """Parameters to paste: `emulation` of a platform, or `twin` of a scene, with what they hold for."""
+    """Return parameters to paste: section `emulation` of a platform, or `twin` of a scene."""
     if isinstance(model, RegulatorModel):
         return {"emulation": {"regulator": _rounded(model.model_dump(exclude_unset=True))}}
     given = {"volume_m3": model.volume_m3, "delay_s": model.delay_s, "vent_delay_s": model.vent_delay_s}
@@ -184,11 +206,11 @@ def block(model: RegulatorModel | FlowModel) -> dict[str, Any]:
 
 
 def yaml_text(fitted: AirFit) -> str:
-    """Blocks of all models of a fit, as YAML."""
+    """Return the blocks of all models of a fit as YAML."""
     blocks = {name or "all": block(model) for name, model in fitted.models.items()}
     return str(yaml.safe_dump(blocks if fitted.kind.each_line else blocks["all"], sort_keys=False))
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
-    # The limit is not rounded: it would cut off the set point that it came from.
+    # The limit is not rounded: a rounded one could clip the set point that it comes from.
     return {name: v if name == "maximum_pa" else float(f"{v:.3g}") for name, v in values.items()}

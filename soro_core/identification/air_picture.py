@@ -19,7 +19,17 @@ DOT = {"marker": ".", "linestyle": "none", "markersize": 3, "alpha": 0.5}
 
 
 def draw(path: Path, steps: Sequence[Step], fits: Sequence[AirFit]) -> None:
-    """Fills, vents, and times to 63.2 % of models against measured ones."""
+    """Draw fills, vents, and times to 63.2 %, measured and modelled.
+
+    Parameters
+    ----------
+    path : Path
+        File of the picture.
+    steps : sequence of Step
+        Measured steps.
+    fits : sequence of AirFit
+        Fitted models.
+    """
     figure = Figure(figsize=(13, 4.4), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     for axes, fill in ((left, True), (middle, False)):
@@ -32,7 +42,19 @@ def draw(path: Path, steps: Sequence[Step], fits: Sequence[AirFit]) -> None:
 
 
 def responses(axes: Any, steps: Sequence[Step], fits: Sequence[AirFit], t: Array) -> None:
-    """Measured points of all steps, and the models at times t over one step of each line and size."""
+    """Draw all measured readings, and the models over one step of each line and size.
+
+    Parameters
+    ----------
+    axes : matplotlib axes
+        Where to draw.
+    steps : sequence of Step
+        Measured steps of one direction.
+    fits : sequence of AirFit
+        Fitted models.
+    t : ndarray (n,)
+        Times of the models [s].
+    """
     for k, step in enumerate(steps):
         axes.plot(step.t, step.pressure / 1e3, color="k", label="measured" if k == 0 else None, **DOT)
     typical = {(step.line, round(step.change_pa / 2e4)): step for step in steps}
@@ -49,7 +71,7 @@ def responses(axes: Any, steps: Sequence[Step], fits: Sequence[AirFit], t: Array
 
 
 def times(axes: Any, fits: Sequence[AirFit]) -> None:
-    """Times to 63.2 % of steps not seen in the fit."""
+    """Draw times to 63.2 % of held-out steps."""
     every = [time for one in fits for j in one.held_out for time in (j.step.t63_s, j.t63_s)]
     every = [time for time in every if np.isfinite(time)] or [1.0]
     ends = [0.8 * min(every), 1.25 * max(every)]

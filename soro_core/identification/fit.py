@@ -15,22 +15,24 @@ from soro_core.errors import ModelError
 Array: TypeAlias = NDArray[np.float64]
 Values: TypeAlias = Mapping[str, float]
 
-# A residual for a candidate that cannot be simulated: far from any good one, yet finite.
-_HOPELESS = 1e3
+# Residual of a candidate that cannot be simulated: larger than any other, yet finite.
+_FAILED = 1e3
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown: where the search starts and what it may become.
+    """One unknown parameter.
 
     Attributes
     ----------
     name : str
+        Key in `Fit.values`.
     initial : float
-        Start, not 0 unless `scale` is given; its size is the unit of the search.
+        Start of the search; its absolute value is the unit of the search, so 0 requires `scale`.
     lower, upper : float
+        Bounds.
     scale : float, optional
-        Unit of the search instead of abs(initial).
+        Unit of the search, instead of abs(initial).
     """
 
     name: str
@@ -41,7 +43,7 @@ class Parameter:
 
     @property
     def unit(self) -> float:
-        """Size of a typical change."""
+        """Unit of the search."""
         return self.scale if self.scale is not None else abs(self.initial)
 
 
@@ -54,14 +56,16 @@ class Fit:
     values : dict
         Fitted value of each parameter.
     deviations : dict
-        Standard deviation of each, as if the residuals were independent (samples of one run are not: a lower
-        bound); infinite where the data do not determine it.
+        Standard deviation of each parameter for independent residuals (a lower bound, since samples of one
+        run are correlated); infinite if the data do not determine the parameter.
     cost : float
         Half the sum of the robust losses.
     evaluations : int
         Calls of the residual function, those for derivatives included.
     converged : bool
+        Whether the search ended before `max_iterations`.
     message : str
+        Reason why the search ended.
     """
 
     values: dict[str, float]
@@ -79,27 +83,34 @@ def fit(
     max_iterations: int = 30,
     relative_step: float = 1e-4,
 ) -> Fit:
-    """Find the values that make the residuals small, without letting outliers rule.
+    """Minimise a robust sum of the residuals.
 
     Parameters
     ----------
     parameters : sequence of Parameter
+        Unknowns.
     residuals : callable
-        Values by name -> residuals of shape (n,), each divided by the error expected of it,
-        so that the loss turns from squares to absolute values at 1. Values that are not finite, or a
-        ModelError, mark a candidate that cannot be simulated.
+        Function of the values by name that returns residuals (n,), each divided by its expected error: the
+        loss changes from squares to absolute values at 1. Values that are not finite, or a ModelError, mark a
+        candidate that cannot be simulated.
     loss : str
-        As in scipy.optimize.least_squares; soft_l1 keeps one outlier from spoiling a fit.
+        Loss of scipy.optimize.least_squares; soft_l1 limits the effect of outliers.
     max_iterations : int
+        Largest number of iterations.
     relative_step : float
-        Step of the numerical derivatives, in units of the parameters: above the round-off of a simulation.
+        Step of the numerical derivatives, in units of the parameters; it must exceed the round-off of a
+        simulation.
+
+    Returns
+    -------
+    Fit
 
     Raises
     ------
     ValueError
         If two parameters share a name, a start lies outside its bounds or a unit is 0.
     ModelError
-        If the start itself cannot be simulated.
+        If the start cannot be simulated.
     """
     names = [p.name for p in parameters]
     if len(set(names)) != len(names) or not names:
@@ -119,13 +130,14 @@ def fit(
         try:
             result = np.asarray(residuals(values_of(x)), float)
         except ModelError:
-            return np.full(shape, _HOPELESS)
-        return np.where(np.isfinite(result), result, _HOPELESS)
+            return np.full(shape, _FAILED)
+        return np.where(np.isfinite(result), result, _FAILED)
 
     start = np.array([p.initial for p in parameters]) / unit
     first = np.asarray(residuals(values_of(start)), float)
     if not np.isfinite(first).all():
-        raise ModelError("the starting values of the fit cannot be simulated (residuals that are not finite)")
+        text = "the starting values of the fit cannot be simulated (residuals that are not finite)"
+        raise ModelError(text, "start")
     shape = first.shape
     bounds = np.array([p.lower for p in parameters]) / unit, np.array([p.upper for p in parameters]) / unit
     found: Any = least_squares(
@@ -149,7 +161,7 @@ def fit(
 
 
 def _deviations(found: Any, unit: Array) -> list[float]:
-    """From the Gauss-Newton Hessian of the (robustly weighted) cost."""
+    """Return standard deviations from the Gauss-Newton Hessian of the (robustly weighted) cost."""
     jac = np.asarray(found.jac)
     freedom = max(1, len(found.fun) - jac.shape[1])
     hessian = jac.T @ jac

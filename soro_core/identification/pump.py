@@ -1,9 +1,9 @@
-"""A pump that a PI controller drives by its duty cycle, fitted to recorded steps.
+"""Model of a pump whose duty cycle a PI controller sets, fitted to recorded steps.
 
-The air is that of `ValveModel`: the pump is a supply at the pressure at which it stalls, behind a sonic
-conductance in proportion to the duty cycle; what its check valves lose is a leak. The controller saturates,
-and does not integrate further into saturation. Far from the set point it may give full power without
-integrating, as small boards do against wind-up.
+The air is that of `ValveModel`: the pump is a supply at its stall pressure behind a sonic conductance in
+proportion to the duty cycle; the loss through its check valves is a leak. The controller saturates, and stops
+integrating in saturation. Far from the set point it may give full power without integrating, the anti-wind-up
+of small boards.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Of the duty cycle of the recordings, 8 bit.
+# Full duty cycle in recordings, 8 bit.
 FULL = 255.0
-# Error of a pressure from which on it counts by its size, not its square [Pa].
+# Scale of the robust loss: larger errors count linearly [Pa].
 _SCALE_PA = 1e3
 
 
@@ -38,12 +38,13 @@ class InnerPI:
     Attributes
     ----------
     proportional : float
-        Duty cycle, 0 to 1, per error [1/Pa].
+        Proportional gain: duty cycle, 0 to 1, per error [1/Pa].
     integral : float
-        Its rate per error [1/(Pa s)].
+        Integral gain [1/(Pa s)].
     full_above_pa : float
-        Error beyond which the duty cycle is 1 and the integral 0; infinite for never.
+        Beyond this error the duty cycle is 1 and the integral 0 [Pa]; infinite for never.
     period_s : float
+        Sampling period [s].
     """
 
     proportional: float
@@ -52,7 +53,7 @@ class InnerPI:
     period_s: float = 0.01
 
     def duty(self, error_pa: float, integrated: float) -> tuple[float, float]:
-        """Duty cycle for an error, and the integral of the error [Pa s] to hand in the next time."""
+        """Return the duty cycle for an error [Pa], and the integral of the error [Pa s] after this period."""
         if error_pa > self.full_above_pa:
             return 1.0, 0.0
         after = integrated + error_pa * self.period_s
@@ -68,9 +69,11 @@ class PumpRun:
     Attributes
     ----------
     run : str
+        Name of the run.
     control : InnerPI
+        Controller of the run.
     target_pa : float
-        [Pa gauge].
+        Set point [Pa gauge].
     t, pressure, duty : arrays of shape (n,)
         Time [s], pressure [Pa gauge], duty cycle, 0 to 1.
     """
@@ -89,7 +92,7 @@ class PumpRun:
 
     @property
     def t63_s(self) -> float:
-        """Time to 63.2 % of the way between these [s]."""
+        """Time to 63.2 % of the change of pressure [s]."""
         return crossing(self.t, part_of(self.pressure, self.levels_pa))
 
 
@@ -116,14 +119,32 @@ def read_pump_run(path: str | Path, control: InnerPI) -> PumpRun:
 
 
 def part_of(pressure: Array, levels_pa: tuple[float, float]) -> Array:
-    """Part of the way between two levels."""
+    """Return pressures relative to two levels: 0 at the first, 1 at the second."""
     start, end = levels_pa
     part: Array = (pressure - start) / (end - start)
     return part
 
 
 def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
-    """Times [s], pressures [Pa gauge] and duty cycles of a run, one a period of its controller."""
+    """Simulate a run.
+
+    Parameters
+    ----------
+    model : PumpModel
+        Pump and chamber.
+    run : PumpRun
+        Set point, start and duration.
+
+    Returns
+    -------
+    t, pressure, duty : ndarray (n,)
+        Times [s], pressures [Pa gauge] and duty cycles, one for each period of the controller.
+
+    Raises
+    ------
+    ModelError
+        If the chamber has no air or no volume.
+    """
     control = run.control
     t = np.arange(0.0, run.t[-1] + control.period_s, control.period_s)
     volume = np.array([model.volume_m3])
@@ -135,12 +156,12 @@ def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
     integrated = 0.0
     for k in range(1, len(t)):
         duties[k - 1], integrated = control.duty(run.target_pa - float(pressure[k - 1, 0]), integrated)
-        # The valve is as open as its conductance is large: set to the stall pressure, in a narrow band.
+        # The conductance stands for the opening: the set point is the stall pressure, and the band is narrow.
         driven = gas._replace(fill=gas.fill * duties[k - 1])
         if not chamber_pressures(
             driven, mass, volume, volume, stall, control.period_s, mass_end, pressure[k], slope
         ):
-            raise ModelError("a chamber without air or volume")
+            raise ModelError("a chamber without air or volume", "volume")
         mass, mass_end = mass_end, mass
     duties[-1] = duties[-2]
     late = t - model.delay_s
@@ -150,10 +171,29 @@ def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
 def fit_pump(
     runs: Sequence[PumpRun], volume_m3: float, critical_ratio: float = 0.35
 ) -> tuple[PumpModel, Fit]:
-    """Conductance, stall pressure, leak and dead time, for a volume that is given.
+    """Fit conductance, stall pressure, leak and dead time for a given volume.
 
-    The search starts from a stall pressure 2 kPa above the highest level reached, the conductance that fills
-    at the measured rate, a leak of a hundredth of it, and 30 ms.
+    The search starts from a stall pressure 2 kPa above the highest level, the conductance that fills the
+    volume at the measured rate, a leak of a hundredth of it, and a dead time of 30 ms.
+
+    Parameters
+    ----------
+    runs : sequence of PumpRun
+        Recorded steps.
+    volume_m3 : float
+        Volume of the chamber [m^3].
+    critical_ratio : float
+        Critical pressure ratio b of ISO 6358.
+
+    Returns
+    -------
+    model : PumpModel
+    found : Fit
+
+    Raises
+    ------
+    ModelError
+        If the start cannot be simulated.
     """
     top = max(run.levels_pa[1] for run in runs)
     rate = float(np.median([(run.levels_pa[1] - run.levels_pa[0]) / run.t63_s for run in runs]))
@@ -179,6 +219,6 @@ def fit_pump(
 
 
 def errors(run: PumpRun, response: tuple[Array, Array, Array]) -> Array:
-    """Simulated less measured pressures [Pa] at the times of the readings."""
+    """Return simulated minus measured pressures [Pa] at the times of the readings."""
     difference: Array = np.interp(run.t, response[0], response[1]) - run.pressure
     return difference

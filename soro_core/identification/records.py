@@ -17,7 +17,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ForcedRun:
-    """Measured chamber pressures and the curvatures that came of them.
+    """Measured chamber pressures and curvatures.
 
     Attributes
     ----------
@@ -39,17 +39,17 @@ class ForcedRun:
         return ForcedRun(self.t[keep], self.pressure[keep], self.curvature[keep])
 
     def pressure_at(self, t: float) -> Array:
-        """Pressures [Pa] at time t, linear between samples, held beyond the ends; shape (n_u,)."""
+        """Return the pressures (n_u,) [Pa] at time t [s], linear between samples, then constant."""
         return np.array([np.interp(t, self.t, column) for column in self.pressure.T])
 
     def curvature_at(self, t: Array) -> Array:
-        """Curvatures [1/m] at times t, linear between samples; shape (len(t), 2)."""
+        """Return the curvatures (n, 2) [1/m] at times t (n,) [s], linear between samples."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.curvature.T])
 
 
 @dataclass(frozen=True)
 class ReleaseRun:
-    """Bending angle after the tip is let go.
+    """Bending angle after the release of the tip.
 
     Attributes
     ----------
@@ -87,17 +87,23 @@ def read_release(path: str | Path) -> ReleaseRun:
 def read_columns(
     path: str | Path, required: tuple[str, ...], also: Callable[[str], bool] | None = None, gaps: str = ""
 ) -> dict[str, Array]:
-    """Columns of a CSV file of numbers under one line of names.
+    """Return the columns of a CSV file of numbers under one line of names.
 
     Parameters
     ----------
     path : path
+        File.
     required : tuple of str
-        Columns that must be there; the first is the time, which must rise.
+        Required columns; the first is the time, which must rise.
     also : callable, optional
-        Which other columns are wanted, by name; by default all.
+        Predicate of the name that selects other columns; all by default.
     gaps : str
-        What the names of columns begin with whose values may be missing: empty or nan.
+        Prefix of columns whose values may be missing (empty or nan); "" for none.
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        Columns by name.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""The recorded runs again, with a robot model in place of the robot.
+"""Simulation of recorded runs with a robot model.
 
-A measured curvature is the bending angle over the length. Of a strain that varies along the link that is its
-mean; of a release, the start is a curvature that is uniform along the link.
+A measured curvature is the bending angle divided by the length: the mean of a strain that varies along the
+link. A release starts from a curvature that is uniform along the link.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int = 0) -> tuple[Array, Array]:
-    """Let the measured pressures act on the chambers directly, from rest at the first of them.
+    """Simulate the curvature under the measured pressures, from rest at the first sample.
 
     Parameters
     ----------
     arm : SoftArm
-        With bending_x and bending_y on `link`.
+        Model with bending_x and bending_y on `link`.
     run : ForcedRun
-        Its first sample is the time at which the arm is at rest.
+        Measured pressures; the arm is at rest at the first sample.
     dt : float
-        Time step [s]; the recorded runs are slow against the arm, so 20 ms serve for fitting.
+        Time step [s]; 20 ms are enough for fitting, since the recorded motion is slow.
     link : int
-        The link whose curvature is returned.
+        Number of the link whose curvature is returned.
 
     Returns
     -------
     t : array of shape (n,)
-        In the time of the run [s].
+        Times of the run [s].
     curvature : array of shape (n, 2)
-        kx, ky [1/m] of the model, in its own frame: means over the link.
+        Means of kx, ky [1/m] over the link, in the frame of the model.
 
     Raises
     ------
@@ -64,21 +64,21 @@ def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int =
 
 
 def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> tuple[Array, Array]:
-    """Let the arm go from a bending angle, at rest, relaxed and without pressure.
+    """Simulate the release of the arm from a bending angle, at rest, relaxed and without pressure.
 
     Parameters
     ----------
     arm : SoftArm
-        One link with bending_y, along which it is bent.
+        Model of one link with bending_y.
     bend : float
         Bending angle at the start [rad].
     t_end, dt : float
-        [s].
+        Duration and time step [s].
 
     Returns
     -------
     t, bend : arrays of shape (n,)
-        Time [s] and bending angle kappa L (1 + eps) [rad], both strains as means over the link.
+        Time [s] and bending angle kappa L (1 + eps) [rad] of the mean strains.
 
     Raises
     ------
@@ -86,7 +86,9 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
         If the arm has more than one link or no bending_y, or the simulation fails.
     """
     if len(arm.robot.links) != 1:
-        raise ModelError(f"release of {arm.robot.name}: got {len(arm.robot.links)} links; allowed is one")
+        raise ModelError(
+            f"release of {arm.robot.name}: got {len(arm.robot.links)} links; allowed is one", "links"
+        )
     fields = strain_fields(arm.robot)
     curvature, stretch = _mean(fields, "bending_y", 0), fields.of("elongation") * fields.mean
     length = arm.robot.links[0].length
@@ -101,9 +103,10 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
 
 
 def _mean(fields: StrainFields, strain: str, link: int) -> Array:
-    """Row (n_q,) that gives the mean of a strain over a link."""
+    """Return the row (n_q,) whose product with q is the mean of a strain over a link."""
     row = fields.of(strain, link)
     if not row.any():
         found = ", ".join(f"link{i}/{name}" for i, name in zip(fields.links, fields.strains, strict=True))
-        raise ModelError(f"recorded run: got an arm with {found}; required is link{link}/{strain}")
+        key = f"link{link}/{strain}"
+        raise ModelError(f"recorded run: got an arm with {found}; required is {key}", key)
     return row * fields.mean

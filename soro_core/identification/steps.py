@@ -1,9 +1,9 @@
-"""Step responses in a recording of set points and pressures: which there are, and what was left out, and why.
+"""Step responses in a recording of set points and pressures, and the reasons why others are left out.
 
-Recordings of rigs hold more than steps: commands that flicker, readings that a logger wrote again because
-no new one had come, sensors that froze. A model fitted to those learns the logger. Each step is taken
-relative to the readings at which the pressure rested before and after it, so that the offset of a sensor is
-not taken for dynamics; the offsets stay in the steps, to be shown.
+Recordings of rigs contain more than steps: flickering commands, readings that the logger repeats until a new
+one arrives, frozen sensors. They would distort a fit. Each step is relative to the readings at rest before
+and after it, so that the offset of a sensor does not enter the dynamics; `Step` keeps the offsets for
+reports.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
 T63 = 1.0 - np.exp(-1.0)
-"""Part of a step that a first-order lag has made after one time constant."""
+"""Part of a step that the response of a first-order lag reaches after one time constant."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,13 @@ class PressureRecord:
     Attributes
     ----------
     run : str
+        Name of the recording.
     t : array of shape (n_t,)
         Time [s], rising.
     lines : tuple of str
         Names of the n_u lines, regulators or chambers.
     setpoint, pressure : arrays of shape (n_t, n_u)
-        [Pa gauge]; nan where a pressure is missing.
+        Set points and pressures [Pa gauge]; nan if a pressure is missing.
     """
 
     run: str
@@ -49,42 +50,43 @@ class PressureRecord:
     pressure: Array
 
     def fresh(self) -> Mask:
-        """Tell which rows hold a new reading, shape (n_t,): one in which some line changed."""
+        """Return which rows hold a new reading, (n_t,): rows in which the reading of a line changes."""
         changed = np.diff(np.nan_to_num(self.pressure), axis=0) != 0.0
         return np.concatenate([[True], changed.any(axis=1)])
 
 
 @dataclass(frozen=True)
 class StepLimits:
-    """What counts as a step whose response can be judged."""
+    """Conditions for a step whose response can be judged."""
 
     change_pa: float = 10e3
     """Smallest change of the set point [Pa]."""
     before_s: float = 1.0
-    """The set point held at least so long before [s]."""
+    """Shortest constant set point before the step [s]."""
     hold_s: float = 3.0
-    """And at least so long after it [s]."""
+    """Shortest constant set point after the step [s]."""
     flicker_s: float = 0.5
-    """Changes of a set point closer than this are one; it counts from the last [s]."""
+    """Changes of a set point within this time form one step, which starts at the last of them [s]."""
     gap_s: float = 0.3
     """Longest time without a new reading while the pressure moves [s]."""
     moved: float = 0.2
-    """What the pressure may move, of the step, across a longer one."""
+    """Largest change of the pressure across a longer gap, as a part of the step."""
     unsettled: float = 0.1
-    """What the pressure may still move at the end, of the step."""
+    """Largest change of the pressure at the end, as a part of the step."""
     window_s: float = 10.0
-    """Longest part of a response that is looked at [s]."""
+    """Longest part of a response that is used [s]."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a set point, and the response.
+    """One step of a set point and its response.
 
     Attributes
     ----------
     run, line : str
+        Names of the recording and of the line.
     setpoint_pa : tuple of float
-        Before and after [Pa gauge].
+        Set points before and after [Pa gauge].
     start_pa, end_pa : float
         Readings at rest before and after [Pa gauge].
     t, pressure : arrays of shape (n,)
@@ -92,7 +94,7 @@ class Step:
     t63_s : float
         Time from the step to 63.2 % of the way from start_pa to end_pa [s].
     noise_pa : float
-        Standard deviation of the readings at rest after it [Pa].
+        Standard deviation of the readings at rest after the step [Pa].
     """
 
     run: str
@@ -107,26 +109,27 @@ class Step:
 
     @property
     def fill(self) -> bool:
-        """Tell whether the pressure rises."""
+        """Whether the pressure rises."""
         return self.end_pa > self.start_pa
 
     @property
     def change_pa(self) -> float:
-        """Size of the step as measured [Pa], positive."""
+        """Measured size of the step [Pa], positive."""
         return abs(self.end_pa - self.start_pa)
 
 
 @dataclass(frozen=True)
 class FoundSteps:
-    """Steps of one or more records, with what was left out.
+    """Steps of one or more records, and counts of what is left out.
 
     Attributes
     ----------
     steps : tuple of Step
+        Steps that can be judged.
     left_out : Counter
-        Number of commanded steps by the reason why they are not among them.
+        Number of other commanded steps by reason.
     rows, stale, missing : int
-        Rows of the records, those without a new reading, and single pressures that were missing.
+        Rows of the records, rows without a new reading, and missing pressures.
     """
 
     steps: tuple[Step, ...]
@@ -179,7 +182,7 @@ def read_pressures(path: str | Path) -> PressureRecord:
 
 
 def find_steps(record: PressureRecord, limits: StepLimits | None = None) -> FoundSteps:
-    """Find the steps of every line that can be judged."""
+    """Return the steps of every line that can be judged."""
     limits = StepLimits() if limits is None else limits
     fresh = record.fresh()
     steps: list[Step] = []
@@ -196,9 +199,23 @@ def find_steps(record: PressureRecord, limits: StepLimits | None = None) -> Foun
 
 
 def crossing(t: Array, part: Array, level: float = T63) -> float:
-    """Time at which a response passes a level, between samples linearly, and nan if it never does.
+    """Return the time at which a response passes a level, linear between samples.
 
-    One sample above, with the next one below again, is noise and does not count.
+    A single sample above the level is noise and does not count.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Times [s].
+    part : ndarray (n,)
+        Response as a part of the step.
+    level : float
+        Level as a part of the step.
+
+    Returns
+    -------
+    float
+        Time [s], nan if the response never passes the level.
     """
     above = part >= level
     above[:-1] &= above[1:]
@@ -211,7 +228,7 @@ def crossing(t: Array, part: Array, level: float = T63) -> float:
 
 
 class _Rows(NamedTuple):
-    """Rows of a change: the set point held from `begin` to `first`, and again from `start` to `end`."""
+    """Rows of a change: the set point is constant from `begin` to `first`, and from `start` to `end`."""
 
     begin: int
     first: int
@@ -230,7 +247,7 @@ def _changes(t: Array, setpoint: Array, flicker_s: float) -> Iterator[_Rows]:
 
 
 def _step(record: PressureRecord, line: int, rows: _Rows, fresh: Mask, limits: StepLimits) -> Step | str:
-    """Give the step, or the reason why there is none; an empty one where the set point came back."""
+    """Return the step, or the reason why it is left out; "" if the set point returns to its old value."""
     t, reading = record.t - record.t[rows.start], record.pressure[:, line]
     before, after = (float(record.setpoint[row, line]) for row in (rows.first - 1, rows.start))
     if before == after:

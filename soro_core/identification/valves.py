@@ -1,11 +1,11 @@
-"""Regulators and the air behind them, fitted to measured step responses and judged by them.
+"""Models of regulators and the air behind them, fitted to measured step responses.
 
 Level 1 is the lag of `RegulatorModel`, with one time constant or with one for each direction. Level 2 is the
 flow of `ValveModel` (ISO 6358) into a chamber of constant volume, with a dead time for each direction. Both
-start at the reading before a step and go to the one after it.
+start at the reading before a step and end at the reading after it.
 
-What steps do not tell is not fitted: of the conductances only the ratio to the volume counts, and a supply
-pressure well above the set points is hidden behind the conductance.
+Parameters that steps do not determine are given, not fitted: only the ratio of conductance to volume has an
+effect, and a supply pressure well above the set points is equivalent to a larger conductance.
 """
 
 from __future__ import annotations
@@ -30,23 +30,25 @@ Array: TypeAlias = NDArray[np.float64]
 Response: TypeAlias = tuple[Array, Array]
 """Times (n_t,) [s] and gauge pressures (n_t, n_steps) [Pa]."""
 
-# Rows of a simulated response in the shorter of the two typical times to 63.2 %, which also floors them [s].
+# Rows of a simulated response within the shorter typical time to 63.2 %, and the least such time [s].
 _ROWS, _SHORTEST_S = 12, 1e-3
-# Error of a response, of its step, from which on it counts by its size, not its square.
+# Scale of the robust loss, as a part of the step: larger errors count linearly.
 _SCALE = 0.05
-# Readings that a step counts for.
+# Number of readings that each step is weighted to.
 _SAMPLES = 50
 _ITERATIONS = 60
 
 
 @dataclass(frozen=True)
 class FlowModel:
-    """A valve, a chamber of constant volume, and the time until the valve does anything.
+    """A valve with dead times, and a chamber of constant volume.
 
     Attributes
     ----------
     valves : ValveModel
+        Valve.
     volume_m3 : float
+        Volume [m^3].
     delay_s, vent_delay_s : float
         Dead time before a fill and before a vent [s].
     """
@@ -59,7 +61,7 @@ class FlowModel:
 
 @dataclass(frozen=True)
 class Judged:
-    """A model against one step: its own time to 63.2 % [s] and its RMS error [Pa]."""
+    """Result of a model for one step: its time to 63.2 % [s] and its RMS error [Pa]."""
 
     step: Step
     t63_s: float
@@ -67,14 +69,15 @@ class Judged:
 
     @property
     def error(self) -> float:
-        """Error of the time to 63.2 %, of the measured one; infinite for a model that never gets there."""
+        """Relative error of the time to 63.2 %; infinite for a model that never reaches it."""
         return abs(self.t63_s / self.step.t63_s - 1.0) if math.isfinite(self.t63_s) else math.inf
 
 
 def grid(steps: Sequence[Step]) -> Array:
-    """Times [s] at which responses to these steps are simulated, fitted and judged, from 0.
+    """Return the times [s] at which responses to these steps are simulated, from 0.
 
-    To four times the longer of the typical times to 63.2 %, and past every one, in twelfths of the shorter.
+    The grid ends after four times the longer typical time to 63.2 %, and after twice each measured one; its
+    step is a twelfth of the shorter typical time.
     """
     typical = _typical(steps, True), _typical(steps, False)
     end = max(4.0 * max(typical), *(2.0 * step.t63_s for step in steps))
@@ -83,18 +86,52 @@ def grid(steps: Sequence[Step]) -> Array:
 
 
 def regulator_response(model: RegulatorModel, steps: Sequence[Step], t: Array | None = None) -> Response:
-    """Level 1 over the steps, by default at the times of `grid`; without play, limits and resolution."""
+    """Simulate level 1 over steps, without play, limits and resolution.
+
+    Parameters
+    ----------
+    model : RegulatorModel
+        Dead time and time constants.
+    steps : sequence of Step
+        Measured steps.
+    t : ndarray (n_t,), optional
+        Times [s]; those of `grid` by default.
+
+    Returns
+    -------
+    Response
+    """
     free = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -AMBIENT_PA + 400.0}
+    # Not `changed`: no bound at all is no allowed value of a file.
     model = model.model_copy(update={**free, "gain": 1.0, "maximum_pa": math.inf})
     start, end = _levels(steps)
     state = RegulatorState(pressure_pa=start, target_pa=start)
     t = grid(steps) if t is None else t
-    # The model is exact for any time, so that each row is one step from the start.
+    # The model is exact for any time: each row is one step from the start.
     return t, np.array([regulator_step(model, state, end, float(at)).pressure_pa for at in t])
 
 
 def flow_response(model: FlowModel, steps: Sequence[Step], t: Array | None = None) -> Response:
-    """Level 2 over the steps, by default at the times of `grid`; times are evenly spaced from 0."""
+    """Simulate level 2 over steps.
+
+    Parameters
+    ----------
+    model : FlowModel
+        Valve, volume and dead times.
+    steps : sequence of Step
+        Measured steps.
+    t : ndarray (n_t,), optional
+        Evenly spaced times from 0 [s]; those of `grid` by default.
+
+    Returns
+    -------
+    Response
+
+    Raises
+    ------
+    ModelError
+        If a chamber has no air or no volume.
+    """
     start, end = _levels(steps)
     volume = np.full(len(steps), model.volume_m3)
     gas = make_gas(model.valves, volume)
@@ -105,7 +142,7 @@ def flow_response(model: FlowModel, steps: Sequence[Step], t: Array | None = Non
     pressure = np.tile(start, (len(t), 1))
     for k in range(1, len(t)):
         if not chamber_pressures(gas, mass, volume, volume, end, dt, mass_end, pressure[k], slope):
-            raise ModelError("a chamber without air or volume")
+            raise ModelError("a chamber without air or volume", "volume")
         mass, mass_end = mass_end, mass
     for n, step in enumerate(steps):
         delay = model.delay_s if step.fill else model.vent_delay_s
@@ -125,10 +162,10 @@ def judge(steps: Sequence[Step], response: Response) -> list[Judged]:
 
 
 def fit_regulator(steps: Sequence[Step], directional: bool = True) -> tuple[RegulatorModel, Fit]:
-    """Level 1: dead time and time constant, by default one for each direction.
+    """Fit level 1: dead time and time constant, by default one for each direction.
 
-    The search starts from a tenth of the median time to 63.2 % as dead time and the rest as time constant.
-    Noise and steps of the readings, and the range, are taken from the steps.
+    The search starts from a tenth of the median time to 63.2 % as dead time, and this time as time constant.
+    Noise and resolution of the readings, and the range, are those of the steps.
     """
     rise, fall = _typical(steps, True), _typical(steps, False)
     unknown = [Parameter("delay_s", 0.1 * min(rise, fall), 0.0, 1.0), Parameter("tau_s", rise, 1e-3, 10.0)]
@@ -154,10 +191,31 @@ def fit_regulator(steps: Sequence[Step], directional: bool = True) -> tuple[Regu
 def fit_flow(
     steps: Sequence[Step], volume_m3: float, supply_pa: float, critical_ratio: float = 0.35
 ) -> tuple[FlowModel, Fit]:
-    """Level 2: conductances, band and dead times, for a volume and a supply that are given.
+    """Fit level 2: conductances, band and dead times for a given volume and supply.
 
-    The search starts from the conductance that would make the step in the measured time if the flow stayed
-    choked, a band of a third of the typical step, and a tenth of the time to 63.2 % as dead time.
+    The search starts from the conductance that makes the step in the measured time with choked flow, a band
+    of a third of the typical step, and a tenth of the time to 63.2 % as dead time.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Measured steps.
+    volume_m3 : float
+        Volume of each chamber [m^3].
+    supply_pa : float
+        Pressure of the supply [Pa gauge].
+    critical_ratio : float
+        Critical pressure ratio b of ISO 6358.
+
+    Returns
+    -------
+    model : FlowModel
+    found : Fit
+
+    Raises
+    ------
+    ModelError
+        If there are no steps, or the start cannot be simulated.
     """
     rise, fall = _typical(steps, True), _typical(steps, False)
     change = float(np.median([step.change_pa for step in steps]))
@@ -195,7 +253,7 @@ def _residuals(steps: Sequence[Step], response: Callable[[Values], Response]) ->
 
 
 def _weight(step: Step, t: Array) -> float:
-    """So that every step counts the same, however many readings there are of it."""
+    """Return the weight that gives all steps the same influence, for any number of readings."""
     return math.sqrt(_SAMPLES / np.count_nonzero(step.t <= t[-1])) / _SCALE
 
 
@@ -207,20 +265,20 @@ def _error(step: Step, t: Array, simulated: Array) -> Array:
 
 def _levels(steps: Sequence[Step]) -> tuple[Array, Array]:
     if not steps:
-        raise ModelError("no steps to simulate: a fit needs one or more")
+        raise ModelError("no steps to simulate: a fit needs one or more", "steps")
     return np.array([step.start_pa for step in steps]), np.array([step.end_pa for step in steps])
 
 
 def _typical(steps: Sequence[Step], fill: bool) -> float:
-    """Median time to 63.2 % in one direction, or in the other where there is none."""
+    """Return the median time to 63.2 % [s] in one direction, or in the other if the first has no step."""
     times = [step.t63_s for step in steps if step.fill == fill] or [step.t63_s for step in steps]
     if not times:
-        raise ModelError("no steps to fit: needs one or more")
+        raise ModelError("no steps to fit: needs one or more", "steps")
     return max(float(np.median(times)), _SHORTEST_S)
 
 
 def _resolution(steps: Sequence[Step]) -> float:
-    """Step of the readings [Pa], as far as numbers in a file tell it: least difference, of a typical step."""
+    """Return the resolution of the readings [Pa]: the median over steps of their least difference."""
     apart = [np.diff(np.unique(step.pressure)) for step in steps]
     least = [float(one.min()) for one in apart if one.size]
     return float(np.median(least)) if least else 0.0

@@ -1,8 +1,20 @@
 """Steppers in time, one a file, and `simulate`."""
 
 from soro_core.integrate.simulate import Result, simulate
+from soro_core.integrate.simulate_many import simulate_many
 from soro_core.integrate.state import OK, State, Status
 from soro_core.integrate.stepper import STEPPERS, Stepper, make_stepper
 from soro_core.integrate.warm_up import warm_up
 
-__all__ = ["OK", "STEPPERS", "Result", "State", "Status", "Stepper", "make_stepper", "simulate", "warm_up"]
+__all__ = [
+    "OK",
+    "STEPPERS",
+    "Result",
+    "State",
+    "Status",
+    "Stepper",
+    "make_stepper",
+    "simulate",
+    "simulate_many",
+    "warm_up",
+]

@@ -1,7 +1,7 @@
 """Air behind valves as internal states of a run: mass and volume of each chamber, last among them.
 
-With `Gas` the pressures of a stage follow from how its volumes end, and their slope stiffens the arm; with
-`NoAir` the pressures are those given, and nothing of this is compiled in.
+With `Gas` the pressures of a stage follow from its volumes at the end, docs/model.md (30), and their slope
+stiffens the arm, (31). With `NoAir` the pressures are given, and no code for air is compiled.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._by_type import by_type
+from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.chambers import add_gradient, volumes
+from soro_core.model.checks import listed
 from soro_core.model.linear import assign, clear
 from soro_core.model.tables import AIR, Tables
 from soro_core.pneumatics.chamber import Gas, chamber_pressures, make_gas, masses_at
@@ -35,7 +36,7 @@ Air: TypeAlias = Gas | NoAir
 
 
 @inner
-def _given(
+def _follow_command(
     air: NoAir,
     t: Tables,
     q: Array,
@@ -51,7 +52,7 @@ def _given(
 
 
 @inner
-def _breathed(
+def _follow_volumes(
     air: Gas,
     t: Tables,
     q: Array,
@@ -88,9 +89,9 @@ def _add_stiffness(
         clear(gradient)
         along = 0.0
         for i in range(t.length.shape[0]):
-            along += 1.0 if t.looks[i, u] > 0 else 0.0
+            along += 1.0 if t.chamber_samples[i, u] > 0 else 0.0
         for i in range(t.length.shape[0]):
-            if t.looks[i, u] == 0:
+            if t.chamber_samples[i, u] == 0:
                 continue
             # The air couples all links of its chamber; kept to their blocks, the sum over the links is
             # bounded by their number times the blocks, so that Newton's iteration still converges.
@@ -101,16 +102,17 @@ def _add_stiffness(
                     K[c, d - t.offset[i]] += scaled * gradient[c] * gradient[d]
 
 
-breathe = by_type(Gas, _breathed, _given)
-"""breathe(air, t, q, z0, command, span, z, pressure, slope): pressure <- that at the end of the span, slope
-<- its derivative by the volume, air in z <- what it is then; False where a chamber is closed to nothing."""
-add_air_stiffness = by_type(Gas, _add_stiffness, _no_stiffness)
+breathe = select_by_type(Gas, _follow_volumes, _follow_command)
+"""breathe(air, t, q, z0, command, span, z, pressure, slope): pressure and slope <- pressures at the end of
+the span and their derivatives by the volumes, z <- masses and volumes at the end of the span; False if a
+volume or a mass is not positive."""
+add_air_stiffness = select_by_type(Gas, _add_stiffness, _no_stiffness)
 """add_air_stiffness(air, t, q, slope, factor, gradient, K): K += factor * H (-dp/dV) H', the block of each
-link; `gradient` is room for a column of H (n_q,)."""
+link; `gradient` is scratch for a column of H (n_q,)."""
 
 
 def with_air(t: Tables, n_u: int) -> Tables:
-    """Tables with two more internal states a chamber, which no force of creep or hysteresis comes from."""
+    """Return tables with two more internal states for each chamber, without force on the arm."""
     n = 2 * n_u
     return t._replace(
         internal_kind=np.concatenate((t.internal_kind, np.full(n, AIR))),
@@ -121,7 +123,7 @@ def with_air(t: Tables, n_u: int) -> Tables:
 
 
 def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
-    """Air in the chambers of an arm behind valves, none without.
+    """Return the air behind the valves of an arm; `NO_AIR` without valves.
 
     Raises
     ------
@@ -132,12 +134,12 @@ def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
 
 
 def chamber_volumes(arm: SoftArm) -> Array:
-    """Volume of each chamber at q = 0 [m^3], (n_u,): that of the file, else effective area times length.
+    """Return the volumes (n_u,) of the chambers at q = 0 [m^3]: volume_m3, or else area times length.
 
     Raises
     ------
     ModelError
-        If a chamber has neither.
+        If a volume is not positive.
     """
     given = [chamber.volume_m3 for link in arm.robot.links for chamber in link.chambers]
     derived = arm.tables.axial_gain.sum(axis=0)
@@ -145,38 +147,52 @@ def chamber_volumes(arm: SoftArm) -> Array:
     for name, one in zip(arm.robot.chamber_names, volume, strict=True):
         if not one > 0.0:
             raise ModelError(
-                f"{arm.robot.name}: {name} has no volume: allowed with valves is a volume_m3 above 0"
+                f"{arm.robot.name}: {name} has no volume: allowed with valves is a volume_m3 above 0", name
             )
     return volume
 
 
 def initial_air(air: Air, arm: SoftArm, q: Array, pressure: Array | None) -> Array:
-    """Masses and volumes (2 n_u,) of chambers at q and gauge pressures [Pa], by default 0; (0,) without air.
+    """Return masses [kg] and volumes [m^3] of the chambers at the start, (2 n_u,); (0,) without air.
+
+    Parameters
+    ----------
+    air : Gas or NoAir
+        Valves and chambers, or given pressures.
+    arm : SoftArm
+        Model.
+    q : (n_q,)
+        Coordinates at the start.
+    pressure : (n_u,) or None
+        Gauge pressures at the start [Pa]; None: 0.
 
     Raises
     ------
     ModelError
-        If a pressure is a vacuum or less, or a volume 0 or less, or pressures are given without air.
+        If a pressure is not above vacuum, a volume is not positive, or there is a pressure without air.
     """
     if not isinstance(air, Gas):
         if pressure is not None:
-            raise ModelError("pressure0 without valves: allowed is none, the pressures are given")
+            text = "pressure0 without valves: allowed is none, the pressures are given"
+            raise ModelError(text, "pressure0")
         return np.empty(0)
     pressure = np.zeros(arm.n_u) if pressure is None else pressure
     volume = air.volume + arm.displaced_volume(q)
     if not (volume > 0.0).all():
         raise ModelError(
-            f"a chamber is closed to nothing at q0: volumes {volume} m^3, allowed are more than 0"
+            f"a chamber is closed to nothing at q0: volumes {listed(volume)} m^3, allowed are more than 0",
+            "q0",
         )
     if not (pressure > -air.ambient).all():
-        raise ModelError(f"pressure0 = {pressure} Pa: allowed is above {-air.ambient:g} Pa, a vacuum")
+        text = f"pressure0 = {listed(pressure)} Pa: allowed is above {-air.ambient:g} Pa, a vacuum"
+        raise ModelError(text, "pressure0")
     mass = np.empty_like(volume)
     masses_at(air, pressure, volume, mass)
     return np.concatenate((mass, volume))
 
 
 def air_pressures(air: Gas, states: Array) -> Array:
-    """Gauge pressures [Pa] (n_t, n_u) of rows of masses and volumes."""
+    """Return gauge pressures (n_t, n_u) [Pa] of rows of masses and volumes (n_t, 2 n_u)."""
     n_u = states.shape[1] // 2
     density = states[:, :n_u] / states[:, n_u:]
     pressures: Array = air.ambient * ((density / air.density) ** air.exponent - 1.0)

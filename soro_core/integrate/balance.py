@@ -1,14 +1,13 @@
-"""Energy balance of a dissipative stepper: without input, a step ends with no more than it began with.
+"""Energy balance of a dissipative stepper, docs/model.md (35): without input no step gains energy.
 
-Methods like TR-BDF2 dissipate by linear theory; in large motion their error may have either sign. So after a
-step the energy T + U of all that stores it is compared with that before, and what is too much is taken out
-of the velocities, v <- v sqrt(1 - excess / T): a projection onto the allowed states that moves them by the
-order of the local error, so that the order of the method stays [Hairer, Lubich and Wanner 2006, IV.4;
-Ketcheson 2019]. Where the velocities hold too little for that, the step is done in parts.
+Methods like TR-BDF2 dissipate by linear theory; in large motion their error may have either sign. After a
+step the stored energy T + U is compared with that before, and an excess is removed from the velocities, v <-
+v sqrt(1 - excess / T). This projection onto the allowed states is of the order of the local error, so the
+method keeps its order [HLW06, IV.4; K19]. If the kinetic energy is too small for it, the step is divided.
 
-The balance is exact, or there is none. Gravity, elasticity, creep, hysteresis, contact and the held tip
-have a stored energy and only dissipate besides; pressures that are constant over the step do the work
-p (V1 - V0). Wrenches and pressures that change within a step are input: such steps are not looked at.
+The correction applies only to steps with an exact balance. Gravity, elasticity, creep, hysteresis, contact
+and the held tip store energy and otherwise only dissipate; pressures that are constant over the step do the
+work p (V1 - V0). Wrenches, and pressures that change within a step, are input: such steps are not corrected.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._by_type import by_type
+from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.integrate.scheme import Dissipative, Scheme
 from soro_core.integrate.system import NOT_RESOLVED, StepWork
@@ -33,9 +32,9 @@ from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Largest part of the kinetic energy that is taken out; more, and the step is done in parts.
+# Largest removed part of the kinetic energy; for a larger excess the step is divided.
 SHARE = 0.25
-# Of the energies that are summed: an excess that small is no reason for parts.
+# Part of the sum of energies below which an excess is round-off.
 ROUND_OFF = 1e-14
 
 
@@ -43,9 +42,9 @@ ROUND_OFF = 1e-14
 def _stored(
     t: Tables, work: StepWork, wrench: Array, q: Array, v: Array, z: Array
 ) -> tuple[float, float, float]:
-    """Kinetic energy, what is stored besides, and the sum of their sizes [J]."""
+    """Return kinetic energy, other stored energy, and the sum of their absolute values [J]."""
     kinetic, gravity = energy(t, work.model, q, v)
-    outside = add_external_forces(t.external, t, work.model, wrench, q, v, work.model.rows[1])
+    outside = add_external_forces(t.external, t, work.model, wrench, q, v, work.model.bias)
     elastic = elastic_energy(t, q) + internal_energy(t, z) + outside
     return kinetic, gravity + elastic, kinetic + abs(gravity) + abs(elastic)
 
@@ -104,7 +103,7 @@ def _keep(
         return GOOD
     kinetic, rest, size = _stored(t, work, wrench, q1, v1, z1)
     bound = work.energy[0]
-    # Room for the volumes, which no stage needs any more.
+    # Scratch for the volumes: no stage needs these arrays any more.
     before, after = work.command, work.stage_pressure
     volumes(t, q0, before)
     volumes(t, q1, after)
@@ -121,14 +120,14 @@ def _keep(
             v1[b] *= factor
     elif excess > ROUND_OFF * size:
         return NOT_RESOLVED
-    # Not what is there but what may be there: round-off does not add up.
+    # The bound, not the computed energy, so that round-off does not accumulate.
     work.energy[0] = bound
     return GOOD
 
 
-begin_balance = by_type(Dissipative, _begin, _no_begin)
-"""begin_balance(m, t, work, row, wrench, q0, v0, z0): work.energy <- what the arm has at the start of a row
-of pressures (3, n_u), or inf where something acts that does unknown work."""
-keep_balance = by_type(Dissipative, _keep, _no_keep)
-"""keep_balance(m, t, work, row, wrench, q0, q1, v1, z1): after a step from q0, v1 <- without what was gained,
-work.energy <- what there may be. Gives NOT_RESOLVED where the velocities hold too little for that."""
+begin_balance = select_by_type(Dissipative, _begin, _no_begin)
+"""begin_balance(m, t, work, row, wrench, q0, v0, z0): work.energy <- energy at the start of a row of
+pressures (3, n_u), or inf if the work of the input is unknown."""
+keep_balance = select_by_type(Dissipative, _keep, _no_keep)
+"""keep_balance(m, t, work, row, wrench, q0, q1, v1, z1): after a step from q0, v1 <- velocities without the
+excess, work.energy <- bound of the energy. Gives NOT_RESOLVED if the kinetic energy is too small for that."""

@@ -1,7 +1,7 @@
 """Dormand and Prince's pair of orders 5 and 4 with error control inside each step: for soft arms.
 
-The step of the caller is the grid on which results are wanted; inside it the stepper takes as many steps as
-the tolerance asks for. With a stiff arm they become many, which ends in a status [Dormand and Prince 1980].
+Results are on the grid of the caller's steps; inside each, the stepper takes as many steps as the tolerance
+requires [DP80]. For a stiff arm their number exceeds the limit, which ends the run with a status.
 """
 
 from soro_core.integrate.tableau import tableau

@@ -1,4 +1,4 @@
-"""A run with an explicit stepper: one kernel for all of them, which differ by a `Tableau`."""
+"""Runs with explicit steppers: one kernel, parametrised by a `Tableau`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
+from soro_core.integrate.scheme import RESOLVED
 from soro_core.integrate.system import (
+    LATEST,
     NOT_RESOLVED,
-    RESOLVED,
     TOO_STIFF,
     StepWork,
     interpolate,
@@ -26,10 +27,10 @@ from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Most steps that the error control may take inside one of the grid.
+# Largest number of error-controlled steps within a step of the grid.
 MAX_STEPS = 2000
-# Error that is allowed where everything is 0: this part of rtol, of the scale of a coordinate (1 for
-# strains, 1 / L for curvatures; for velocities the same per second).
+# Allowed error at a state of 0, relative to rtol and to the scale of a coordinate (1 for strains, 1 / L for
+# curvatures; for velocities the same per second).
 FLOOR = 1e-2
 
 
@@ -50,9 +51,10 @@ def explicit_step(
     v1: Array,
     z1: Array,
 ) -> int:
-    """One step of `step` seconds: the `part` of the grid's step from its fraction `begin` on; gives a code.
+    """Make a step of `step` seconds, the `part` of the grid's step from its fraction `begin` on; give a code.
 
-    Leaves the accelerations of the stages in the rows 0 ... n - 1, their velocities in the n after.
+    Writes the accelerations and velocities of the stages, and the rates of the internal states, to
+    `work.stage_acceleration`, `work.stage_velocity` and `work.stage_rate`.
     """
     n = m.nodes.shape[0]
     n_q, n_z = q0.shape[0], z0.shape[0]
@@ -65,24 +67,25 @@ def explicit_step(
             if weight == 0.0:
                 continue
             for b in range(n_q):
-                q1[b] += weight * work.rows[n + j, b]
-                v1[b] += weight * work.rows[j, b]
+                q1[b] += weight * work.stage_velocity[j, b]
+                v1[b] += weight * work.stage_acceleration[j, b]
             for b in range(n_z):
-                z1[b] += weight * work.states[j, b]
+                z1[b] += weight * work.stage_rate[j, b]
         if stage == n:
             break
-        assign(v1, work.rows[n + stage])
-        internal_rate(t, v1, z1, work.states[stage])
+        assign(v1, work.stage_velocity[stage])
+        internal_rate(t, v1, z1, work.stage_rate[stage])
+        acceleration = work.stage_acceleration[stage]
         if stage == 0 and work.known[0] > 0:
-            # Known from the step before, or from one that was refused.
-            assign(work.memory[0], work.rows[0])
+            # Known from the last step, or from a rejected one.
+            assign(work.memory[LATEST], acceleration)
             continue
         interpolate(pressure, begin + part * m.nodes[stage], work.stage_pressure)
-        code = forward_dynamics(t, work.model, q1, v1, z1, work.stage_pressure, wrench, work.rows[stage])
+        code = forward_dynamics(t, work.model, q1, v1, z1, work.stage_pressure, wrench, acceleration)
         if code != GOOD:
             return code
         if stage == 0:
-            assign(work.rows[0], work.memory[0])
+            assign(acceleration, work.memory[LATEST])
             work.known[0] = 1
     code = check(t, q1, v1)
     return code if code != GOOD or finite(z1) else NOT_FINITE
@@ -90,25 +93,25 @@ def explicit_step(
 
 @inner
 def error_of(m: Tableau, t: Tables, work: StepWork, q: Array, v: Array, step: float) -> float:
-    """Error of the step over what is allowed; all coordinates together, weighed by their scales.
+    """Return the error of the step relative to the allowed one, over all coordinates in their scales.
 
-    Allowed is a part of the state with error control, and `RESOLVED` without.
+    The allowed error is a part of the state with error control, and `RESOLVED` without.
     """
     n = m.nodes.shape[0]
     error_q, error_v, scale_q, scale_v = 0.0, 0.0, 0.0, 0.0
     for b in range(q.shape[0]):
         e_q, e_v = 0.0, 0.0
         for j in range(n):
-            e_q += m.error[j] * work.rows[n + j, b]
-            e_v += m.error[j] * work.rows[j, b]
+            e_q += m.error[j] * work.stage_velocity[j, b]
+            e_v += m.error[j] * work.stage_acceleration[j, b]
         error_q = max(error_q, abs(step * e_q) * work.weight[b])
         error_v = max(error_v, abs(step * e_v) * work.weight[b])
         scale_q = max(scale_q, abs(q[b]) * work.weight[b])
         scale_v = max(scale_v, abs(v[b]) * work.weight[b])
-    for b in range(work.states.shape[1]):
+    for b in range(work.stage_rate.shape[1]):
         e = 0.0
         for j in range(n):
-            e += m.error[j] * work.states[j, b]
+            e += m.error[j] * work.stage_rate[j, b]
         error_q = max(error_q, abs(step * e) * work.weight[t.internal_coordinate[b]])
     if not m.adaptive:
         return max(error_q, step * error_v) / RESOLVED
@@ -124,7 +127,7 @@ def explicit_run(
     t, work = stepping.tables, stepping.work
     work.known[0], work.size[0] = 0, math.inf
     n = m.nodes.shape[0]
-    q0, v0, z0 = work.rows[2 * n], work.rows[2 * n + 1], work.states[n]
+    q0, v0, z0 = work.q_start, work.v_start, work.z_start
     code = check(t, q[0], v[0])
     if code != GOOD or not finite(z[0]):
         return 0, code if code != GOOD else NOT_FINITE
@@ -144,7 +147,7 @@ def explicit_run(
         while done < h:
             left = h - done
             size = work.size[0]
-            # Two halves rather than a whole step and a crumb.
+            # Two halves are better than a whole step and a tiny rest.
             step = left if size >= left else min(size, 0.5 * left)
             code = explicit_step(m, t, work, q0, v0, z0, p, wrench, done / h, step / h, step, q1, v1, z1)
             error = error_of(m, t, work, q0, v0, step) if code == GOOD else math.inf
@@ -160,14 +163,14 @@ def explicit_run(
                     continue
                 if tries >= MAX_STEPS:
                     return k, TOO_STIFF
-                # Proportional and integral control [Hairer and Wanner 1996, IV.2].
+                # Proportional and integral control [HW96, IV.2].
                 error = max(error, 1e-4)
                 grown = step * min(5.0, max(0.2, 0.9 * error**-0.17 * before**0.04))
-                # A step cut short by the grid says nothing against a longer one.
+                # A step that the grid has shortened does not shorten the next ones.
                 work.size[0] = grown if step == size else max(grown, size)
                 before = error
             if m.same:
-                assign(work.rows[n - 1], work.memory[0])
+                assign(work.stage_acceleration[n - 1], work.memory[LATEST])
             else:
                 work.known[0] = 0
             done = h if step == left else done + step

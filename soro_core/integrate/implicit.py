@@ -1,6 +1,6 @@
-"""A run with an implicit stepper: one kernel for all of them, which differ by a `Scheme`.
+"""Runs with implicit steppers: one kernel, parametrised by a `Scheme`.
 
-What takes time to compile is the model, so there is one place that calls it.
+The model takes long to compile, so a single function calls it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from soro_core._jit import inner, kernel
 from soro_core.integrate.air import Air, breathe
 from soro_core.integrate.balance import begin_balance, keep_balance
 from soro_core.integrate.newton import solve_stage
-from soro_core.integrate.scheme import Scheme
-from soro_core.integrate.system import CLOSED, NOT_RESOLVED, StepWork, interpolate, jumps
+from soro_core.integrate.scheme import Scheme, stage_of
+from soro_core.integrate.system import CLOSED, EARLIER, LATEST, NOT_RESOLVED, StepWork, interpolate, jumps
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite
 from soro_core.model.internal import advance_internal
 from soro_core.model.linear import assign, clear
@@ -26,7 +26,7 @@ from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
-# A step that cannot be done whole is done in parts, down to this fraction.
+# Smallest fraction of a step that is divided.
 SMALLEST_PART = 1.0 / 65536.0
 
 
@@ -47,27 +47,27 @@ def begin_stage(
     q_base: Array,
     v_base: Array,
 ) -> None:
-    """q_base, v_base <- what the stage is built on, x <- first guess of its acceleration.
+    """q_base, v_base <- bases of the stage, docs/model.md (32), (33); x <- first guess of its acceleration.
 
-    `known` accelerations in `memory` hold; `q_last`, `v_last` are those of the stage before.
+    The first `known` accelerations in `memory` are valid; `q_last`, `v_last` are those of the last stage.
     """
-    c = m.stages[stage]
+    c = stage_of(m.stages, stage)
     begun = stage > first
-    part = c[0] / m.stages[first, 0] if begun else (c[0] if m.start else 1.0)
+    part = c.place / stage_of(m.stages, first).place if begun else (c.place if m.start else 1.0)
     move = 0.0
     for b in range(x.shape[0]):
-        a0 = memory[0, b] if known > 0 else 0.0
-        before = memory[1, b] if known > 1 else a0
+        a0 = memory[LATEST, b] if known > 0 else 0.0
+        before = memory[EARLIER, b] if known > 1 else a0
         a_last = x[b] if begun else 0.0
-        v_base[b] = v0[b] + h * (c[6] * a0 + c[7] * a_last)
-        q_base[b] = q0[b] + h * (c[2] * v0[b] + c[3] * v_last[b] + h * (c[4] * a0 + c[5] * a_last))
-        # On the straight line through the two latest accelerations.
+        v_base[b] = v0[b] + h * (c.v_a0 * a0 + c.v_a * a_last)
+        q_base[b] = q0[b] + h * (c.q_v0 * v0[b] + c.q_v * v_last[b] + h * (c.q_a0 * a0 + c.q_a * a_last))
+        # Linear extrapolation of the two latest accelerations.
         x[b] = a0 + part * ((a_last - a0) if begun else (a0 - before))
-        move += ((q_base[b] + c[8] * h * h * x[b] - q_last[b]) * weight[b]) ** 2
+        move += ((q_base[b] + c.c_q * h * h * x[b] - q_last[b]) * weight[b]) ** 2
     if not move < m.far * m.far:
-        # In a stiff arm, velocity and acceleration at one time say little about a step later.
+        # In a stiff arm, velocity and acceleration do not predict the state a step later.
         for b in range(x.shape[0]):
-            x[b] = (q_last[b] - q_base[b]) / (c[8] * h * h)
+            x[b] = (q_last[b] - q_base[b]) / (c.c_q * h * h)
 
 
 @inner
@@ -84,7 +84,7 @@ def extrapolate(
     v1: Array,
     z1: Array,
 ) -> int:
-    """Carry q1, v1 from the fraction `place` of a step on to its end, in a straight line; z1 after them."""
+    """Extrapolate q1, v1 linearly from the fraction `place` of a step to its end; z1 follows them."""
     for b in range(q0.shape[0]):
         q1[b] = q0[b] + (q1[b] - q0[b]) / place
         v1[b] = v0[b] + (v1[b] - v0[b]) / place
@@ -113,14 +113,14 @@ def implicit_step(
     v1: Array,
     z1: Array,
 ) -> int:
-    """One step with the pressures in `work.pressure`; gives a code.
+    """Make a step with the pressures in `work.pressure`; give a code.
 
-    It is one of the method itself, or a damped one if `damped` is above 0. Leaves the acceleration of the
-    last stage in the first of `work.rows`.
+    The step is that of the method, or of its fallback if `damped` is above 0. Writes the acceleration of the
+    last stage to `work.acceleration`.
     """
-    x, q_base, v_base = work.rows[0], work.rows[1], work.rows[2]
+    x, q_base, v_base = work.acceleration, work.q_base, work.v_base
     first, behind = (m.own, m.stages.shape[0]) if damped > 0.0 else (0, m.own)
-    # What the steps before left is the acceleration at the start, or only a guess at it.
+    # Stored accelerations are that at the start of the step, or only a guess of it.
     at_start = m.start or damped > 0.0
     known = work.known[0] if m.start or not at_start else 0
     guessed = known < 2
@@ -135,15 +135,15 @@ def implicit_step(
             assign(v0, v_base)
             clear(x)
         else:
-            c = m.stages[stage]
-            span, c_q, c_v, tolerance = c[1] * h, c[8] * h * h, c[9] * h, m.tolerance
+            c = stage_of(m.stages, stage)
+            span, c_q, c_v, tolerance = c.span * h, c.c_q * h * h, c.c_v * h, m.tolerance
             sweeps = 2 if m.linear and guessed and stage == first else 1
-            interpolate(work.pressure, c[0], work.command)
+            interpolate(work.pressure, c.place, work.command)
             begin_stage(
                 m, stage, first, known, work.weight, work.memory, q0, v0, q_last, v_last, h, x, q_base, v_base
             )
             if stage + 1 < behind:
-                q_new, v_new, z_new = work.rows[5], work.rows[6], work.states[1]
+                q_new, v_new, z_new = work.q_stage, work.v_stage, work.z_stage
         code = solve_stage(
             t,
             air,
@@ -166,13 +166,14 @@ def implicit_step(
         if code != GOOD:
             return code
         if stage < first:
-            assign(x, work.memory[0])
+            assign(x, work.memory[LATEST])
             work.known[0] = known = 1
         else:
             q_last, v_last, z_last = q_new, v_new, z_new
     code = GOOD
-    if m.stages[behind - 1, 0] < 1.0:
-        code = extrapolate(t, air, work, h, m.stages[behind - 1, 0], q0, v0, z0, q1, v1, z1)
+    place = stage_of(m.stages, behind - 1).place
+    if place < 1.0:
+        code = extrapolate(t, air, work, h, place, q0, v0, z0, q1, v1, z1)
     moved, swing = 0.0, 0.0
     for b in range(x.shape[0]):
         moved += ((q1[b] - q0[b]) * work.weight[b]) ** 2
@@ -196,11 +197,11 @@ def implicit_run(
 ) -> tuple[int, int]:
     """Fill q, v, z (n_t, ...) from their first rows; gives (last good row, code).
 
-    `pressure` (n_t, 3, n_u) are those of the chambers, or with air behind valves their set points.
+    `pressure` (n_t, 3, n_u) holds the pressures of the chambers or, with valves, their set points.
     """
     stepping = view(box)
     t, work = stepping.tables, stepping.work
-    q0, v0, z0 = work.rows[3], work.rows[4], work.states[0]
+    q0, v0, z0 = work.q_start, work.v_start, work.z_start
     work.known[0], work.energy[0] = 0, math.inf
     damped = NO
     code = check(t, q[0], v[0])
@@ -211,7 +212,7 @@ def implicit_run(
         if not (finite(row[0]) and finite(row[1]) and finite(row[2]) and finite(wrench)):
             return k, BAD_INPUT
         if k > 0 and m.start and jumps(pressure[k - 1], row):
-            # The acceleration kept from the last step does not know of it.
+            # The stored acceleration belongs to other pressures.
             work.known[0] = 0
         assign(q[k], q0)
         assign(v[k], v0)
@@ -231,10 +232,10 @@ def implicit_run(
                 assign(q1, q0)
                 assign(v1, v0)
                 assign(z1, z0)
-                assign(work.memory[0], work.memory[1])
-                assign(work.rows[0], work.memory[0])
+                assign(work.memory[LATEST], work.memory[EARLIER])
+                assign(work.acceleration, work.memory[LATEST])
                 work.known[0] = 1 if damped > 0.0 else min(work.known[0] + 1, 2)
-                # In a step that had to be divided, what is faster than its parts stays damped to its end.
+                # To the end of a divided step, motion faster than its parts stays damped.
                 damped = YES if part < 1.0 and m.own < m.stages.shape[0] else NO
                 if part < 1.0 and done % (2.0 * part) == 0.0:
                     part *= 2.0

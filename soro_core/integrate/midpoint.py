@@ -1,12 +1,12 @@
 """Implicit midpoint rule: the equation of motion holds in the middle, at (q0 + q1) / 2 and (v0 + v1) / 2.
 
-Order 2, symmetric in time and without dissipation of its own: energy stays, without a drift, where the step
-resolves the fastest swing. Like the trapezoidal rule it carries on what is faster than the step, and such
-steps are done by TR-BDF2.
+Order 2, symmetric in time and without numerical dissipation: the energy does not drift if the step resolves
+the fastest oscillation. Like the trapezoidal rule it does not damp motion faster than the step; TR-BDF2
+replaces it for such steps.
 """
 
-from soro_core.integrate.scheme import scheme
-from soro_core.integrate.system import RESOLVED
+from soro_core.integrate import tr_bdf2
+from soro_core.integrate.scheme import Stage, scheme
 
-MIDDLE = [0.5, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.5]
-MIDPOINT = scheme(MIDDLE, start=False, resolved=RESOLVED)
+STAGE = Stage(place=0.5, span=0.5, q_v0=0.5, c_q=0.25, c_v=0.5)
+MIDPOINT = scheme(STAGE, fallback=tr_bdf2.STAGES, start=False)

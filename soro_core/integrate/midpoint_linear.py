@@ -7,8 +7,8 @@ O(h^3): order 2 for any such Jacobian. The linear part is solved exactly, howeve
 have no prediction and take two iterations; so does a step whose first iteration moved the arm far.
 """
 
-from soro_core.integrate.midpoint import MIDDLE
+from soro_core.integrate import tr_bdf2
+from soro_core.integrate.midpoint import STAGE
 from soro_core.integrate.scheme import scheme
-from soro_core.integrate.system import RESOLVED
 
-MIDPOINT_LINEAR = scheme(MIDDLE, start=False, resolved=RESOLVED, linear=True)
+MIDPOINT_LINEAR = scheme(STAGE, fallback=tr_bdf2.STAGES, start=False, linear=True)

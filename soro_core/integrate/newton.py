@@ -2,7 +2,7 @@
 
 The stages of all implicit steppers have the form q = q_base + c_q x, v = v_base + c_v x with known bases and
 coefficients; x solves M(q) x + C(q, v) v + ... = H p. Newton with the approximate Hessian
-M + c_v R + c_q K [C22, App. C], factored once and again only where it converges slowly.
+M + c_v R + c_q K of docs/model.md (34), factored once, and again only if convergence is slow.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from soro_core.model.tables import Tables
 Array: TypeAlias = NDArray[np.float64]
 
 MAX_ITERATIONS = 30
-# A contraction slower than this is worth a new Jacobian.
+# Slower contraction than this requires a new Hessian.
 SLOW = 0.2
-# Corrections this small that do not shrink any more are round-off.
+# Corrections below this size that do not decrease are round-off.
 ROUND_OFF = 1e-9
 
 
@@ -51,11 +51,11 @@ def solve_stage(
     v: Array,
     z: Array,
 ) -> int:
-    """x from its first guess to the solution; q, v, z <- the state of the stage. Gives a code.
+    """x <- solution, from its first guess; q, v, z <- state of the stage. Gives a code.
 
-    Internal states start at z0 and follow over `span` seconds the velocity that runs linearly from v0 to v.
-    The pressures are those of `work.command`, or follow it through valves. At least `sweeps` iterations are
-    done, and more until the error left in q, of its scale, is below `tolerance`.
+    Internal states start at z0 and follow a velocity that changes linearly from v0 to v over `span` seconds.
+    The pressures are `work.command`, or follow it through valves. The iteration takes at least `sweeps`
+    steps, and ends when the error of q relative to its scale is below `tolerance`.
     """
     r, pressure = work.residual, work.stage_pressure
     n_q = x.shape[0]
@@ -79,14 +79,14 @@ def solve_stage(
         else:
             force_residual(t, work.system, q, v, x, z, pressure, wrench, YES, r)
             slope = work.pressure_slope
-            # Friction: robust at first and where the iteration goes astray, else its derivative.
+            # Friction: the robust secant at first and when the iteration diverges, else the derivative.
             secant = 0.0 if rate < 1.0 else 1.0
             if not factor(
                 t, air, work.system, q, v, pressure, slope, c_v, c_q, work.tangent, diagonal, secant
             ):
                 if diagonal > 0.0:
                     return SINGULAR
-                # The stiffness is indefinite: its diagonal will do, with more iterations.
+                # The stiffness is indefinite: its diagonal converges with more iterations.
                 diagonal = YES
                 continue
             factored = True
@@ -98,7 +98,7 @@ def solve_stage(
             change = max(change, abs(c_q * r[b]) * work.weight[b])
             x[b] += r[b]
         rate = change / before
-        # Converging linearly, the error left is about change * rate / (1 - rate).
+        # With linear convergence the remaining error is about change * rate / (1 - rate).
         left = change * rate / (1.0 - rate) if 0.0 < rate < 1.0 else change
         done = sweep + 1 >= sweeps and (left < tolerance or (change < ROUND_OFF and rate > 0.5))
         if rate > SLOW and before < math.inf:

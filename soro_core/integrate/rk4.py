@@ -1,7 +1,7 @@
-"""Explicit Runge-Kutta of order 4: for soft arms; with a stiff one it diverges and says so.
+"""Explicit Runge-Kutta method of order 4, for soft arms; with a stiff arm it diverges and ends with a status.
 
-Its step is compared with that of the explicit midpoint rule, which is among its stages: where the two do not
-agree at all, the run ends.
+Each step is compared with that of the explicit midpoint rule, which is among its stages; a large difference
+ends the run.
 """
 
 from soro_core.integrate.tableau import tableau

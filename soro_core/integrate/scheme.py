@@ -1,4 +1,4 @@
-"""What makes one implicit stepper differ from another: a table of numbers.
+"""Coefficients of the implicit steppers, parameters of one kernel.
 
 Feeds kernels: the cache of soro_core._jit depends on this file too.
 """
@@ -11,42 +11,66 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core._jit import inner
+
 Array: TypeAlias = NDArray[np.float64]
 
-# Largest error left in q by Newton's iteration, of its scale (1 for strains, 1 / L for curvatures). What is
-# left has a sign: at 1e-11, ten thousands of steps of the midpoint rule add it up to a drift of the energy.
+# Largest error of q after Newton's iteration, relative to its scale (1 for strains, 1 / L for curvatures).
+# The error has a sign: with 1e-11, its sum over ten thousand midpoint steps is a drift of the energy.
 TOLERANCE = 1e-13
-# The same for the linearly-implicit ones: one iteration, and another only where it moved q this far.
+# The same for linearly implicit steppers: a second iteration follows if the first one changes q by more.
 TRUST = 1e-2
-_d = 1.0 - math.sqrt(2.0) / 2.0
-_w = math.sqrt(2.0) / 4.0
-# What is too fast for the step is damped by linear theory alone, and that holds for small motion: a stiff arm
-# let go from a loop gained energy a hundredfold without this limit (1 for strains, 1 / L for curvatures).
+# Largest motion in a step, relative to the scale of q, for a stepper without error control.
+RESOLVED = 0.1
+# Damping of motion that is too fast for the step is proven for small motion only. Without this limit (1 for
+# strains, 1 / L for curvatures) a stiff arm released from a loop gains energy a hundredfold.
 FAR = 0.3
-# Stages of TR-BDF2 (see `tr_bdf2`), which stands in for a step of another method too.
-DAMPED = (
-    [2.0 * _d, 2.0 * _d, 2.0 * _d, 0.0, _d * _d, 0.0, _d, 0.0, _d * _d, _d],
-    [1.0, 1.0 - 2.0 * _d, _w + _d, _w, _d * _w, _d * _w, _w, _w, _d * _d, _d],
-)
+
+
+class Stage(NamedTuple):
+    """Coefficients of one stage of a step of length h, docs/model.md (32), (33).
+
+    The equation of motion holds for the acceleration x of the stage at
+
+        q = q0 + h (q_v0 v0 + q_v v') + h^2 (q_a0 a0 + q_a a' + c_q x)
+        v = v0 + h (v_a0 a0 + v_a a' + c_v x),
+
+    with the state q0, v0 and the acceleration a0 at the start of the step, and the velocity v' and the
+    acceleration a' of the stage before.
+    """
+
+    place: float
+    """Time of the stage, as a fraction of the step."""
+    span: float
+    """Time since the stage before, or since the start, as a fraction of the step."""
+    c_q: float
+    c_v: float
+    q_v0: float = 0.0
+    q_v: float = 0.0
+    q_a0: float = 0.0
+    q_a: float = 0.0
+    v_a0: float = 0.0
+    v_a: float = 0.0
+
+
+@inner
+def stage_of(stages: Array, k: int) -> Stage:
+    """Row k of `Scheme.stages`, by name."""
+    c = stages[k]
+    return Stage(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9])
 
 
 class Scheme(NamedTuple):
-    """Coefficients of an implicit one-step method with one or two stages.
+    """An implicit one-step method with one or two stages.
 
-    A stage at the fraction `place` of the step h holds the equation of motion for the state
-
-        v = v0 + h (v_a0 a0 + v_a a' + c_v x),
-        q = q0 + h (q_v0 v0 + q_v v') + h^2 (q_a0 a0 + q_a a' + c_q x)
-
-    with its acceleration x, the acceleration a0 at the start of the step, and v', a' of the stage before.
     The new state lies on the straight line from the start through the last stage, which may be in the middle.
     """
 
     stages: Array
-    """place, span, q_v0, q_v, q_a0, q_a, v_a0, v_a, c_q, c_v of each stage, (n, 10); `span` is the fraction
-    of the step since the stage before."""
+    """A `Stage` a row: first those of the method itself, then those of the rule that replaces it in a step
+    that it does not resolve, (n, 10)."""
     own: int
-    """Number of stages of the method; those behind, if any, make a damped step in its place."""
+    """How many stages are the method's own."""
     start: bool
     """Whether a0 is used; else it is only a first guess, and that of the middle of the step before."""
     resolved: float
@@ -66,30 +90,32 @@ class Dissipative(Scheme):
 
 
 def scheme(
-    *stages: list[float],
+    *stages: Stage,
+    fallback: tuple[Stage, ...] = (),
     start: bool = True,
-    resolved: float = math.inf,
     linear: bool = False,
     dissipative: bool = False,
 ) -> Scheme:
-    """Return a scheme; all have the same types, so that the kernel is compiled once for those of a class.
+    """Return a scheme; all have the same types, so that the kernel is compiled once for each class.
 
     Parameters
     ----------
-    *stages : list of 10 float
-        As in `Scheme.stages`.
-    start, resolved, linear
+    *stages : Stage
+        Of the method itself, one or two.
+    fallback : tuple of Stage
+        Of the rule for steps that the method does not resolve; default none, the method takes all steps.
+    start, linear : bool
         As in `Scheme`; the tolerance is `TRUST` where linear, else `TOLERANCE`.
     dissipative : bool
         Whether it is a `Dissipative` one.
     """
     kind = Dissipative if dissipative else Scheme
     return kind(
-        np.array([*stages, *(DAMPED if resolved < math.inf else ())], dtype=np.float64),
-        len(stages),
-        start,
-        float(resolved),
-        FAR,
-        TRUST if linear else TOLERANCE,
-        linear,
+        stages=np.array([*stages, *fallback], dtype=np.float64),
+        own=len(stages),
+        start=start,
+        resolved=RESOLVED if fallback else math.inf,
+        far=FAR,
+        tolerance=TRUST if linear else TOLERANCE,
+        linear=linear,
     )

@@ -1,4 +1,4 @@
-"""A run of an arm over fixed steps, the whole loop compiled."""
+"""Simulation of an arm with fixed steps in a compiled loop."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
+from soro_core.integrate.causes import describe
 from soro_core.integrate.state import Status
-from soro_core.integrate.stepper import describe, internal_states, run_of, stepping
+from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.pneumatics.chamber import Gas
@@ -21,7 +22,7 @@ from soro_core.pneumatics.valve_model import ValveModel
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Numbers that a run holds; 8 GB of them.
+# Largest number of values in a run, 8 GB.
 MOST_NUMBERS = 1_000_000_000
 
 
@@ -34,6 +35,7 @@ class Result:
     t : (n_t,)
         Time [s], 0 included.
     q, qd : (n_t, n_q)
+        Coordinates and velocities.
     internal : (n_t, n_internal)
         States of creep and hysteresis.
     pressure : (n_t, n_u)
@@ -70,32 +72,33 @@ def simulate(
     Parameters
     ----------
     arm : SoftArm
+        Model.
     q0, qd0 : (n_q,), optional
         Initial state; default straight and at rest.
     t_end, dt : float
-        [s]; the last step is shorter where dt does not divide t_end.
+        Duration and time step [s]; the last step is shorter if dt does not divide t_end.
     integrator : str
-        One of `soro_core.integrate.STEPPERS`; docs/adr/0009 says which is for what.
+        One of `soro_core.integrate.STEPPERS`; docs/adr/0009 compares them.
     pressure : callable, (n_u,) or (n_t, 3, n_u), optional
         Gauge pressures [Pa], with valves their set points: a function of time, constant, or given at the
         start, the middle and the end of every step (the last row is not used); default 0.
     wrench : (6,) or (n_wrenches, 6), optional
-        Constant, as for `SoftArm.forward_dynamics`.
+        Constant wrenches, as in `SoftArm.forward_dynamics`.
     valves : ValveModel, optional
-        Proportional valves on all chambers: the air in each is then a state, whose pressure follows from its
-        mass and from the volume that the arm leaves it (implicit integrators only).
+        Proportional valves on all chambers: the mass of air in each is then a state, and its pressure follows
+        from mass and volume (implicit integrators only).
     pressure0 : (n_u,), optional
         With valves, gauge pressures at the start [Pa]; default 0.
     internal0 : (n_internal,), optional
         Initial states of creep and hysteresis; default 0.
     rtol : float, optional
-        Relative tolerance of the steppers with error control (dopri5), which take steps of their own inside
-        each dt; default 1e-6.
+        Relative tolerance of steppers with error control (dopri5), which divide each dt as needed; default
+        1e-6.
 
     Returns
     -------
     Result
-        Ends early with a status when a step fails; holds no NaN.
+        The run; it ends early with a status if a step fails, and never holds NaN.
 
     Raises
     ------
@@ -131,12 +134,13 @@ def _times(t_end: float, dt: float, most: int) -> Array:
     for name, value, low in (("dt", dt, "above 0"), ("t_end", t_end, "of 0 or more")):
         x = number(value)
         if not (0.0 <= x < math.inf and (x > 0.0 or name == "t_end")):
-            raise ModelError(f"{name} = {short(value)} s: allowed is a number {low}")
+            raise ModelError(f"{name} = {short(value)} s: allowed is a number {low}", name)
     dt, t_end = number(dt), number(t_end)
     if not t_end <= most * dt:
         raise ModelError(
             f"dt = {dt!r} s up to t_end = {t_end!r} s are {t_end / max(dt, 1e-300):.3g} steps: allowed are "
-            f"{most:.3g}, what fits into memory; use a larger dt, or several runs"
+            f"{most:.3g}, what fits into memory; use a larger dt, or several runs",
+            "dt",
         )
     n = int(np.ceil(t_end / dt - 1e-9))
     times: Array = np.arange(n + 1, dtype=np.float64) * dt
@@ -147,14 +151,14 @@ def _times(t_end: float, dt: float, most: int) -> Array:
 def _pressure_table(
     pressure: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n_u: int, whose: str
 ) -> Array:
-    """Pressures at the start, the middle and the end of every step, (n_t, 3, n_u)."""
+    """Return pressures (n_t, 3, n_u) at the start, the middle and the end of every step."""
     table = np.zeros((len(times), 3, n_u))
     if pressure is None:
         return table
     if not callable(pressure):
         try:
             stages = np.ndim(pressure) == 3
-        except ValueError:  # rows of different lengths, which `shaped` tells
+        except ValueError:  # rows of different lengths, which `shaped` refuses
             stages = False
         table[:] = shaped(pressure, table.shape if stages else (n_u,), "pressure", whose)
         return table

@@ -1,4 +1,4 @@
-"""State of an arm in time, and what a step says about itself."""
+"""State of an arm in time, and the status of a step."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ class State:
 
 
 class Status(str):
-    """What happened: the text ``ok``, or one line that says what failed, when, and what to do.
+    """Result of a step: the text ``ok``, or one line with the failure, its time, and a remedy.
 
-    A string that knows whether it is good: ``status.ok``, ``status == "ok"``, ``print(status)``.
+    A string with a property: ``status.ok``, ``status == "ok"``, ``print(status)``.
     """
 
     __slots__ = ()
 
     @property
     def ok(self) -> bool:
-        """True when nothing failed."""
+        """Whether nothing failed."""
         return str(self) == "ok"
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,25 +13,29 @@ from numpy.typing import ArrayLike, NDArray
 from soro_core._box import Box
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, Air, air_behind, air_pressures, initial_air, with_air
+from soro_core.integrate.causes import describe
 from soro_core.integrate.dopri5 import DOPRI5
-from soro_core.integrate.explicit import MAX_STEPS, explicit_run
+from soro_core.integrate.explicit import explicit_run
 from soro_core.integrate.implicit import implicit_run
 from soro_core.integrate.midpoint import MIDPOINT
 from soro_core.integrate.midpoint_linear import MIDPOINT_LINEAR
 from soro_core.integrate.rk4 import RK4
 from soro_core.integrate.scheme import Dissipative, Scheme
 from soro_core.integrate.state import OK, State, Status
-from soro_core.integrate.system import CLOSED, NOT_RESOLVED, TOO_STIFF, make_stepping
+from soro_core.integrate.system import make_stepping
 from soro_core.integrate.tableau import Tableau
 from soro_core.integrate.tr_bdf2 import TR_BDF2
 from soro_core.integrate.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
-from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from soro_core.model.dynamics import GOOD
 from soro_core.pneumatics.chamber import Gas, make_gas
 from soro_core.pneumatics.valve_condition import ValveCondition
 from soro_core.pneumatics.valve_model import ValveModel
+
+if TYPE_CHECKING:
+    from soro_core.integrate.step_derivatives import StepDerivatives, StepRoom
 
 Array: TypeAlias = NDArray[np.float64]
 Run: TypeAlias = Callable[..., tuple[int, int]]
@@ -48,40 +52,11 @@ _SCHEMES: dict[str, Scheme | Tableau] = {
 STEPPERS = tuple(_SCHEMES)
 _IMPLICIT = tuple(name for name, scheme in _SCHEMES.items() if isinstance(scheme, Scheme))
 DISSIPATIVE = tuple(name for name, scheme in _SCHEMES.items() if isinstance(scheme, Dissipative))
-"""Those that gain no energy without input (ADR 0009)."""
-
-_CAUSES = {
-    NOT_FINITE: "the state is not finite, or grew beyond all bounds",
-    COLLAPSED: "a link was compressed to nothing (elongation -1 or less)",
-    SINGULAR: "the equations became singular",
-    NOT_CONVERGED: "Newton's iteration did not converge",
-    BAD_INPUT: "a pressure or wrench is not finite",
-    TOO_STIFF: f"the error control asked for more than {MAX_STEPS} steps in one of length dt",
-    NOT_RESOLVED: "the step is too long for what happens in it",
-    CLOSED: "a chamber was closed to nothing",
-}
-_CURES = {
-    NOT_FINITE: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
-    COLLAPSED: "lower the load or the pressure, raise the axial stiffness, or use a smaller dt"
-    " (with an explicit integrator a much smaller one, or integrator='trapezoidal')",
-    SINGULAR: "use a smaller dt, and check masses and stiffnesses of the robot",
-    NOT_CONVERGED: "use a smaller dt, or integrator='tr_bdf2'",
-    BAD_INPUT: "check the source of the pressures",
-    TOO_STIFF: "the arm is stiff: use integrator='tr_bdf2' or 'trapezoidal', or a larger rtol",
-    NOT_RESOLVED: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
-    CLOSED: "use a smaller dt, or give the chamber a larger volume_m3",
-}
-
-
-def describe(code: int, when: str = "") -> Status:
-    """Status of a kernel's code; `when` is put between what happened and what to do."""
-    if code == GOOD:
-        return OK
-    return Status(f"failed{when}: {_CAUSES[code]}; {_CURES[code]}")
+"""Steppers that gain no energy without input (ADR 0009)."""
 
 
 def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: bool = True) -> Run:
-    """Kernel of the stepper of that name: run(box, times, pressure, wrench, q, v, z) -> (last row, code).
+    """Return the kernel of a stepper: run(box, times, pressure, wrench, q, v, z) -> (last row, code).
 
     Parameters
     ----------
@@ -92,9 +67,8 @@ def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: boo
     air : Gas, optional
         Air behind valves; default none.
     guarded : bool
-        Whether an implicit stepper damps and divides steps that are too long for what happens in them, and a
-        dissipative one takes out energy that it would gain (ADR 0009). Without, a step is one smooth map, as
-        a filter that linearises it needs.
+        Whether an implicit stepper damps and divides steps that do not resolve the motion, and a dissipative
+        one removes gained energy (ADR 0009). False gives a smooth map, which a filter can linearise.
 
     Raises
     ------
@@ -102,43 +76,56 @@ def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: boo
         If there is no such stepper, it takes no such tolerance, or it takes no air.
     """
     if not isinstance(name, str) or name not in STEPPERS:
-        raise ModelError(f"integrator {short(name)}: allowed are {', '.join(STEPPERS)}")
+        raise ModelError(f"integrator {short(name)}: allowed are {', '.join(STEPPERS)}", "integrator")
     scheme = _SCHEMES[name]
     if isinstance(scheme, Scheme):
         if air is not NO_AIR or not guarded:
-            # What passes the valves brings energy along; and what is taken out is no smooth map.
+            # Air through valves carries energy, and the removal of energy is not a smooth map.
             scheme = Scheme(*scheme)
         alone = scheme._replace(resolved=math.inf, far=math.inf)
         run: Run = partial(implicit_run, scheme if guarded else alone, air)
     elif air is not NO_AIR:
         raise ModelError(
-            f"integrator {name!r} with valves: allowed are the implicit ones, {', '.join(_IMPLICIT)}"
+            f"integrator {name!r} with valves: allowed are the implicit ones, {', '.join(_IMPLICIT)}",
+            "integrator",
         )
     else:
         run = partial(explicit_run, scheme if rtol is None else scheme._replace(rtol=number(rtol)))
     if rtol is not None:
         if isinstance(scheme, Scheme) or not scheme.adaptive:
             raise ModelError(
-                f"rtol = {short(rtol)} with integrator {name!r}: allowed is none, its steps are dt"
+                f"rtol = {short(rtol)} with integrator {name!r}: allowed is none, its steps are dt", "rtol"
             )
         if not 1e-14 <= number(rtol) <= 0.1:
-            raise ModelError(f"rtol = {short(rtol)}: allowed is a number from 1e-14 to 0.1")
+            raise ModelError(f"rtol = {short(rtol)}: allowed is a number from 1e-14 to 0.1", "rtol")
     return run
 
 
 def internal_states(arm: SoftArm, air: Air = NO_AIR) -> int:
-    """Count the states of creep and hysteresis, and with air mass and volume of each chamber."""
+    """Return the number of states: creep and hysteresis and, with air, mass and volume of each chamber."""
     return arm.n_internal + (2 * arm.n_u if isinstance(air, Gas) else 0)
 
 
 def stepping(arm: SoftArm, air: Air = NO_AIR) -> Box:
-    """Numbers and workspace for `run_of`; one thread at a time."""
+    """Return tables and workspace for a kernel of `run_of`, for one thread."""
     tables = with_air(arm.tables, arm.n_u) if isinstance(air, Gas) else arm.tables
     return make_stepping(tables, arm.n_q, internal_states(arm, air), arm.n_u)
 
 
 class Stepper:
-    """One integrator on one arm; use `make_stepper`."""
+    """One integrator on one arm; use `make_stepper`.
+
+    Parameters
+    ----------
+    name : str
+        One of `STEPPERS`.
+    arm : SoftArm
+        Model.
+    guarded : bool
+        Whether the step may damp, divide and take out energy, see `run_of`.
+    valves : ValveModel, optional
+        Valves in front of the chambers; without them the pressures are given.
+    """
 
     def __init__(
         self, name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None
@@ -152,13 +139,19 @@ class Stepper:
         self._run = run_of(name, air=self._air, guarded=guarded)
         self._box = stepping(arm, self._air)
         self._n_internal = internal_states(arm, self._air)
+        self._room: StepRoom | None = None
 
     def initial_state(
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None, pressure0: ArrayLike | None = None
     ) -> State:
-        """Return a state with relaxed internal states; default straight and at rest.
+        """Return a state with relaxed internal states.
 
-        With valves, `pressure0` (n_u,) are the gauge pressures in the chambers [Pa], by default 0.
+        Parameters
+        ----------
+        q, qd : (n_q,), optional
+            Coordinates and velocities; default straight and at rest.
+        pressure0 : (n_u,), optional
+            With valves, gauge pressures in the chambers [Pa]; default 0.
         """
         n, name = self.arm.n_q, self.arm.robot.name
         start = np.zeros(n) if q is None else shaped(q, (n,), "q", name)
@@ -173,15 +166,16 @@ class Stepper:
         )
 
     def pressures(self, state: State) -> Array:
-        """Gauge pressures [Pa] (n_u,) of the chambers, with valves a part of the state.
+        """Return the gauge pressures (n_u,) [Pa] of chambers behind valves.
 
         Raises
         ------
         ModelError
-            If there are no valves: the pressures are those given.
+            If there are no valves: the pressures are then given.
         """
         if not isinstance(self._air, Gas):
-            raise ModelError("pressures of a state without valves: allowed is with, else they are given")
+            text = "pressures of a state without valves: allowed is with, else they are given"
+            raise ModelError(text, "valves")
         pressures: Array = air_pressures(self._air, state.internal[None, self.arm.n_internal :])[0]
         return pressures
 
@@ -193,34 +187,35 @@ class Stepper:
         wrench: ArrayLike | None = None,
         condition: ValveCondition | None = None,
     ) -> tuple[State, Status]:
-        """Advance by dt with pressures and wrench held.
+        """Return state and status after dt, with pressures and wrench held.
 
         Parameters
         ----------
         state : State
+            State at the start.
         pressures : (n_u,)
-            Gauge pressures [Pa], with valves their set points.
+            Gauge pressures or, with valves, set points [Pa].
         dt : float
-            [s], above 0.
+            Time step [s], above 0.
         wrench : (6,) or (n_wrenches, 6), optional
-            As for `SoftArm.forward_dynamics`.
+            Wrenches, as in `SoftArm.forward_dynamics`.
         condition : ValveCondition, optional
-            Of the valves, where there are some; default healthy.
+            Faults of the valves; healthy by default.
 
         Returns
         -------
         State, Status
-            On failure the state given, and a status that says why.
+            On failure the state at the start, and the cause as status.
 
         Raises
         ------
         ModelError
-            If a shape is wrong or dt is not above 0. Values that are not finite make a status.
+            If a shape is wrong or dt is not above 0. Values that are not finite give a status instead.
         """
         arm = self.arm
         require(state, State, "state", "a State, as initial_state gives it")
         if not 0.0 < number(dt) < math.inf:
-            raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0")
+            raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0", "dt")
         p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
         w = flat_wrench(arm.robot, wrench)
         # A run of one step: rows are before and after.
@@ -235,17 +230,48 @@ class Stepper:
             return state, describe(code)
         return State(q[1], v[1], z[1]), OK
 
+    def derivatives(
+        self, state: State, pressures: ArrayLike, dt: float, wrench: ArrayLike | None = None
+    ) -> StepDerivatives:
+        """Return the state after `step` and its exact derivatives, docs/model.md (48), (49).
+
+        Parameters
+        ----------
+        state, pressures, dt, wrench : State, (n_u,), float, (6,) or None
+            As in `step`.
+
+        Returns
+        -------
+        StepDerivatives
+            State after the step, and its derivatives by q, qd, internal states and pressures.
+
+        Raises
+        ------
+        ModelError
+            As `step`, and if the step fails; where the arm has no derivatives (`SoftArm.derivatives`); of a
+            linearly implicit stepper; with valves; if the step was damped, divided or corrected (ADR 0009).
+        """
+        from soro_core.integrate.step_derivatives import StepRoom, refuse_underivable
+
+        refuse_underivable(self.name, _SCHEMES[self.name], self._valves)
+        if self._room is None:
+            self._room = StepRoom(self.arm)
+        end, status = self.step(state, pressures, dt, wrench)
+        if not status.ok:
+            raise ModelError(f"derivatives of a step that {status}")
+        return self._room.derive(_SCHEMES[self.name], self._box, state, end, pressures, dt, wrench)
+
     def _run_with(self, condition: ValveCondition | None) -> Run:
         if condition is None:
             return self._run
         if not (isinstance(self._air, Gas) and self._valves is not None):
-            raise ModelError("a condition of valves without valves: allowed is none")
+            raise ModelError("a condition of valves without valves: allowed is none", "condition")
         air = make_gas(self._valves, self._air.volume, condition)
         return run_of(self.name, air=air, guarded=self._guarded)
 
 
 def make_stepper(name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None) -> Stepper:
-    """Return the stepper of that name; `guarded` as in `run_of`, `valves` as in `simulate`.
+    """Return the stepper of a name; parameters as in `Stepper`.
 
     Raises
     ------

@@ -1,8 +1,4 @@
-"""The equation of motion as the steppers see it: its residual, its linear system, its acceleration.
-
-Every stepper goes through the functions of this file, so that how the system is solved can be changed in one
-place.
-"""
+"""The equation of motion for the steppers: residual and linear system, docs/model.md (11) and (34)."""
 
 from __future__ import annotations
 
@@ -26,49 +22,64 @@ Integers: TypeAlias = NDArray[np.int64]
 
 # Codes of the steppers, beside those of `soro_core.model.dynamics`.
 TOO_STIFF, NOT_RESOLVED, CLOSED = 20, 21, 22
-# Largest part of a step's motion, of the scale of q (1 for strains, 1 / L for curvatures), that a stepper
-# without error control may leave to chance.
-RESOLVED = 0.1
-ROWS = 18
+# Largest number of stages of an explicit stepper.
+MOST_STAGES = 8
+# Rows of `StepWork.memory`.
+LATEST, EARLIER = 0, 1
 
 
 class StepWork(NamedTuple):
-    """Arrays that a run allocates once, and what it remembers from step to step."""
+    """Scratch arrays of a run, and its state between steps."""
 
     model: Work
     """Workspace of the model's kernels."""
     system: Work
-    """The same where the system was factored: the factors, and the frames that they belong to."""
+    """Workspace of the factored system: the factors, and the frames that they belong to."""
     tangent: Array
     """d(force)/d(velocity) of each internal state, (n_z,)."""
     residual: Array
     weight: Array
-    """What one unit of each coordinate counts in an error: 1 for a strain, L for a curvature, (n_q,)."""
-    rows: Array
-    """Room for the stages of a step, (ROWS, n_q)."""
-    states: Array
-    """The same for the internal states, (ROWS, n_z)."""
+    """Weight of each coordinate in an error: 1 for a strain, L for a curvature, (n_q,)."""
+    q_start: Array
+    """State at the start of the step, or of the part of it in progress, (n_q,)."""
+    v_start: Array
+    z_start: Array
+    """(n_z,)."""
+    acceleration: Array
+    """Acceleration of an implicit stage; after a step, that of its last stage, (n_q,)."""
+    q_base: Array
+    """Part of an implicit stage's state that is independent of its acceleration, (n_q,)."""
+    v_base: Array
+    q_stage: Array
+    """State at the end of an implicit stage before the last, (n_q,)."""
+    v_stage: Array
+    z_stage: Array
+    """(n_z,)."""
+    stage_acceleration: Array
+    """Accelerations of the stages of an explicit step, (MOST_STAGES, n_q)."""
+    stage_velocity: Array
+    stage_rate: Array
+    """Rates of the internal states at these stages, (MOST_STAGES, n_z)."""
     pressure: Array
     """Pressures of a part of a step, (3, n_u)."""
     stage_pressure: Array
     """Pressures at one stage, (n_u,)."""
     command: Array
-    """What is given for that stage: the pressures themselves, or where there are valves their set points."""
+    """Given pressures of that stage or, with valves, their set points, (n_u,)."""
     pressure_slope: Array
-    """Where there are valves, d(pressure)/d(volume) of each chamber, (n_u,)."""
+    """With valves, d(pressure)/d(volume) of each chamber, (n_u,)."""
     memory: Array
-    """Accelerations kept for the next steps, the latest first, (2, n_q)."""
+    """Accelerations of past steps, rows LATEST and EARLIER, (2, n_q)."""
     known: Integers
-    """How many rows of `memory` hold; one entry."""
+    """Number of valid rows of `memory`; one entry."""
     size: Array
-    """Step that the adaptive stepper would take next [s]; one entry."""
+    """Next step of an adaptive stepper [s]; one entry."""
     energy: Array
-    """Energy that the arm may have at the start of a step [J], inf where there is no bound (see `balance`);
-    one entry."""
+    """Bound of the energy at the start of a step [J], inf without a bound (see `balance`); one entry."""
 
 
 class Stepping(NamedTuple):
-    """What a stepper needs of an arm: its numbers, and room to compute in."""
+    """Tables of an arm and workspace of a run."""
 
     tables: Tables
     work: StepWork
@@ -76,28 +87,38 @@ class Stepping(NamedTuple):
 
 @kernel
 def make_stepping(t: Tables, n_q: int, n_z: int, n_u: int) -> Box:
-    """`Stepping` in a box; one thread at a time."""
+    """Return a `Stepping` in a box, for one thread."""
     weight = np.empty(n_q)
     for i in range(t.length.shape[0]):
         for b in range(t.offset[i], t.offset[i + 1]):
             angular = t.basis[b, 0] != 0.0 or t.basis[b, 1] != 0.0 or t.basis[b, 2] != 0.0
             weight[b] = t.length[i] if angular else 1.0
     work = StepWork(
-        make_work(t),
-        make_work(t),
-        np.empty(n_z),
-        np.empty(n_q),
+        make_work(t),  # model
+        make_work(t),  # system
+        np.empty(n_z),  # tangent
+        np.empty(n_q),  # residual
         weight,
-        np.empty((ROWS, n_q)),
-        np.empty((ROWS, n_z)),
-        np.empty((3, n_u)),
-        np.empty(n_u),
-        np.empty(n_u),
-        np.empty(n_u),
-        np.empty((2, n_q)),
-        np.zeros(1, dtype=np.int64),
-        np.full(1, np.inf),
-        np.full(1, np.inf),
+        np.empty(n_q),  # q_start
+        np.empty(n_q),  # v_start
+        np.empty(n_z),  # z_start
+        np.empty(n_q),  # acceleration
+        np.empty(n_q),  # q_base
+        np.empty(n_q),  # v_base
+        np.empty(n_q),  # q_stage
+        np.empty(n_q),  # v_stage
+        np.empty(n_z),  # z_stage
+        np.empty((MOST_STAGES, n_q)),  # stage_acceleration
+        np.empty((MOST_STAGES, n_q)),  # stage_velocity
+        np.empty((MOST_STAGES, n_z)),  # stage_rate
+        np.empty((3, n_u)),  # pressure
+        np.empty(n_u),  # stage_pressure
+        np.empty(n_u),  # command
+        np.empty(n_u),  # pressure_slope
+        np.empty((2, n_q)),  # memory
+        np.zeros(1, dtype=np.int64),  # known
+        np.full(1, np.inf),  # size
+        np.full(1, np.inf),  # energy
     )
     return Box(Stepping(t, work))
 
@@ -120,7 +141,7 @@ def force_residual(
     With `bodies` = YES `factor` may follow: one pass along the links gives the forces and the inertia.
     """
     inverse_dynamics(t, w, wrench, q, v, a, bodies, r)
-    force = w.rows[2]
+    force = w.applied
     applied_force(t, q, v, z, pressure, force)
     for b in range(q.shape[0]):
         r[b] = force[b] - r[b]
@@ -143,15 +164,14 @@ def factor(
 ) -> bool:
     """Factor M + by_v (R + diag(tangent)) + by_q (d2U_e/dq2 - d(H p)/dq) + the tangents of contact.
 
-    Gives False where it is not positive. The pressures are constant without air, else they fall by `slope`
-    with the volumes.
+    Gives False if the sum is not positive definite. Pressures are constant without air, else they change with
+    the volumes by `slope`.
 
-    That is the approximate Hessian of [C22, App. C]: the derivatives of M, C and G are left out. `tangent`
-    has an entry for each internal state, which counts at the coordinate that drags the state along.
-    `diagonal` above 0 keeps of everything but M the diagonal alone, without negative entries, so that the sum
-    is positive definite. `secant` = 1: friction by its ratio to velocity, see
-    `soro_core.model.contact`. Needs `force_residual` with bodies at the same q, v in the same workspace;
-    `solve_system` follows.
+    This is the approximate Hessian of docs/model.md (34), without the derivatives of M, C and G. `tangent`
+    has an entry for each internal state, added at the coordinate that drives the state. `diagonal` above 0
+    keeps only the non-negative diagonal of all terms but M, so that the sum is positive definite. `secant` =
+    1 takes friction by its ratio to velocity, see `soro_core.model.contact`. Needs `force_residual` with
+    bodies at the same q, v in the same workspace; `solve_system` follows.
     """
     for b in range(q.shape[0]):
         for d in range(w.block.shape[1]):
@@ -159,7 +179,7 @@ def factor(
     if by_q != 0.0:
         add_stiffness(t, q, by_q, w.block)
         add_pressure_stiffness(t, q, pressure, by_q, w.block)
-        add_air_stiffness(air, t, q, slope, by_q, w.rows[2], w.block)
+        add_air_stiffness(air, t, q, slope, by_q, w.gradient, w.block)
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         for j in range(tangent.shape[0]):
@@ -183,7 +203,7 @@ def interpolate(pressure: Array, s: float, out: Array) -> None:
 
 @inner
 def jumps(before: Array, after: Array) -> bool:
-    """Tell whether the pressures at the end of one step (3, n_u) are not those at the start of the next."""
+    """Whether the pressures at the end of one step (3, n_u) are not those at the start of the next."""
     differs = False
     for u in range(after.shape[1]):
         differs = differs or after[0, u] != before[2, u]

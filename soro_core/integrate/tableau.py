@@ -1,4 +1,4 @@
-"""What makes one explicit Runge-Kutta method differ from another: its tableau.
+"""Tableaus of the explicit Runge-Kutta methods, parameters of one kernel.
 
 Feeds kernels: the cache of soro_core._jit depends on this file too.
 """
@@ -14,18 +14,18 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 class Tableau(NamedTuple):
-    """Butcher's tableau, with the weights of the new state as the last row of the matrix."""
+    """Butcher tableau; the last row of the matrix holds the weights of the new state."""
 
     nodes: Array
     """Places of the stages in the step, (n,)."""
     matrix: Array
     """(n + 1, n)."""
     error: Array
-    """Weights of the error: those of the new state less those of a lower order, (n,)."""
+    """Weights of the error: those of the new state minus those of a lower order, (n,)."""
     adaptive: bool
-    """Whether the error controls the step; else it only stops a run that it shows to be nonsense."""
+    """Whether the error controls the step; else a large error only ends the run."""
     same: bool
-    """Whether the last stage is the new state, so that the next step finds its first stage done."""
+    """Whether the last stage is the new state, and so the first stage of the next step."""
     rtol: float
     """Relative tolerance of the error of one step."""
 
@@ -33,7 +33,19 @@ class Tableau(NamedTuple):
 def tableau(
     nodes: list[float], matrix: list[list[float]], error: list[float], rtol: float | None = None
 ) -> Tableau:
-    """Return a tableau from the rows of its triangle, the weights last; with `rtol` an adaptive one."""
+    """Return a tableau.
+
+    Parameters
+    ----------
+    nodes : list of n float
+        Places of the stages in the step.
+    matrix : list of n lists of float
+        Rows of the triangle from the second stage on, then the weights of the new state.
+    error : list of n float
+        Weights of the new state minus those of a lower order.
+    rtol : float, optional
+        Relative tolerance of one step; default none, the method is not adaptive.
+    """
     n = len(nodes)
     square = np.zeros((n + 1, n))
     for row, values in zip(square[1:], matrix, strict=True):

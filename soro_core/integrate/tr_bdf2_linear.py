@@ -1,9 +1,10 @@
 """Linearly-implicit TR-BDF2: one evaluation of the forces and one factorisation in each of its two stages.
 
-To TR-BDF2 what `midpoint_linear` is to the midpoint rule, and of order 2 for the same reason: half the cost,
-as robust where the arm is stiff.
+One Newton iteration of TR-BDF2 for each stage, of order 2 for the same reason as `midpoint_linear`: half the
+cost, and as robust for stiff arms.
 """
 
-from soro_core.integrate.scheme import DAMPED, scheme
+from soro_core.integrate.scheme import scheme
+from soro_core.integrate.tr_bdf2 import STAGES
 
-TR_BDF2_LINEAR = scheme(*DAMPED, linear=True, dissipative=True)
+TR_BDF2_LINEAR = scheme(*STAGES, linear=True, dissipative=True)

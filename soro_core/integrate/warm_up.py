@@ -1,4 +1,4 @@
-"""Compiling ahead, so that no control loop ever does."""
+"""Compilation of kernels before a control loop starts."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from soro_core.model import SoftArm
 
 
 def warm_up(arm: SoftArm, steppers: tuple[str, ...] = ("trapezoidal",)) -> None:
-    """Compile (or load from the cache) every kernel that `arm` and the steppers call.
+    """Compile all kernels that `arm` and the steppers call, or load them from the cache.
 
     Parameters
     ----------
     arm : SoftArm
+        Model.
     steppers : tuple of str
-        Names out of `soro_core.integrate.STEPPERS`. Those that dissipate (`tr_bdf2`, `tr_bdf2_linear`) share
-        one kernel, all other implicit ones another, all explicit ones a third: what one compiles serves the
-        rest of its kind.
+        Names in `soro_core.integrate.STEPPERS`. There are three kernels: of the dissipative steppers
+        (`tr_bdf2`, `tr_bdf2_linear`), of all other implicit ones, and of all explicit ones.
     """
     q, p = np.zeros(arm.n_q), np.zeros(arm.n_u)
     arm.inertia_matrix(q)

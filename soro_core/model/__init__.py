@@ -1,4 +1,4 @@
-"""Dynamics of a chain of constant-strain links; `SoftArm` is the front."""
+"""Dynamics of an arm as a chain of Cosserat rods (PCC, PCS, GVS: docs/model.md); `SoftArm` is the front."""
 
 from soro_core.model.soft_arm import SoftArm
 

@@ -1,8 +1,8 @@
 """The chain of links as joints: its factors at a cost that grows linearly with the links.
 
 With the inertia of every link by itself (`sweep`), the joint is the link's own deformation: its 6 x m
-columns E at the end take the place of a joint's axis in the articulated-body algorithm (Featherstone, Rigid
-Body Dynamics Algorithms, 2008, chapter 7). A matrix that is block-diagonal by links may be added to M, so
+columns E at the end take the place of a joint's axis in the articulated-body algorithm [F08, chapter 7],
+docs/model.md (14). A matrix that is block-diagonal by links may be added to M, so
 that the same factors solve the implicit steppers' systems.
 """
 
@@ -18,7 +18,7 @@ from soro_core._jit import inner
 from soro_core.model.lie import dot6, to_body, wrench_to_parent
 from soro_core.model.linear import assign, clear, clear_matrix
 from soro_core.model.tables import Tables
-from soro_core.model.work import Work
+from soro_core.model.work import JOINT_ACCELERATION, JOINT_WRENCH, Work
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -84,14 +84,14 @@ def inertia_to_parent(R: Array, p: Array, N: Array, T: Array) -> None:
 def factor(t: Tables, w: Work, added: float) -> bool:
     """Factor M, with w.block if `added` > 0, from the bodies of `sweep`; False: not positive definite."""
     n = t.length.shape[0]
-    beyond, T = w.matrix6[0], w.matrix6[1]
+    beyond, T = w.beyond, w.rotated
     clear_matrix(beyond)
     for i in range(n - 1, -1, -1):
         first = t.offset[i]
         m = t.offset[i + 1] - first
-        D, K, U, E, F, N = w.mass[i], w.gain[i], w.force[i], w.end[i], w.coupling[i], w.inertia[i]
+        D, K, U, E, F, N = w.mass[i], w.gain[i], w.force[i], w.end_columns[i], w.coupling[i], w.inertia[i]
         if i < n - 1:
-            inertia_to_parent(w.rotation[i], w.position[i], beyond, T)
+            inertia_to_parent(w.end_rotation[i], w.end_position[i], beyond, T)
             for j in range(m):
                 for r in range(6):
                     U[j, r] = dot6(beyond[r], E[j])
@@ -106,7 +106,7 @@ def factor(t: Tables, w: Work, added: float) -> bool:
             for j in range(m):
                 for e in range(j + 1):
                     D[j, e] += w.block[first + j, e]
-        if not _cholesky(m, D):
+        if not cholesky(m, D):
             return False
         if i > 0:
             _cholesky_rows(m, D, U, K)
@@ -129,15 +129,15 @@ def factor(t: Tables, w: Work, added: float) -> bool:
 def solve(t: Tables, w: Work, x: Array) -> None:
     """x <- (M + block)^-1 x with the factors of `factor`."""
     n = t.length.shape[0]
-    f, A = w.vectors[6], w.vectors[7]
+    f, A = w.vectors[JOINT_WRENCH], w.vectors[JOINT_ACCELERATION]
     clear(f)
     for i in range(n - 1, -1, -1):
         first = t.offset[i]
         m = t.offset[i + 1] - first
         if i < n - 1:
-            wrench_to_parent(w.rotation[i], w.position[i], f)
+            wrench_to_parent(w.end_rotation[i], w.end_position[i], f)
             for j in range(m):
-                x[first + j] -= dot6(w.end[i, j], f)
+                x[first + j] -= dot6(w.end_columns[i, j], f)
         _cholesky_vector(m, w.mass[i], x, first)
         for j in range(m):
             for r in range(6):
@@ -150,14 +150,14 @@ def solve(t: Tables, w: Work, x: Array) -> None:
                 x[first + j] -= dot6(w.gain[i, j], A)
         for j in range(t.offset[i + 1] - first):
             for r in range(6):
-                A[r] += w.end[i, j, r] * x[first + j]
+                A[r] += w.end_columns[i, j, r] * x[first + j]
         if i < n - 1:
-            to_body(w.rotation[i], w.position[i], A)
+            to_body(w.end_rotation[i], w.end_position[i], A)
 
 
 @inner
-def _cholesky(m: int, D: Array) -> bool:
-    """D <- its lower factor, in place."""
+def cholesky(m: int, D: Array) -> bool:
+    """D (m, m) <- its lower factor, with reciprocals on the diagonal; False: not positive definite."""
     for j in range(m):
         d = D[j, j]
         for k in range(j):
@@ -176,7 +176,7 @@ def _cholesky(m: int, D: Array) -> bool:
 
 @inner
 def _cholesky_rows(m: int, D: Array, U: Array, K: Array) -> None:
-    """K <- D^-1 U (m, 6) with the factor of `_cholesky`."""
+    """K <- D^-1 U (m, 6) with the factor of `cholesky`."""
     for i in range(m):
         assign(U[i], K[i])
         for k in range(i):
@@ -194,7 +194,7 @@ def _cholesky_rows(m: int, D: Array, U: Array, K: Array) -> None:
 
 @inner
 def _cholesky_vector(m: int, D: Array, x: Array, first: int) -> None:
-    """Solve for x[first : first + m] with the factor of `_cholesky`."""
+    """Solve for x[first : first + m] with the factor of `cholesky`."""
     for i in range(m):
         y = x[first + i]
         for k in range(i):

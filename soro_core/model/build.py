@@ -11,6 +11,7 @@ from soro_core.model.build_external import external_table, find, places_of, with
 from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
 from soro_core.robot.basis import shape_means, shape_values, strain_rows
+from soro_core.rotation import matrix_from_quaternion
 
 Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
@@ -26,13 +27,23 @@ _COLUMN = {
     "shear_y": (4, 1.0),
     "elongation": (5, 1.0),
 }
-# Where on a sub-interval the strain is looked at: Gauss points, and the stages of Ralston's rule.
+# Where on a sub-interval the strain is evaluated: Gauss points, and the stages of Ralston's rule.
 MAGNUS = np.array([0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0])
 RALSTON = np.array([0.0, 2.0 / 3.0])
 
 
 def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
-    """Flatten a robot. `nodes` Gauss-Radau nodes a link, `steps` of `mde` a link."""
+    """Flatten a robot into the arrays that the kernels read.
+
+    Parameters
+    ----------
+    robot : Robot
+    method : {"exact", "mde"}
+    nodes : int
+        Gauss-Radau nodes a link.
+    steps : int
+        Steps of `mde` a link.
+    """
     links = robot.links
     offset = np.concatenate(([0], np.cumsum([link.n_q for link in links]))).astype(np.int64)
     basis = np.zeros((robot.n_q, 6))
@@ -42,13 +53,13 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     places, weights, point_mass = with_masses(robot, *radau(nodes))
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
-    looks, actuation, area_rate, axial_gain = _chambers(robot, offset, places, weights)
+    samples, actuation, area_rate, axial_gain = _chambers(robot, offset, places, weights)
     kind = MdeTables if method == "mde" else Tables
     tables = kind(
         steps=steps,
         offset=offset,
         basis=basis,
-        varying=np.array([_varies(link) for link in links]),
+        varying=np.array([link.varies for link in links]),
         fraction=fraction,
         shape=np.ascontiguousarray(
             _shapes(robot, points.ravel()).reshape(robot.n_q, *points.shape).transpose(1, 0, 2)
@@ -61,7 +72,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         tip_mass=float(robot.tip_mass),
         point_mass=point_mass,
         gravity=np.array(robot.gravity, dtype=np.float64),
-        base_rotation=rotation_matrix(robot.base_quaternion),
+        base_rotation=matrix_from_quaternion(np.array(robot.base_quaternion)),
         base_position=np.array(robot.base_position, dtype=np.float64),
         nodes=places,
         weights=weights,
@@ -72,7 +83,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
             [link_stiffness(link, factor) for link, factor in zip(links, shear_factors(robot), strict=True)]
         ),
         damping=_blocks([link_damping(link) for link in links]),
-        looks=looks,
+        chamber_samples=samples,
         actuation=actuation,
         area_rate=area_rate,
         axial_gain=axial_gain,
@@ -105,12 +116,31 @@ def radau(n: int) -> tuple[Array, Array]:
 
 
 def find_site(robot: Robot, t: Tables, s: float) -> Site:
-    """Look up the place `s` metres along the arm."""
+    """Look up a place of the arm.
+
+    Parameters
+    ----------
+    robot : Robot
+    t : Tables
+        Of this robot.
+    s : float
+        Undeformed arc length from the base of the arm [m].
+    """
     return build_site(robot, t, *find(robot, s))
 
 
 def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
-    """Look up the place so many metres along a link."""
+    """Look up a place of a link.
+
+    Parameters
+    ----------
+    robot : Robot
+    t : Tables
+        Of this robot.
+    link : int
+    place : float
+        Undeformed arc length from the base of the link [m].
+    """
     length = robot.links[link].length
     ends = np.concatenate(([0.0], np.cumsum(t.fraction))) * length
     whole = min(int(np.searchsorted(ends, place, side="right")) - 1, len(t.fraction) - 1)
@@ -125,14 +155,14 @@ def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
 def _chambers(
     robot: Robot, offset: Integers, places: Array, weights: Array
 ) -> tuple[Integers, Array, Array, Array]:
-    """Looks, actuation, area rates and axial gains of `Tables`.
+    """Numbers of samples, actuation, area rates and axial gains of `Tables`.
 
     A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on
-    every unit of undeformed length that it runs along (theory.md section 3).
+    every unit of undeformed length that it runs along, docs/model.md (23).
     """
     at, shares = places[weights > 0.0], weights[weights > 0.0]
     n = len(robot.links)
-    looks = np.zeros((n, robot.n_u), dtype=np.int64)
+    samples = np.zeros((n, robot.n_u), dtype=np.int64)
     actuation = np.zeros((len(at), robot.n_q, robot.n_u))
     area_rate = np.zeros((len(at), n, robot.n_u))
     axial_gain = np.zeros((n, robot.n_u))
@@ -158,33 +188,17 @@ def _chambers(
                     "bending_y": -bending * np.sin(chamber.angle_rad),
                 }
                 share, shape = np.ones(1), shape_means(link)[None]
-                if chamber.area_slope != 0.0 and _varies(link):
+                if chamber.area_slope != 0.0 and link.varies:
                     share, shape = shares, shares[:, None] * shape_values(link, at * link.length).T
                 k = len(share)
                 unit = np.array([gains.get(name, 0.0) for name in strain_rows(link)])
                 actuation[:k, offset[i] : offset[i + 1], u] = unit * shape
                 if chamber.area_slope != 0.0:
                     area_rate[:k, i, u] = chamber.area_slope / (share * axial)
-                looks[i, u] = k
+                samples[i, u] = k
                 axial_gain[i, u] = axial
-    most = looks.max(initial=1)
-    return looks, actuation[:most], area_rate[:most], axial_gain
-
-
-def rotation_matrix(quaternion: tuple[float, ...]) -> Array:
-    """Rotation matrix of a quaternion (x, y, z, w), normalised here so that it is orthogonal to round-off."""
-    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _varies(link: Link) -> bool:
-    return any(strain.basis != "constant" for strain in link.strains.values())
+    most = samples.max(initial=1)
+    return samples, actuation[:most], area_rate[:most], axial_gain
 
 
 def _columns(link: Link, first: int) -> list[list[int]]:

@@ -28,9 +28,19 @@ def find(robot: Robot, s: float) -> tuple[int, float]:
 
 
 def with_masses(robot: Robot, nodes: Array, weights: Array) -> tuple[Array, Array, Array]:
-    """Quadrature nodes and weights with a node more at each point mass, and the mass at each, (n, n_nodes).
+    """Add a quadrature node of weight 0 at each point mass; all links get the nodes of all.
 
-    A node of weight 0 integrates nothing; all links have the nodes of all.
+    Parameters
+    ----------
+    robot : Robot
+    nodes, weights : (n_nodes,)
+        On 0 ... 1.
+
+    Returns
+    -------
+    nodes, weights : (n_all,)
+    masses : (n_links, n_all)
+        Point mass at each node of each link [kg].
     """
     found = [(*find(robot, point.place), point.mass) for point in robot.point_masses]
     marks = [(link, place / robot.links[link].length, mass) for link, place, mass in found]
@@ -67,7 +77,17 @@ def places_of(robot: Robot) -> list[tuple[int, float, int]]:
 def external_table(
     robot: Robot, sites: list[tuple[int, float, int, int, float, Array]], n_q: int
 ) -> External:
-    """Table of places: link, place, kind, whole sub-intervals before it, metres beyond, shape functions."""
+    """Table of the places where something acts from outside, and of what acts there.
+
+    Parameters
+    ----------
+    robot : Robot
+    sites : list of tuple
+        Outward along the arm: link, metres from its base, kind, whole sub-intervals before the place, metres
+        beyond them, shape functions (n_q, 2) on these.
+    n_q : int
+        Number of coordinates.
+    """
     link = np.array([site[0] for site in sites], dtype=np.int64)
     kind = External if sites else NoExternal
     return kind(

@@ -1,4 +1,4 @@
-"""Chambers: the generalised force of their pressures, H(q) p (theory.md section 3).
+"""Chambers: the generalised force of their pressures, H(q) p, docs/model.md (23) to (26).
 
 A chamber that runs along link i has there the fibre strain delta = eps - r_b (kx cos phi + ky sin phi), and
 its area is A exp(area_slope delta) [fitted on measured bellows, whose area changes with their extension],
@@ -9,7 +9,7 @@ section by section. The force is p times the gradient of the chamber's volume,
 
 so that it stays conservative at constant pressure. The integrals are sums over the nodes of the link. At each
 the tables have the gradient of what a constant area would displace there, so that A delta is its product with
-q; a constant strain and a constant area are looked at once, for the whole link.
+q. Where the strain or the area is constant, one sample stands for the whole link.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 @inner
 def _displaced(t: Tables, i: int, u: int, k: int, q: Array) -> float:
-    """Volume that a constant area displaces at look k of chamber u along link i [m^3]."""
+    """Volume that a constant area displaces at sample k of chamber u along link i [m^3]."""
     volume = 0.0
     for c in range(t.offset[i], t.offset[i + 1]):
         volume += t.actuation[k, c, u] * q[c]
@@ -47,7 +47,7 @@ def _growth(t: Tables, i: int, u: int, k: int, q: Array) -> float:
 @inner
 def add_gradient(t: Tables, i: int, u: int, q: Array, factor: float, force: Array) -> None:
     """force += factor * dV/dq of chamber u along link i (n_q,)."""
-    for k in range(t.looks[i, u]):
+    for k in range(t.chamber_samples[i, u]):
         scaled = factor * _growth(t, i, u, k, q)
         for c in range(t.offset[i], t.offset[i + 1]):
             force[c] += scaled * t.actuation[k, c, u]
@@ -59,7 +59,7 @@ def actuation(t: Tables, q: Array, gradients: Array) -> None:
     clear_matrix(gradients)
     for i in range(t.length.shape[0]):
         for u in range(gradients.shape[0]):
-            if t.looks[i, u] > 0:
+            if t.chamber_samples[i, u] > 0:
                 add_gradient(t, i, u, q, 1.0, gradients[u])
 
 
@@ -69,7 +69,7 @@ def volumes(t: Tables, q: Array, volume: Array) -> None:
     for u in range(volume.shape[0]):
         volume[u] = 0.0
         for i in range(t.length.shape[0]):
-            for k in range(t.looks[i, u]):
+            for k in range(t.chamber_samples[i, u]):
                 rate, plain = t.area_rate[k, i, u], _displaced(t, i, u, k, q)
                 volume[u] += math.expm1(rate * plain) / rate if rate != 0.0 else plain
 
@@ -79,8 +79,8 @@ def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> No
     """force += H(q) p."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
-            # Most pairs of a long arm do not meet, and a call costs more than asking.
-            if t.looks[i, u] > 0:
+            # In a long arm most chambers run along few links, and a call costs more than this test.
+            if t.chamber_samples[i, u] > 0:
                 add_gradient(t, i, u, q, pressure[u], force)
 
 
@@ -89,7 +89,7 @@ def add_pressure_stiffness(t: Tables, q: Array, pressure: Array, factor: float, 
     """K -= factor * d(H(q) p)/dq, the block of each link (n_q, width); nothing for constant areas."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
-            for k in range(t.looks[i, u]):
+            for k in range(t.chamber_samples[i, u]):
                 rate = t.area_rate[k, i, u]
                 if rate == 0.0:
                     continue

@@ -25,6 +25,7 @@ REASONS = {
     dynamics.NOT_CONVERGED: "Newton's iteration did not converge",
     dynamics.BAD_INPUT: "a pressure or wrench is not finite",
 }
+_KEYS = {dynamics.COLLAPSED: "elongation", dynamics.SINGULAR: "inertia matrix"}
 
 
 def number(value: object) -> float:
@@ -42,13 +43,22 @@ def number(value: object) -> float:
 def require(value: object, wanted: Any, name: str, allowed: str) -> None:
     """Refuse an object of another type.
 
+    Parameters
+    ----------
+    value : object
+    wanted : type or union of types
+    name : str
+        Of the argument, for the message.
+    allowed : str
+        What is allowed, for the message.
+
     Raises
     ------
     ModelError
         One line.
     """
     if not isinstance(value, wanted):
-        raise ModelError(f"{name}: got {short(value)}; allowed: {allowed}")
+        raise ModelError(f"{name}: got {short(value)}; allowed: {allowed}", name)
 
 
 def listed(array: Array) -> str:
@@ -57,14 +67,40 @@ def listed(array: Array) -> str:
 
 
 def fault(code: int, q: Array, qd: Array) -> ModelError:
-    """Return the error of a kernel's code at a state."""
-    return ModelError(f"{REASONS[code]} (q = {listed(q)}, qd = {listed(qd)})")
+    """Return the error of a kernel's code at a state.
+
+    Parameters
+    ----------
+    code : int
+        A key of `REASONS`.
+    q, qd : (n_q,)
+        Coordinates and velocities.
+    """
+    key = _KEYS.get(code) or ("qd" if np.isfinite(q).all() else "q")
+    return ModelError(f"{REASONS[code]} (q = {listed(q)}, qd = {listed(qd)})", key)
+
+
+def dimensions(values: ArrayLike) -> int:
+    """Return the number of axes, 1 for rows of different lengths, which `shaped` refuses."""
+    try:
+        return np.ndim(values)
+    except ValueError:
+        return 1
 
 
 def shaped(values: ArrayLike, shape: tuple[int, ...], name: str, whose: str) -> Array:
     """Return a copy of the values as an array of that shape.
 
     A copy, so that kernels never see a read-only or strided array (each would be compiled for anew).
+
+    Parameters
+    ----------
+    values : array_like
+    shape : tuple of int
+    name : str
+        Of the argument, for the message.
+    whose : str
+        Name of the robot, for the message.
 
     Raises
     ------
@@ -75,9 +111,11 @@ def shaped(values: ArrayLike, shape: tuple[int, ...], name: str, whose: str) -> 
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         count = " x ".join(str(n) for n in shape)
-        raise ModelError(f"{name}: got {short(values)}, allowed are {count} numbers for {whose}") from None
+        raise ModelError(
+            f"{name}: got {short(values)}, allowed are {count} numbers for {whose}", name
+        ) from None
     if array.shape != shape:
-        raise ModelError(f"{name} has shape {array.shape}, allowed is {shape} for {whose}")
+        raise ModelError(f"{name} has shape {array.shape}, allowed is {shape} for {whose}", name)
     return array
 
 
@@ -90,7 +128,7 @@ def finite(array: Array, name: str) -> Array:
         If it is not.
     """
     if not entries.finite(array):
-        raise ModelError(f"{name} is not finite: {listed(array)}")
+        raise ModelError(f"{name} is not finite: {listed(array)}", name)
     return array
 
 
@@ -112,6 +150,14 @@ def flat_wrench(robot: Robot, wrench: ArrayLike | None) -> Array:
 def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: object) -> None:
     """Refuse what is not a robot or a method, and what a method does not have.
 
+    Parameters
+    ----------
+    robot : Robot
+    method : object
+        Allowed are "exact" and "mde".
+    nodes, steps : object
+        Allowed are whole numbers, `nodes` with "exact" and `steps` with "mde", and None.
+
     Raises
     ------
     ModelError
@@ -119,7 +165,7 @@ def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: objec
     """
     require(robot, Robot, "robot", "a Robot, from load_robot or robot_from_dict")
     if not isinstance(method, str) or method not in ("exact", "mde"):
-        raise ModelError(f"method {short(method)}: allowed are exact, mde")
+        raise ModelError(f"method {short(method)}: allowed are exact, mde", "method")
     for name, value, owner, least, most in (
         ("nodes", nodes, "exact", 2, MOST_NODES),
         ("steps", steps, "mde", 1, MOST_STEPS),
@@ -128,12 +174,27 @@ def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: objec
             continue
         if not isinstance(value, Integral) or isinstance(value, bool) or not least <= int(value) <= most:
             raise ModelError(
-                f"{name} {short(value)}: allowed is a whole number of {least} or more, up to {most}"
+                f"{name} {short(value)}: allowed is a whole number of {least} or more, up to {most}", name
             )
         if method != owner:
             raise ModelError(
-                f"{name} {short(value)}: allowed with method {owner!r} only, not with {method!r}"
+                f"{name} {short(value)}: allowed with method {owner!r} only, not with {method!r}", name
             )
     for key in ("point_masses", "wrench_places", "contacts", "tip_constraint"):
         if method == "mde" and getattr(robot, key):
-            raise ModelError(f"{robot.name}: method 'mde' has no {key}; allowed is method 'exact'")
+            raise ModelError(f"{robot.name}: method 'mde' has no {key}; allowed is method 'exact'", key)
+
+
+def refuse_underivable(robot: Robot, method: str) -> None:
+    """Refuse what has no derivatives.
+
+    Raises
+    ------
+    ModelError
+        One line that names the key.
+    """
+    if method != "exact":
+        raise ModelError(f"{robot.name}: derivatives with method {method!r}: allowed is 'exact'", "method")
+    for key in ("wrench_places", "contacts", "tip_constraint"):
+        if getattr(robot, key):
+            raise ModelError(f"{robot.name}: derivatives with {key}: allowed is a robot without", key)

@@ -1,11 +1,10 @@
 """Law of one point against one obstacle: compliant normal force, regularised Coulomb friction.
 
-With the depth d, the normal n out of the obstacle and the velocity u of the point that touches,
-N = k d max(0, 1 - c n.u) (Hunt, Crossley, Coefficient of restitution interpreted as damping in vibroimpact,
-1975, with exponent 1): continuous, zero where the contact opens, never pulling. With the slip v = u - n n.u,
-friction is -mu N v / sqrt(|v|^2 + v_s^2): smooth through rest and dissipative always; under a load below
-its limit the point creeps at less than some v_s. A row of obstacles: point or centre, normal, k, c, mu, v_s,
-radius (below 0: a plane).
+With the depth d, the normal n out of the obstacle and the velocity u of the point that touches, N = k d
+max(0, 1 - c n.u) ([HC75] with exponent 1): continuous, zero where the contact opens, never pulling. With
+the slip v = u - n n.u, friction is -mu N v / sqrt(|v|^2 + v_s^2): smooth through rest and dissipative
+always; under a load below its limit the point creeps at less than some v_s. A row of obstacles: point or
+centre, normal, k, c, mu, v_s, radius (below 0: a plane).
 """
 
 from __future__ import annotations

@@ -15,5 +15,5 @@ def discretised(robot: Robot, model: Discretisation) -> SoftArm:
         If the robot cannot be split or expanded in that way.
     """
     return SoftArm(
-        model.shape(robot), method=model.method, nodes=model.nodes or None, steps=model.steps or None
+        model.discretise(robot), method=model.method, nodes=model.nodes or None, steps=model.steps or None
     )

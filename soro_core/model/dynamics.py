@@ -1,4 +1,4 @@
-"""Kernels that join the terms: the equation of motion by either method (theory.md section 3)."""
+"""Kernels that join the terms: the equation of motion by either method, docs/model.md (11)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from soro_core._jit import inner
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.elasticity import elastic_force
 from soro_core.model.internal import add_internal_force
-from soro_core.model.local import local_strain, looks
+from soro_core.model.local import local_strain, n_samples
 from soro_core.model.method import acceleration
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
 Array: TypeAlias = NDArray[np.float64]
 
-# What a kernel says about a state.
+# Codes of the kernels.
 GOOD, NOT_FINITE, COLLAPSED, SINGULAR, NOT_CONVERGED, BAD_INPUT = 0, 1, 2, 3, 4, 5
 
 
@@ -32,7 +32,7 @@ def check(t: Tables, q: Array, qd: Array) -> int:
     for i in range(t.length.shape[0]):
         if t.columns[i, 0, 0] == t.columns[i, 0, 1]:
             continue
-        for k in range(looks(t, i)):
+        for k in range(n_samples(t, i)):
             if not 1.0 + local_strain(t, i, 0, k, q) > 0.0:
                 return COLLAPSED
     return GOOD
@@ -76,7 +76,7 @@ def forward_dynamics(
     code = check(t, q, qd)
     if code != GOOD:
         return code
-    force = w.rows[2]
+    force = w.applied
     applied_force(t, q, qd, z, pressure, force)
     if not acceleration(t, w, wrench, q, qd, force, qdd):
         return SINGULAR

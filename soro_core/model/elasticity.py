@@ -1,4 +1,4 @@
-"""Elastic force as the gradient of a potential, its Hessian, and its features (theory.md section 3).
+"""Elastic force as the gradient of a potential, its Hessian and its features, docs/model.md (16) to (18).
 
 U = int_0^x k_e(s) s ds + int_0^beta k_b(s) s ds, x = eps L, with k(s) = a1 + a2 (tanh^2(a3 s) - 1); or a
 quadratic form of the coordinates from a material. The bending part is written in w = beta^2 / 2, which is
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.linear import clear_matrix
-from soro_core.model.local import local_strain, looks, weight
+from soro_core.model.local import local_strain, n_samples, weight
 from soro_core.model.tables import DEFORMED, Tables
 
 Array: TypeAlias = NDArray[np.float64]
@@ -75,7 +75,7 @@ def elastic_force(t: Tables, q: Array, force: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(looks(t, i)):
+        for k in range(n_samples(t, i)):
             share, x, _, w, slope = _bend(t, i, k, q)
             k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * w))
             axial = _secant(law[0], law[1], law[2], x) * x * t.length[i]
@@ -97,7 +97,7 @@ def elastic_energy(t: Tables, q: Array) -> float:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(looks(t, i)):
+        for k in range(n_samples(t, i)):
             share, x, _, w, _ = _bend(t, i, k, q)
             energy += share * _law_energy(law[0], law[1], law[2], x)
             energy += share * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * w))
@@ -135,7 +135,7 @@ def add_stiffness(t: Tables, q: Array, factor: float, K: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(looks(t, i)):
+        for k in range(n_samples(t, i)):
             share = factor * weight(t, i, k)
             for r in range(3):
                 for e in range(3):
@@ -153,7 +153,7 @@ def elastic_regressor(t: Tables, q: Array, Y: Array) -> None:
         law = t.law[i]
         if law[0] == 0.0 and law[3] == 0.0:
             continue
-        for k in range(looks(t, i)):
+        for k in range(n_samples(t, i)):
             share, x, _, w, slope = _bend(t, i, k, q)
             axial = _secant(0.0, 1.0, law[2], x) * x * t.length[i]
             feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * w))

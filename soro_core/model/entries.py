@@ -1,4 +1,4 @@
-"""What Python calls of the model: short compiled functions of an arm in its box."""
+"""Entry points of the model from Python: short compiled functions that take an arm in its box."""
 
 from __future__ import annotations
 
@@ -94,9 +94,23 @@ def mechanical_energy(box: Box, q: Array, qd: Array) -> tuple[float, float]:
 
 @entry
 def accelerations(box: Box, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array) -> int:
-    """`dynamics.forward_dynamics`."""
+    """`dynamics.forward_dynamics` of one state or of several, behind each other in each array.
+
+    Ends at the first state that is not GOOD, with its code.
+    """
     arm = view(box)
-    return dynamics.forward_dynamics(arm.tables, arm.work, q, qd, z, pressure, wrench, qdd)
+    t, w = arm.tables, arm.work
+    n_q, n_z, n_u = t.basis.shape[0], t.internal_kind.shape[0], t.axial_gain.shape[1]
+    if q.shape[0] == n_q:
+        # Parts of arrays cost one state 3 %.
+        return dynamics.forward_dynamics(t, w, q, qd, z, pressure, wrench, qdd)
+    for k in range(q.shape[0] // n_q):
+        b, behind = k * n_q, (k + 1) * n_q
+        zk, pk = z[k * n_z : (k + 1) * n_z], pressure[k * n_u : (k + 1) * n_u]
+        code = dynamics.forward_dynamics(t, w, q[b:behind], qd[b:behind], zk, pk, wrench, qdd[b:behind])
+        if code != dynamics.GOOD:
+            return code
+    return dynamics.GOOD
 
 
 @entry

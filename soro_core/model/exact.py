@@ -15,7 +15,7 @@ from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
 from soro_core.model.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
 from soro_core.model.tables import Site, Tables
-from soro_core.model.work import Work
+from soro_core.model.work import BASE_TWIST, BODY, BODY_MOMENTUM, CLOSING_WRENCH, NODE, Work
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -23,14 +23,14 @@ Array: TypeAlias = NDArray[np.float64]
 @inner
 def close_forces(t: Tables, w: Work, wrench: Array, tau: Array) -> None:
     """tau += what the links outward need: from the wrenches of `sweep`, less `wrench` at the tip."""
-    f = w.vectors[6]
+    f = w.vectors[CLOSING_WRENCH]
     for r in range(6):
         f[r] = -wrench[r]
     for i in range(t.length.shape[0] - 1, -1, -1):
-        wrench_to_parent(w.rotation[i], w.position[i], f)
+        wrench_to_parent(w.end_rotation[i], w.end_position[i], f)
         first = t.offset[i]
         for j in range(t.offset[i + 1] - first):
-            tau[first + j] += dot6(w.end[i, j], f)
+            tau[first + j] += dot6(w.end_columns[i, j], f)
         for r in range(6):
             f[r] += w.own[i, r]
 
@@ -57,8 +57,7 @@ def inertial_force(
 @inner
 def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
     """tau <- the generalised force of all that acts from outside; gives the energy stored in it [J]."""
-    rest = w.rows[0]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, NO, NO, tau)
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, w.zero, w.zero, w.zero, NO, NO, tau)
     energy = add_external_forces(t.external, t, w, wrench, q, qd, tau)
     close_forces(t, w, wrench, tau)
     for b in range(q.shape[0]):
@@ -78,12 +77,11 @@ def inverse_dynamics(
 
 @inner
 def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
-    """M <- int J' Mcal J, all of it, (n_q, n_q) [C22, 3.16]: from the links outward to the base inward."""
+    """M <- int J' Mcal J, docs/model.md (13), all of it (n_q, n_q): from the tip inward."""
     n_q = q.shape[0]
-    rest = w.rows[0]
-    sweep(t, w, mass, tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
-    beyond, T = w.matrix6[0], w.matrix6[1]
-    h = w.vectors[6]
+    sweep(t, w, mass, tip_mass, t.gravity, q, w.zero, w.zero, w.zero, YES, NO, w.bias)
+    beyond, T = w.beyond, w.rotated
+    h = w.vectors[BODY_MOMENTUM]
     n = t.length.shape[0]
     clear_matrix(beyond)
     for i in range(n - 1, -1, -1):
@@ -91,22 +89,22 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
         first = t.offset[i]
         m = t.offset[i + 1] - first
         if i < n - 1:
-            inertia_to_parent(w.rotation[i], w.position[i], beyond, T)
+            inertia_to_parent(w.end_rotation[i], w.end_position[i], beyond, T)
             for b in range(first + m, n_q):
-                wrench_to_parent(w.rotation[i], w.position[i], w.dense[0, b])
+                wrench_to_parent(w.end_rotation[i], w.end_position[i], w.columns[b])
         for j in range(m):
             for e in range(j + 1):
                 M[first + j, first + e] = w.mass[i, j, e]
-            assign(w.coupling[i, j], w.dense[0, first + j])
+            assign(w.coupling[i, j], w.columns[first + j])
             if i < n - 1:
                 for r in range(6):
-                    h[r] = dot6(beyond[r], w.end[i, j])
+                    h[r] = dot6(beyond[r], w.end_columns[i, j])
                 for e in range(j + 1):
-                    M[first + j, first + e] += dot6(w.end[i, e], h)
+                    M[first + j, first + e] += dot6(w.end_columns[i, e], h)
                 for r in range(6):
-                    w.dense[0, first + j, r] += h[r]
+                    w.columns[first + j, r] += h[r]
             for b in range(first + m, n_q):
-                M[b, first + j] = dot6(w.end[i, j], w.dense[0, b])
+                M[b, first + j] = dot6(w.end_columns[i, j], w.columns[b])
         complete_rigid(w.inertia[i])
         for r in range(6):
             for c in range(6):
@@ -119,8 +117,8 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
 @inner
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + what acts from outside - C qd - G); False if M is not positive definite."""
-    bias = w.rows[1]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.rows[0], YES, FREE, bias)
+    bias = w.bias
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.zero, YES, FREE, bias)
     add_external_forces(t.external, t, w, wrench, q, qd, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
@@ -149,9 +147,8 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
 
     The latter is zero at the world's origin.
     """
-    rest = w.rows[0]
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, rest, rest, rest, YES, NO, w.rows[1])
-    R, p, V = w.frames[1, :3], w.frames[1, 3], w.vectors[0]
+    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, w.zero, w.zero, w.zero, YES, NO, w.bias)
+    R, p, V = w.frame_rotation[BODY], w.frame_position[BODY], w.vectors[BASE_TWIST]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     clear(V)
@@ -171,9 +168,9 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
             for e in range(j):
                 momentum += M[j, e] * qd[first + e]
             kinetic += momentum * qd[first + j]
-        move(m, w.end[i], qd, first, V, V)
-        to_body(w.rotation[i], w.position[i], V)
-        compose(R, p, w.rotation[i], w.position[i])
+        move(m, w.end_columns[i], qd, first, V, V)
+        to_body(w.end_rotation[i], w.end_position[i], V)
+        compose(R, p, w.end_rotation[i], w.end_position[i])
     return kinetic, potential
 
 
@@ -181,7 +178,7 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
 def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
     """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6), at a place of the arm."""
     B1 = w.node
-    R1, p1 = w.frames[0, :3], w.frames[0, 3]
+    R1, p1 = w.frame_rotation[NODE], w.frame_position[NODE]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     clear_matrix(J)

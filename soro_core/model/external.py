@@ -15,14 +15,32 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core._by_type import by_type
+from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.model.contact import add_force, add_tangent, gap, stored_energy
 from soro_core.model.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.point import add_point_force, move_point, point_momentum
 from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Tables
-from soro_core.model.work import Work
+from soro_core.model.work import (
+    LINK_BASE,
+    LINK_TWIST,
+    NORMAL,
+    POINT_FORCE,
+    POSITION,
+    SITE,
+    SITE_COLUMNS,
+    SITE_TWIST,
+    SITE_WRENCH,
+    TOUCH,
+    UNIT_TWIST,
+    UNIT_WRENCH,
+    VELOCITY,
+    WALKED,
+    WALKED_COLUMNS,
+    Work,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -41,9 +59,10 @@ def _visit(
 ) -> float:
     """Go outward from place to place; forces where by_q and by_v are 0, else tangents."""
     e = t.external
-    R, p, V = w.site_frames[0, :3], w.site_frames[0, 3], w.site_vectors[0]
-    R_node, p_node, B_node = w.site_frames[1, :3], w.site_frames[1, 3], w.site_columns[0]
-    Rs, ps, B1 = w.site_frames[2, :3], w.site_frames[2, 3], w.site_columns[1]
+    R, p, V = w.site_rotation[LINK_BASE], w.site_position[LINK_BASE], w.site_vectors[LINK_TWIST]
+    R_node, p_node = w.site_rotation[WALKED], w.site_position[WALKED]
+    Rs, ps = w.site_rotation[SITE], w.site_position[SITE]
+    B_node, B1 = w.site_columns[WALKED_COLUMNS], w.site_columns[SITE_COLUMNS]
     energy = 0.0
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
@@ -57,9 +76,9 @@ def _visit(
         for k in range(e.first[i], e.first[i + 1]):
             whole = e.whole[k]
             if whole == t.fraction.shape[0]:
-                assign_matrix(w.rotation[i], Rs)
-                assign(w.position[i], ps)
-                assign_matrix(w.end[i], B1)
+                assign_matrix(w.end_rotation[i], Rs)
+                assign(w.end_position[i], ps)
+                assign_matrix(w.end_columns[i], B1)
             elif t.varying[i]:
                 along_varying(t, w, i, done, whole, q, R_node, p_node, B_node)
                 done = whole
@@ -70,7 +89,7 @@ def _visit(
                     step_varying(t, w, i, e.step[k], e.shape[k], q, Rs, ps, B1)
             else:
                 along_constant(t, w, i, e.place[k], q, Rs, ps, B1)
-            Vk = w.site_vectors[1]
+            Vk = w.site_vectors[SITE_TWIST]
             assign(V, Vk)
             for j in range(m):
                 for r in range(6):
@@ -81,21 +100,10 @@ def _visit(
                 energy += _add_force(t, w, i, k, R, p, Rs, ps, B1, Vk, wrench, tau)
         for j in range(m):
             for r in range(6):
-                V[r] += w.end[i, j, r] * qd[first + j]
-        to_body(w.rotation[i], w.position[i], V)
-        compose(R, p, w.rotation[i], w.position[i])
+                V[r] += w.end_columns[i, j, r] * qd[first + j]
+        to_body(w.end_rotation[i], w.end_position[i], V)
+        compose(R, p, w.end_rotation[i], w.end_position[i])
     return energy
-
-
-@inner
-def _place(R: Array, p: Array, c: Array, V: Array, x: Array, u: Array) -> None:
-    """x, u <- position and velocity in the world of the point c of the frame b = (R, p) with the twist V."""
-    u0 = V[3] + V[1] * c[2] - V[2] * c[1]
-    u1 = V[4] + V[2] * c[0] - V[0] * c[2]
-    u2 = V[5] + V[0] * c[1] - V[1] * c[0]
-    for r in range(3):
-        x[r] = p[r] + R[r, 0] * c[0] + R[r, 1] * c[1] + R[r, 2] * c[2]
-        u[r] = R[r, 0] * u0 + R[r, 1] * u1 + R[r, 2] * u2
 
 
 @inner
@@ -116,27 +124,13 @@ def _touch(
     Where it is above 0, n <- the normal (in the world), c <- the point of the section that touches (in b),
     x, u <- its position and velocity (in the world).
     """
-    _place(R, p, ps, V, x, u)
+    move_point(R, p, ps, V, x, u)
     depth = radius - gap(obstacle, x, n)
     if depth > 0.0:
         for r in range(3):
             c[r] = ps[r] - radius * (R[0, r] * n[0] + R[1, r] * n[1] + R[2, r] * n[2])
-        _place(R, p, c, V, x, u)
+        move_point(R, p, c, V, x, u)
     return depth
-
-
-@inner
-def _to_wrench(R: Array, c: Array, F: Array, f: Array) -> None:
-    """f += wrench in b of the force F (in the world) at the point c of b."""
-    x = R[0, 0] * F[0] + R[1, 0] * F[1] + R[2, 0] * F[2]
-    y = R[0, 1] * F[0] + R[1, 1] * F[1] + R[2, 1] * F[2]
-    z = R[0, 2] * F[0] + R[1, 2] * F[1] + R[2, 2] * F[2]
-    f[0] += c[1] * z - c[2] * y
-    f[1] += c[2] * x - c[0] * z
-    f[2] += c[0] * y - c[1] * x
-    f[3] += x
-    f[4] += y
-    f[5] += z
 
 
 @inner
@@ -156,8 +150,9 @@ def _add_force(
 ) -> float:
     """Force at place k of link i; gives the energy stored in it."""
     e = t.external
-    f, total = w.site_vectors[2], w.site_force[k]
-    x, u, n, c, F = w.points[0], w.points[1], w.points[2], w.points[3], w.points[4]
+    f, total = w.site_vectors[SITE_WRENCH], w.site_force[k]
+    x, u, n = w.points[POSITION], w.points[VELOCITY], w.points[NORMAL]
+    c, F = w.points[TOUCH], w.points[POINT_FORCE]
     energy = 0.0
     clear(f)
     clear(total)
@@ -167,17 +162,17 @@ def _add_force(
             if depth > 0.0:
                 clear(F)
                 add_force(e.obstacles[o], depth, n, u, F)
-                _to_wrench(R, c, F, f)
+                add_point_force(R, c, F, f)
                 energy += stored_energy(e.obstacles[o], depth)
                 for r in range(3):
                     total[r] += F[r]
     elif e.kind[k] == HELD:
-        _place(R, p, ps, V, x, u)
+        move_point(R, p, ps, V, x, u)
         for r in range(3):
             off = x[r] - e.held[r]
             total[r] = -e.held[3 + r] * off - e.held[6 + r] * u[r]
             energy += 0.5 * e.held[3 + r] * off * off
-        _to_wrench(R, ps, total, f)
+        add_point_force(R, ps, total, f)
     else:
         for r in range(6):
             f[r] = wrench[e.kind[k] + r]
@@ -210,8 +205,8 @@ def _add_tangent(
 ) -> None:
     """Tangent at place k of link i."""
     e = t.external
-    K = w.site_frames[3, :3]
-    x, u, n, c = w.points[0], w.points[1], w.points[2], w.points[3]
+    K = w.site_stiffness
+    x, u, n, c = w.points[POSITION], w.points[VELOCITY], w.points[NORMAL], w.points[TOUCH]
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
             depth = _touch(e.obstacles[o], t.radius[i], R, p, ps, V, x, u, n, c)
@@ -229,36 +224,21 @@ def _add_tangent(
 @inner
 def _add_body(t: Tables, w: Work, i: int, R: Array, c: Array, K: Array, B1: Array) -> None:
     """Add the matrix K (in the world) at the point c of b to the body of link i."""
-    unit, h = w.site_vectors[3], w.site_vectors[4]
+    unit, h = w.site_vectors[UNIT_TWIST], w.site_vectors[UNIT_WRENCH]
     F, M, N = w.coupling[i], w.mass[i], w.extra[i]
     clear(unit)
     for r in range(6):
         unit[r] = 1.0
-        _momentum(R, c, K, unit, w.points[4], h)
+        point_momentum(R, c, K, unit, w.points[POINT_FORCE], h)
         unit[r] = 0.0
         for d in range(6):
             N[d, r] += h[d]
     for j in range(t.offset[i + 1] - t.offset[i]):
-        _momentum(R, c, K, B1[j], w.points[4], h)
+        point_momentum(R, c, K, B1[j], w.points[POINT_FORCE], h)
         for r in range(6):
             F[j, r] += h[r]
         for d in range(j + 1):
             M[j, d] += dot6(B1[d], h)
-
-
-@inner
-def _momentum(R: Array, c: Array, K: Array, V: Array, F: Array, h: Array) -> None:
-    """h <- A K A' V for a twist V in b."""
-    u0 = V[3] + V[1] * c[2] - V[2] * c[1]
-    u1 = V[4] + V[2] * c[0] - V[0] * c[2]
-    u2 = V[5] + V[0] * c[1] - V[1] * c[0]
-    x = R[0, 0] * u0 + R[0, 1] * u1 + R[0, 2] * u2
-    y = R[1, 0] * u0 + R[1, 1] * u1 + R[1, 2] * u2
-    z = R[2, 0] * u0 + R[2, 1] * u1 + R[2, 2] * u2
-    for r in range(3):
-        F[r] = K[r, 0] * x + K[r, 1] * y + K[r, 2] * z
-    clear(h)
-    _to_wrench(R, c, F, h)
 
 
 @inner
@@ -285,15 +265,15 @@ def _tangents(
     for i in range(w.extra.shape[0]):
         clear_matrix(w.extra[i])
     if by_q + by_v > 0.0:
-        _visit(t, w, w.rows[0], q, qd, by_q, by_v, secant, w.rows[0])
+        _visit(t, w, w.zero, q, qd, by_q, by_v, secant, w.zero)
 
 
-add_external_forces = by_type(NoExternal, _no_forces, _forces)
+add_external_forces = select_by_type(NoExternal, _no_forces, _forces)
 """add_external_forces(t.external, t, w, wrench, q, qd, tau), after `sweep` at q: w.own and tau -= what acts
 from outside; gives the energy stored in it [J].
 
 `wrench`: that at the tip, left to `close_forces`, then one for each place (6 numbers each, in the frame of
 the place). Writes the force at each place, in the world, to w.site_force."""
-add_external_tangents = by_type(NoExternal, _no_tangents, _tangents)
+add_external_tangents = select_by_type(NoExternal, _no_tangents, _tangents)
 """add_external_tangents(t.external, t, w, q, qd, by_q, by_v, secant), after `sweep` with bodies: w.mass,
 w.coupling += and w.extra <- by_q and by_v times the tangents. `secant`: see `contact.add_tangent`."""

@@ -1,7 +1,8 @@
-"""Creep (Maxwell branches) and hysteresis (Dahl elements): states that the coordinates drag along.
+"""Creep (Maxwell branches) and hysteresis (Dahl elements [D68]): states that the coordinates drag along.
 
-Force on the left-hand side: -K lambda with lambda' = -lambda / tau - qd (creep), +K z with z' = qd - |qd|
-z / range (hysteresis). Both dissipate: K z qd = d/dt(K z^2 / 2) + K |qd| z^2 / range.
+docs/model.md (21), (22). The force on the left-hand side is -K lambda with lambda' = -lambda / tau - qd
+(creep), +K z with z' = qd - |qd| z / range (hysteresis). Both dissipate: K z qd = d/dt(K z^2 / 2) + K |qd|
+z^2 / range.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from soro_core._jit import inner
 from soro_core.model.tables import AIR, CREEP, Tables
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Rows of the slopes of `internal_slopes`.
+BY_START, BY_FIRST, BY_SECOND = 0, 1, 2
 
 
 @inner
@@ -64,14 +68,7 @@ def advance_internal(
         if t.internal_kind[j] == AIR:
             tangent[j] = 0.0
         elif t.internal_kind[j] == CREEP:
-            x = dt / scale
-            decay = math.exp(-x)
-            if x > 1e-2:
-                first = (1.0 - decay) / x
-                second = (x - 1.0 + decay) / (x * x)
-            else:
-                first = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0)))
-                second = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
+            decay, first, second = _creep_weights(dt / scale)
             z1[j] = decay * z0[j] - dt * ((first - second) * a + second * b)
             tangent[j] = t.internal_stiffness[j] * dt * second
         elif a * b < 0.0:
@@ -84,6 +81,50 @@ def advance_internal(
             z1[j] = _dahl(z0[j], path, scale)
             slope = 1.0 - math.copysign(1.0, path) * z1[j] / scale
             tangent[j] = t.internal_stiffness[j] * 0.5 * dt * max(slope, 0.0)
+
+
+@inner
+def _creep_weights(x: float) -> tuple[float, float, float]:
+    """exp(-x), the mean of exp(-x t) for t = 0 ... 1, and that of (1 - t) exp(-x t); x: time over tau."""
+    decay = math.exp(-x)
+    if x > 1e-2:
+        first = (1.0 - decay) / x
+        second = (x - 1.0 + decay) / (x * x)
+    else:
+        first = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0)))
+        second = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
+    return decay, first, second
+
+
+@inner
+def internal_slopes(t: Tables, z0: Array, v0: Array, v1: Array, dt: float, slope: Array) -> None:
+    """slope (3, n_z) <- derivatives of z1 of `advance_internal` by z0, v0 and v1, in this order."""
+    for j in range(z0.shape[0]):
+        a, b = v0[t.internal_coordinate[j]], v1[t.internal_coordinate[j]]
+        scale = t.internal_scale[j]
+        if t.internal_kind[j] == CREEP:
+            slope[BY_START, j], first, second = _creep_weights(dt / scale)
+            slope[BY_FIRST, j] = -dt * (first - second)
+            slope[BY_SECOND, j] = -dt * second
+        elif a * b < 0.0:
+            # Paths a^2 dt / 2 (a - b) to the turn and -b^2 dt / 2 (a - b) from it.
+            change = 0.5 * dt / ((a - b) * (a - b))
+            middle, keep1, by1 = _dahl_slopes(z0[j], change * (a - b) * a * a, scale)
+            _, keep2, by2 = _dahl_slopes(middle, -change * (a - b) * b * b, scale)
+            slope[BY_START, j] = keep2 * keep1
+            slope[BY_FIRST, j] = change * (keep2 * by1 * a * (a - 2.0 * b) + by2 * b * b)
+            slope[BY_SECOND, j] = change * (keep2 * by1 * a * a - by2 * b * (2.0 * a - b))
+        else:
+            _, keep, by = _dahl_slopes(z0[j], 0.5 * (a + b) * dt, scale)
+            slope[BY_START, j] = keep
+            slope[BY_FIRST, j] = slope[BY_SECOND, j] = 0.5 * dt * by
+
+
+@inner
+def _dahl_slopes(z: float, path: float, scale: float) -> tuple[float, float, float]:
+    """`_dahl`, and its derivatives by z and by the path."""
+    end = _dahl(z, path, scale)
+    return end, math.exp(-abs(path) / scale), 1.0 - end / math.copysign(scale, path)
 
 
 @inner

@@ -1,8 +1,8 @@
 """SE(3) in closed form: exponential and its tangent, smooth through zero curvature.
 
-All functions are written with the Stumpff functions c_k(y) = sum_n (-y)^n / (2n + k)!, y = (s |omega|)^2,
-which are entire in y: no division by the curvature, no branch that the derivative could see. Twists are
-(angular, linear).
+docs/model.md (6), (7). All functions are written with the Stumpff functions [S59] c_k(y) = sum_n (-y)^n /
+(2n + k)!, y = (s |omega|)^2, which are entire in y: no division by the curvature, no branch that the
+derivative could see. Twists are (angular, linear).
 """
 
 from __future__ import annotations

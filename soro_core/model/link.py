@@ -1,8 +1,8 @@
 """A link of constant strain in closed form, seen from the frame b of its base.
 
-With B1(s) = int_0^s Ad_exp(t xi) B dt, the twist of the link's particle at s, expressed in b, is V_b + B1
-qd_i. A slice of mass dm has in b the inertia N = Ad^-T Mcal Ad^-1, which for a round section needs only
-its position and its tangent.
+With B1(s) = int_0^s Ad_exp(t xi) B dt of docs/model.md (5), (7), the twist of the link's particle at s,
+expressed in b, is V_b + B1 qd_i. A slice of mass dm has in b the inertia N = Ad^-T Mcal Ad^-1, which for a
+round section needs only its position and its tangent.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Strains at the quadrature nodes of a link, for laws that hold at every section by itself.
 
-A strain that does not vary along its link is looked at once, with the weight of the whole link.
+A strain that does not vary along its link is evaluated once, with the weight of the whole link.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 @inner
-def looks(t: Tables, i: int) -> int:
-    """At how many nodes a law of link i is taken."""
+def n_samples(t: Tables, i: int) -> int:
+    """At how many nodes a law of link i is evaluated."""
     return t.nodes.shape[0] if t.varying[i] else 1
 
 

@@ -1,9 +1,7 @@
 """A link of varying strain: from node to node by a fourth-order Magnus step, seen from the link's base.
 
-Phi' = Phi [Gamma], p' = Phi U is g' = g xi^, so over a sub-interval of length h with the strains xi_1,
-xi_2 at its Gauss points g <- g exp(Omega),
-Omega = h (xi_1 + xi_2) / 2 + sqrt(3) h^2 / 12 [xi_1, xi_2]
-(Blanes, Casas, Oteo, Ros, The Magnus expansion and some of its applications, 2009, with the sign of a
+docs/model.md (8), (9): over a sub-interval of length h with the strains xi_1, xi_2 at its Gauss points, g
+<- g exp(Omega), Omega = h (xi_1 + xi_2) / 2 + sqrt(3) h^2 / 12 [xi_1, xi_2] ([B09], with the sign of a
 product from the right). Its derivative by a coordinate with shape functions f_1, f_2 and unit twist b is
 f_1 X_1 + f_2 X_2, X_1 = h b / 2 - c ad_(xi_2) b, X_2 = h b / 2 + c ad_(xi_1) b; all coordinates of one
 strain share X_1 and X_2, so the cost of a node hardly grows with the order.
@@ -21,7 +19,25 @@ from soro_core._jit import inner
 from soro_core.model.lie import add_ad, compose, exponential, stumpff, tangent_coefficients, to_parent
 from soro_core.model.linear import clear
 from soro_core.model.tables import Tables
-from soro_core.model.work import Work
+from soro_core.model.work import (
+    EXPONENT,
+    EXPONENT_BY_V,
+    EXPONENT_BY_V_RATE,
+    EXPONENT_RATE,
+    RATE_1,
+    RATE_2,
+    REFERENCE_1,
+    REFERENCE_2,
+    SHAPED_1,
+    SHAPED_2,
+    STEP,
+    STEP_TWIST,
+    STRAIN_1,
+    STRAIN_2,
+    SUMMAND,
+    SUMMAND_BY_V,
+    Work,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -66,10 +82,12 @@ def magnus_step(
     rate: Array,
 ) -> None:
     """Advance pose (R, p), columns B1 (m, 6) and `rate` = d/dt(B1) v over a sub-interval of length h."""
-    xi1, xi2, xd1, xd2 = w.vectors[12], w.vectors[13], w.vectors[14], w.vectors[15]
-    eta1, eta2, omega, omega_rate = w.vectors[16], w.vectors[17], w.vectors[18], w.vectors[19]
-    x, x_rate, X, Y = w.vectors[20], w.vectors[21], w.vectors[22], w.vectors[23]
-    twist, c, a = w.vectors[24], w.scalars[:8], w.scalars[8:]
+    xi1, xi2, xd1, xd2 = w.vectors[STRAIN_1], w.vectors[STRAIN_2], w.vectors[RATE_1], w.vectors[RATE_2]
+    eta1, eta2 = w.vectors[REFERENCE_1], w.vectors[REFERENCE_2]
+    omega, omega_rate = w.vectors[EXPONENT], w.vectors[EXPONENT_RATE]
+    x, x_rate = w.vectors[EXPONENT_BY_V], w.vectors[EXPONENT_BY_V_RATE]  # dOmega/dq v, and its rate
+    X, Y, twist = w.vectors[SUMMAND], w.vectors[SUMMAND_BY_V], w.vectors[STEP_TWIST]
+    c, a = w.stumpff, w.tangent
     for r in range(6):
         xi1[r] = t.reference[i, r]
         xi2[r] = t.reference[i, r]
@@ -84,7 +102,7 @@ def magnus_step(
     for r in range(6):
         omega[r] = 0.5 * h * (xi1[r] + xi2[r])
         omega_rate[r] = 0.5 * h * (xd1[r] + xd2[r])
-        x[r] = 0.5 * h * (eta1[r] + eta2[r])  # dOmega/dq v, and its rate
+        x[r] = 0.5 * h * (eta1[r] + eta2[r])
         x_rate[r] = 0.0
     add_ad(xi1, xi2, k, omega)
     add_ad(xd1, xi2, k, omega_rate)
@@ -121,7 +139,7 @@ def magnus_step(
         rate[r] += X[r]
     add_ad(twist, Y, 1.0, rate)
     _add_columns(t, w, i, h, k, shape, R, p, B1)
-    R1, p1 = w.frames[3, :3], w.frames[3, 3]
+    R1, p1 = w.frame_rotation[STEP], w.frame_position[STEP]
     exponential(omega, 1.0, c, R1, p1)
     compose(R, p, R1, p1)
 
@@ -131,8 +149,8 @@ def _add_columns(
     t: Tables, w: Work, i: int, h: float, k: float, shape: Array, R: Array, p: Array, B1: Array
 ) -> None:
     """B1 += Ad_g T dOmega/dq, strain by strain; neighbours of one strain share X_1 and X_2."""
-    xi1, xi2, omega, X = w.vectors[12], w.vectors[13], w.vectors[18], w.vectors[22]
-    Y1, Y2, a = w.vectors[25], w.vectors[26], w.scalars[8:]
+    xi1, xi2, omega = w.vectors[STRAIN_1], w.vectors[STRAIN_2], w.vectors[EXPONENT]
+    X, Y1, Y2, a = w.vectors[SUMMAND], w.vectors[SHAPED_1], w.vectors[SHAPED_2], w.tangent
     first = t.offset[i]
     for c in range(first, t.offset[i + 1]):
         b = t.basis[c]

@@ -1,9 +1,8 @@
-"""Kernels of the method `mde`: the matrix differential equation of [C22, 3.25-3.34], explicit second-order
-Ralston.
+"""Kernels of the method `mde`: the matrix differential equation of docs/model.md (15), Ralston's rule [R62].
 
-The state (Phi, p, B1, B2, M, C, G) is integrated along the backbone with n steps a link; with the
-corrections of theory.md: Jdot keeps the term -ad_V J, G takes the linear rows of the body Jacobian, its
-sign is that of dU_g/dq.
+The state (Phi, p, B1, B2, M, C, G) is integrated along the backbone with n steps a link. It is the method of
+[CPN23] in the notation of [C22], corrected: Jdot keeps the term -ad_V J, G takes the linear rows of the body
+Jacobian and has the sign of dU_g/dq.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 @inner
 def frame_rates(xi: Array, R: Array, R_rate: Array, p_rate: Array) -> None:
-    """Phi' = Phi [Gamma]x, p' = Phi U [C22, 3.6-3.7]."""
+    """Phi' = Phi [Gamma]x, p' = Phi U, docs/model.md (1)."""
     x, y, z = xi[0], xi[1], xi[2]
     for r in range(3):
         a, b, c = R[r, 0], R[r, 1], R[r, 2]

@@ -21,7 +21,7 @@ Array: TypeAlias = NDArray[np.float64]
 @inner
 def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
-    terms(t, mass, tip_mass, t.gravity, q, w.rows[0], M, w.matrix[1], w.rows[1], w.dense[0])
+    terms(t, mass, tip_mass, t.gravity, q, w.zero, M, w.mde_coriolis, w.bias, w.columns)
 
 
 @inner
@@ -39,7 +39,7 @@ def inertial_force(
     tau: Array,
 ) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q); `none` (6,) is not needed here."""
-    M, C, J = w.matrix[0], w.matrix[1], w.dense[0]
+    M, C, J = w.mde_inertia, w.mde_coriolis, w.columns
     terms(t, mass, tip_mass, gravity, q, qd, M, C, tau, J)
     for b in range(q.shape[0]):
         for d in range(q.shape[0]):
@@ -53,35 +53,35 @@ def inverse_dynamics(
     """tau <- M a + C qd + G - J_tip' wrench; what `factor_system` needs is left in any case."""
     inertial_force(t, w, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, a, tau)
     for b in range(q.shape[0]):
-        tau[b] -= dot6(w.dense[0, b], wrench)
+        tau[b] -= dot6(w.columns[b], wrench)
 
 
 @inner
 def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
     """tau <- J_tip' wrench: all that can act from outside here, which stores no energy."""
-    terms(t, t.mass, t.tip_mass, t.gravity, q, w.rows[0], w.matrix[0], w.matrix[1], tau, w.dense[0])
+    terms(t, t.mass, t.tip_mass, t.gravity, q, w.zero, w.mde_inertia, w.mde_coriolis, tau, w.columns)
     for b in range(q.shape[0]):
-        tau[b] = dot6(w.dense[0, b], wrench)
+        tau[b] = dot6(w.columns[b], wrench)
     return 0.0
 
 
 @inner
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
-    inverse_dynamics(t, w, wrench, q, qd, w.rows[0], NO, w.rows[1])
+    inverse_dynamics(t, w, wrench, q, qd, w.zero, NO, w.bias)
     for b in range(q.shape[0]):
-        qdd[b] = force[b] - w.rows[1][b]
-    return cholesky_solve(w.matrix[0], qdd)
+        qdd[b] = force[b] - w.bias[b]
+    return cholesky_solve(w.mde_inertia, qdd)
 
 
 @inner
 def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float) -> bool:
     """Factor M(q) + w.block for `solve`, after `inverse_dynamics` at q; False if it is singular.
 
-    There is no contact here: the last four do nothing.
+    The last five arguments are for contact, which this method does not have.
     """
-    A = w.matrix[2]
-    assign_matrix(w.matrix[0], A)
+    A = w.mde_system
+    assign_matrix(w.mde_inertia, A)
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         for c in range(first, t.offset[i + 1]):
@@ -93,7 +93,7 @@ def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: fl
 @inner
 def solve(t: Tables, w: Work, x: Array) -> None:
     """x <- (M + block)^-1 x with the factors of `factor_system`."""
-    lu_solve(w.matrix[2], w.pivots, x)
+    lu_solve(w.mde_system, w.pivots, x)
 
 
 @inner
@@ -104,7 +104,7 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: 
     assign(t.base_position, p)
     B1, B2, Jd = np.zeros((n_q, 6)), np.zeros((n_q, 6)), np.zeros((n_q, 6))
     V, work = np.empty(6), np.zeros((3, 6))
-    M, C, G, qd = w.matrix[0], w.matrix[1], w.rows[1], w.rows[0]
+    M, C, G, qd = w.mde_inertia, w.mde_coriolis, w.bias, w.zero
     g = t.gravity
     for i in range(site.link + 1):
         last = i == site.link
@@ -119,7 +119,7 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: 
 @inner
 def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
     """Kinetic and gravitational energy [J]."""
-    M = w.matrix[0]
+    M = w.mde_inertia
     inertia(t, w, t.mass, t.tip_mass, q, M)
     kinetic = 0.0
     for b in range(q.shape[0]):

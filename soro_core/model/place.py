@@ -13,7 +13,7 @@ from soro_core.model.linear import clear, clear_matrix
 from soro_core.model.link import ad_powers, columns_at, strain_twist
 from soro_core.model.magnus import magnus_step
 from soro_core.model.tables import Tables
-from soro_core.model.work import Work
+from soro_core.model.work import COLUMN_RATE, STRAIN, Work
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ Array: TypeAlias = NDArray[np.float64]
 @inner
 def along_constant(t: Tables, w: Work, i: int, s: float, q: Array, R: Array, p: Array, B1: Array) -> None:
     """R, p, B1 <- those `s` metres along link i, of constant strain."""
-    xi, c, a = w.vectors[8], w.scalars[:8], w.scalars[8:]
+    xi, c, a = w.vectors[STRAIN], w.stumpff, w.tangent
     strain_twist(t, i, q, xi)
     ad_powers(t, i, xi, w.powers)
     stumpff((xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]) * s * s, c)
@@ -53,5 +53,4 @@ def step_varying(
     t: Tables, w: Work, i: int, h: float, shape: Array, q: Array, R: Array, p: Array, B1: Array
 ) -> None:
     """Advance R, p, B1 over h metres with the given shape functions (n_q, 2)."""
-    rest = w.rows[0]
-    magnus_step(t, w, i, h, shape, q, rest, rest, R, p, B1, w.vectors[10])
+    magnus_step(t, w, i, h, shape, q, w.zero, w.zero, R, p, B1, w.vectors[COLUMN_RATE])

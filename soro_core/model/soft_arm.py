@@ -1,4 +1,4 @@
-"""The front of the model: shapes and finiteness are checked here, the numbers come from kernels."""
+"""The model of one robot: methods that check their arguments and call kernels."""
 
 from __future__ import annotations
 
@@ -9,38 +9,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError, short
-from soro_core.model import dynamics, entries
+from soro_core.model import entries
+from soro_core.model.arm_base import DEFAULT_STEPS, default_nodes
 from soro_core.model.build import build_tables, find_site
-from soro_core.model.checks import fault, finite, flat_wrench, number, refuse_unsupported, shaped
+from soro_core.model.checks import finite, flat_wrench, number, refuse_unsupported
+from soro_core.model.forward import ForwardDynamics
 from soro_core.model.surroundings import ExternalForces
 from soro_core.robot import Robot
 from soro_core.robot.description import END_TOLERANCE
 
 Array: TypeAlias = NDArray[np.float64]
 
-DEFAULT_STEPS = 20
 
+class SoftArm(ForwardDynamics):
+    """Dynamics of one robot: M qdd + C qd + G + dU_e/dq + R qd + internal = H p + J_tip' w.
 
-def default_nodes(robot: Robot) -> int:
-    """Quadrature nodes a link where nobody says: 7 for constant strain, more the higher its order.
-
-    Seven leave 2e-9 of the inertia and Coriolis forces at a half circle a link (docs/model.md); where strain
-    varies, a node is a Magnus step as well, of fourth order.
-    """
-    most = max(field.size for link in robot.links for field in link.strains.values())
-    varying = any(field.basis != "constant" for link in robot.links for field in link.strains.values())
-    return 8 + 2 * most if varying else 7
-
-
-class SoftArm:
-    """Dynamics of one robot: M qdd + C qd + G + dU_e/dq + R qd + internal = H p + J_tip' w   [C22, 3.19].
+    docs/model.md derives it, (11), and says what the literature calls it: PCS, PCC or GVS.
 
     Parameters
     ----------
     robot : Robot
     method : {"exact", "mde"}
         Closed forms and Magnus steps with Gauss-Radau quadrature, or the matrix differential equation of the
-        literature with an explicit second-order Runge-Kutta rule (theory.md section 4).
+        literature with an explicit second-order Runge-Kutta rule, docs/model.md (15).
     nodes : int, optional
         Quadrature nodes a link, and Magnus steps where its strain varies; of `exact` only, at least 2,
         default `default_nodes`.
@@ -78,14 +69,14 @@ class SoftArm:
         self._no_velocity = np.zeros(self.n_q)
 
     def inertia_matrix(self, q: ArrayLike) -> Array:
-        """Inertia matrix M (n_q, n_q), symmetric positive definite [C22, 3.16]."""
+        """Inertia matrix M (n_q, n_q), symmetric positive definite, docs/model.md (13)."""
         q, _ = self._state(q)
         M = np.empty((self.n_q, self.n_q))
         entries.inertia_matrix(self._box, q, M)
         return M
 
     def coriolis_matrix(self, q: ArrayLike, qd: ArrayLike) -> Array:
-        """Coriolis matrix C (n_q, n_q) such that Mdot - 2C is skew-symmetric [C22, 3.16, corrected]."""
+        """Coriolis matrix C (n_q, n_q) such that Mdot - 2C is skew-symmetric, docs/model.md (13)."""
         q, qd = self._state(q, qd)
         unit = np.eye(self.n_q)
         return np.ascontiguousarray(self._inertial(q, qd, unit, np.zeros_like(unit), np.zeros(3)).T)
@@ -96,12 +87,20 @@ class SoftArm:
         return self._inverse(q, qd, qd, self._no_velocity, np.zeros(3))
 
     def gravity_force(self, q: ArrayLike) -> Array:
-        """dU_g/dq (n_q,), on the left-hand side (theory.md section 3)."""
+        """dU_g/dq (n_q,), on the left-hand side, docs/model.md (13)."""
         q, rest = self._state(q)
         return self._inverse(q, rest, rest, rest, self.tables.gravity)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """M(q) a + C(q, qd) v + G(q), (n_q,): the inertial part of a passivity-based law."""
+        """M(q) a + C(q, qd) v + G(q), (n_q,): the inertial part of a passivity-based law.
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+            Coordinates and velocities.
+        v, a : (n_q,)
+            Reference velocities and accelerations.
+        """
         q, qd = self._state(q, qd)
         return self._inverse(
             q, qd, self._vector(v, self.n_q, "v"), self._vector(a, self.n_q, "a"), self.tables.gravity
@@ -149,7 +148,7 @@ class SoftArm:
         return volume
 
     def internal_force(self, q: ArrayLike, internal_state: ArrayLike) -> Array:
-        """Force of creep and hysteresis on the left-hand side (n_q,), from the internal states."""
+        """Force on the left-hand side (n_q,) of the internal states (n_internal,), creep and hysteresis."""
         self._state(q)
         force = np.zeros(self.n_q)
         z = self._vector(internal_state, self.n_internal, "internal")
@@ -157,7 +156,15 @@ class SoftArm:
         return force
 
     def internal_rate(self, q: ArrayLike, qd: ArrayLike, internal_state: ArrayLike) -> Array:
-        """Rate of the internal states (n_internal,)."""
+        """Rate of the internal states (n_internal,), docs/model.md (21), (22).
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+            Coordinates and velocities.
+        internal_state : (n_internal,)
+            All creep branches link by link, then all hysteresis elements, in units of their coordinates.
+        """
         _, qd = self._state(q, qd)
         rate = np.empty(self.n_internal)
         z = self._vector(internal_state, self.n_internal, "internal")
@@ -177,50 +184,26 @@ class SoftArm:
         q, _ = self._state(q)
         place = number(s)
         if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
-            raise ModelError(f"s = {short(s)} m: allowed is 0 to {self.length!r} m")
+            raise ModelError(f"s = {short(s)} m: allowed is 0 to {self.length!r} m", "s")
         T, R, p, J = np.eye(4), np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
         entries.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
         T[:3, :3], T[:3, 3] = R, p
         return T, np.ascontiguousarray(J.T)
 
-    def forward_dynamics(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        p: ArrayLike,
-        wrench: ArrayLike | None = None,
-        internal: ArrayLike | None = None,
-    ) -> Array:
-        """Acceleration (n_q,).
-
-        Parameters
-        ----------
-        q, qd : (n_q,)
-        p : (n_u,)
-            Gauge pressures [Pa].
-        wrench : (6,) or (n_wrenches, 6), optional
-            Torque [N m], force [N] in the body frame: at the tip, or at each of the robot's `wrench_places`.
-        internal : (n_internal,), optional
-            States of creep and hysteresis, default 0.
-        """
-        # The kernel sees whether all is finite: here only the shapes, and the cause when it is not.
-        q = self._shaped(q, self.n_q, "q")
-        qd = self._shaped(qd, self.n_q, "qd")
-        p = self._shaped(p, self.n_u, "p")
-        w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
-        z = self._no_internal if internal is None else self._shaped(internal, self.n_internal, "internal")
-        qdd = np.empty(self.n_q)
-        code = entries.accelerations(self._box, q, qd, z, p, w, qdd)
-        if code != dynamics.GOOD:
-            for values, name in ((p, "p"), (w, "wrench"), (z, "internal")):
-                finite(values, name)
-            raise fault(code, q, qd)
-        return qdd
-
     def external_forces(
         self, q: ArrayLike, qd: ArrayLike | None = None, wrench: ArrayLike | None = None
     ) -> ExternalForces:
-        """Forces of wrenches, contact and the held tip; at rest where no velocity is given."""
+        """Forces of wrenches, contact and the held tip.
+
+        Parameters
+        ----------
+        q : (n_q,)
+            Coordinates.
+        qd : (n_q,), optional
+            Velocities; default at rest.
+        wrench : (6,) or (n_wrenches, 6), optional
+            As for `forward_dynamics`; default none.
+        """
         q, qd = self._state(q, qd)
         t = self.tables
         tau, force = np.empty(self.n_q), np.empty((len(t.external.kind), 3))
@@ -236,7 +219,19 @@ class SoftArm:
         return kinetic, potential, entries.elastic_energy(self._box, q)
 
     def mass_regressor(self, q: ArrayLike, qd: ArrayLike, v: ArrayLike, a: ArrayLike) -> Array:
-        """M a + C(q, qd) v + G per kg of the tip mass and of each link, (n_q, 1 + n_links) (section 6)."""
+        """Columns of Y in docs/model.md (37): M a + C(q, qd) v + G per kg of the tip mass and of each link.
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+            Coordinates and velocities.
+        v, a : (n_q,)
+            Reference velocities and accelerations.
+
+        Returns
+        -------
+        Array of shape (n_q, 1 + n_links)
+        """
         q, qd = self._state(q, qd)
         n = len(self.robot.links)
         # The last row has none of them: point masses alone, which are in all rows.
@@ -250,41 +245,11 @@ class SoftArm:
         return np.ascontiguousarray((rows[: 1 + n] - rows[1 + n :].sum(axis=0)).T)
 
     def elastic_regressor(self, q: ArrayLike) -> Array:
-        """dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links); zeros where a material holds."""
+        """Columns of Y in docs/model.md (37): dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links).
+
+        They are zero where a material holds.
+        """
         q, _ = self._state(q)
         Y = np.empty((self.n_q, 4 * len(self.robot.links)))
         entries.elastic_regressor(self._box, q, Y)
         return Y
-
-    def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
-        row: Array = self._inertial(q, qd, v.reshape(1, -1), a.reshape(1, -1), gravity)[0]
-        return row
-
-    def _inertial(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
-        t = self.tables
-        masses = np.empty((len(v), len(t.mass)))
-        masses[:] = t.mass
-        forces = np.empty_like(v)
-        entries.inertial_forces(self._box, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
-        return forces
-
-    def _assemble(self, blocks: Array) -> Array:
-        """Matrix (n_q, n_q) of the links' blocks (n_q, width)."""
-        matrix = np.zeros((self.n_q, self.n_q))
-        for first, behind in zip(self.tables.offset, self.tables.offset[1:], strict=False):
-            matrix[first:behind, first:behind] = blocks[first:behind, : behind - first]
-        return matrix
-
-    def _state(self, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[Array, Array]:
-        q = self._shaped(q, self.n_q, "q")
-        qd = self._no_velocity if qd is None else self._shaped(qd, self.n_q, "qd")
-        code = entries.check(self._box, q, qd)
-        if code != dynamics.GOOD:
-            raise fault(code, q, qd)
-        return q, qd
-
-    def _vector(self, values: ArrayLike, n: int, name: str) -> Array:
-        return finite(self._shaped(values, n, name), name)
-
-    def _shaped(self, values: ArrayLike, n: int, name: str) -> Array:
-        return shaped(values, (n,), name, self.robot.name)

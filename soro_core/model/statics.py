@@ -13,7 +13,7 @@ from soro_core.model.soft_arm import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 
-# A stiff hold makes a narrow, bent valley, in which a search from afar stalls. It is then let in by and by.
+# A stiff hold makes a narrow, bent valley, in which a search from afar stalls: its force is raised in steps.
 SHARES = tuple(np.geomspace(1e-6, 1.0, 13))
 
 
@@ -54,12 +54,14 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
             q, trouble = _search(arm, p, share, q)
     if trouble:
         cure = "start the search nearer to it (start), or lower the load"
-        raise ModelError(f"no equilibrium at pressures {listed(p)} Pa of {name}: {trouble}; {cure}")
+        raise ModelError(
+            f"no equilibrium at pressures {listed(p)} Pa of {name}: {trouble}; {cure}", "equilibrium"
+        )
     return q
 
 
 def _search(arm: SoftArm, p: Array, share: float, begin: Array) -> tuple[Array, str]:
-    """Equilibrium with this share of the forces from outside, and what was in the way of it."""
+    """Equilibrium with this share of the forces from outside, and what prevented it."""
     from scipy.optimize import root  # loaded late: nodes do without it
 
     def unbalanced(q: Array) -> Array:

@@ -34,7 +34,22 @@ from soro_core.model.link import (
 )
 from soro_core.model.magnus import magnus_step
 from soro_core.model.tables import Tables
-from soro_core.model.work import Work
+from soro_core.model.work import (
+    BASE_ACCELERATION,
+    BASE_REFERENCE,
+    BASE_TWIST,
+    COLUMN_RATE,
+    FORCE,
+    MOMENTUM,
+    NODE,
+    NODE_ACCELERATION,
+    NODE_REFERENCE,
+    NODE_TWIST,
+    RELATIVE_TWIST,
+    STRAIN,
+    STRAIN_RATE,
+    Work,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -89,20 +104,20 @@ def sweep(
     """Fill `w` with the end of each link and, as asked, its inertia (`bodies` above 0) and its forces.
 
     tau <- what each link's own mass needs of its coordinates, w.own <- the wrench about its base, for the
-    motion (q, qd), reference velocity v and acceleration a: C is that of [C22, 3.16] with the term -ad_V J in
-    Jdot (theory.md section 2), so that Mdot - 2C is skew. `forces` says what of it is looked at: FREE has v =
-    qd and a = 0, DRIVEN has v = qd, REFERENCE all.
+    motion (q, qd), reference velocity v and acceleration a: C is that of docs/model.md (13), so that Mdot -
+    2C is skew. `forces` selects the motion: FREE has v = qd and a = 0, DRIVEN has v = qd, REFERENCE all.
     """
-    V, A, Vk, Ak = w.vectors[0], w.vectors[2], w.vectors[3], w.vectors[5]
+    V, A = w.vectors[BASE_TWIST], w.vectors[BASE_ACCELERATION]
+    Vk, Ak = w.vectors[NODE_TWIST], w.vectors[NODE_ACCELERATION]
     apart = forces > DRIVEN
     W, Wk = V, Vk
     if apart:
-        W, Wk = w.vectors[1], w.vectors[4]
-    h, f, xi, xi_rate = w.vectors[6], w.vectors[7], w.vectors[8], w.vectors[9]
-    rate, twist = w.vectors[10], w.vectors[11]
+        W, Wk = w.vectors[BASE_REFERENCE], w.vectors[NODE_REFERENCE]
+    h, f, xi, xi_rate = w.vectors[MOMENTUM], w.vectors[FORCE], w.vectors[STRAIN], w.vectors[STRAIN_RATE]
+    rate, twist = w.vectors[COLUMN_RATE], w.vectors[RELATIVE_TWIST]
     B1, powers, chain = w.node, w.powers, w.chain
-    c, co = w.scalars[:8], w.scalars[8:]
-    R, p = w.frames[0, :3], w.frames[0, 3]
+    c, co = w.stumpff, w.tangent
+    R, p = w.frame_rotation[NODE], w.frame_position[NODE]
     start(t, gravity, V, W, A)
     clear(tau)
     for i in range(t.length.shape[0]):
@@ -171,9 +186,9 @@ def sweep(
                         F[j, r] += h[r]
                     for e in range(j + 1):
                         M[j, e] += dot6(B1[e], h)
-        assign_matrix(B1, w.end[i])
-        assign_matrix(R, w.rotation[i])
-        assign(p, w.position[i])
+        assign_matrix(B1, w.end_columns[i])
+        assign_matrix(R, w.end_rotation[i])
+        assign(p, w.end_position[i])
         if forces > 0.0:
             # Jdot_next v = Ad^-1 (Jdot v - ad_w J v), w the twist of the end relative to b.
             for r in range(6):

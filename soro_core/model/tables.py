@@ -18,7 +18,7 @@ CONTACT, HELD = -1, -2
 
 
 class External(NamedTuple):
-    """Places where something acts from outside, outward along the arm; no places: all is skipped."""
+    """Places where something acts from outside, outward along the arm."""
 
     first: Integers
     """First place of each link, and behind the last: (n + 1,)."""
@@ -56,22 +56,28 @@ class Tables(NamedTuple):
     fraction: Array
     """Sub-intervals of a link on (0, 1): their lengths, (n_sub,)."""
     shape: Array
-    """Shape function of each coordinate at the two points of each sub-interval that the method looks at
-    (Gauss points of the Magnus step, stages of Ralston's rule): (n_sub, n_q, 2)."""
+    """Shape function of each coordinate at two points of each sub-interval, the Gauss points of the Magnus
+    step or the stages of Ralston's rule: (n_sub, n_q, 2)."""
     shape_node: Array
     """The same at the quadrature nodes, (n_q, n_nodes)."""
     reference: Array
     """xi_0 of each link: (n, 6)."""
     length: Array
+    """Undeformed, [m], (n,)."""
     radius: Array
+    """[m], (n,)."""
     mass: Array
+    """Of each link without point masses [kg], (n,)."""
     tip_mass: float
+    """[kg]."""
     point_mass: Array
-    """What each quadrature node carries besides, (n, n_nodes)."""
+    """Point mass at each quadrature node [kg], (n, n_nodes)."""
     gravity: Array
-    """In the world frame (3,)."""
+    """In the world frame [m/s^2], (3,)."""
     base_rotation: Array
+    """Of the base frame in the world, (3, 3)."""
     base_position: Array
+    """Of the base frame in the world [m], (3,)."""
     nodes: Array
     """Quadrature nodes on (0, 1), with weights that sum to 1."""
     weights: Array
@@ -84,19 +90,21 @@ class Tables(NamedTuple):
     """Linear stiffness (material), the block of each link: row of a coordinate, (n_q, width)."""
     damping: Array
     """Viscous damping, in the same form."""
-    looks: Integers
-    """At how many places the area of a chamber is taken along a link: 0 where it does not run, 1 where
-    strain or area is constant, else the nodes; (n, n_u)."""
+    chamber_samples: Integers
+    """At how many places of a link the area of a chamber is evaluated: 0 where the chamber does not run
+    along the link, 1 where strain or area is constant, else the number of nodes; (n, n_u)."""
     actuation: Array
-    """dV/dq of areas that do not depend on strain, at each look: (n_looks, n_q, n_u)."""
+    """dV/dq of areas that do not depend on strain, at each sample: (n_samples, n_q, n_u)."""
     area_rate: Array
-    """Relative growth of the area per volume displaced there, at each look [1/m^3]: (n_looks, n, n_u)."""
+    """Relative growth of the area per volume displaced there, at each sample [1/m^3]: (n_samples, n, n_u)."""
     axial_gain: Array
     """Area times length of each chamber along each link, (n, n_u)."""
     internal_kind: Integers
     """CREEP, DAHL, or AIR of a run with valves, which moves by other equations; (n_z,)."""
     internal_coordinate: Integers
+    """The coordinate that drags each state along, (n_z,)."""
     internal_stiffness: Array
+    """Generalised force per unit of the state, (n_z,)."""
     internal_scale: Array
     """Relaxation time [s] of creep, range of hysteresis."""
     external: External
@@ -107,7 +115,7 @@ class MdeTables(Tables):
 
 
 class Site(NamedTuple):
-    """A place along the arm, as the kernels look it up."""
+    """A place along the arm, in the form that the kernels read."""
 
     link: int
     place: float

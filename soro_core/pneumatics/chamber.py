@@ -1,14 +1,15 @@
-"""Air in chambers whose volume moves with the arm: mass as the state, a proportional valve on each.
+"""Air in chambers whose volume changes with the arm, each behind a proportional valve; the state is its mass.
 
-The pressure follows from mass and volume, p = p_0 (m / (rho_0 V))^n, isothermal for n = 1 (p V = m R T).
-V = V_0 + the volume that the arm displaces, whose gradient is the actuation matrix, so that the work of the
-gas is the work on the arm. Each valve opens in proportion to what its chamber lacks of the set point, to the
-supply or to the exhaust, fully beyond its band; the flow falls as the pressure rises, whatever the command.
+docs/model.md (27) to (31). The pressure follows from mass and volume, p = p_0 (m / (rho_0 V))^n, isothermal
+for n = 1 (p V = m R T). V is V_0 plus the volume that the arm displaces, whose gradient is the actuation
+matrix, so that the work of the gas is the work on the arm. Each valve opens in proportion to the difference
+of set point and pressure, to the supply or to the exhaust, and fully beyond its band; the flow decreases with
+rising pressure for every command.
 
-One step takes a weighted mean of the flows at its start and end, theta at the end. With theta = 1/2 it is of
-second order; where the flow is fast against the step, theta is raised so that the rate found at the start
-decays as an exponential would [Liniger and Willoughby 1970]: the pressure then meets its goal, and never
-passes it, for any step and volume.
+One step uses a weighted mean of the flows at its start and end, with the weight theta at the end. With
+theta = 1/2 it is of second order; if the flow is fast for the step, theta is larger, so that the rate at the
+start decays as an exponential would [LW70]: the pressure then meets its target and never overshoots, for any
+step and volume.
 """
 
 from __future__ import annotations
@@ -30,24 +31,24 @@ AMBIENT_PA = 101325.0
 GAS_CONSTANT = 287.05
 """Of dry air [J/(kg K)]."""
 REFERENCE_TEMPERATURE = 293.15
-"""At which sonic conductances hold [K]."""
+"""Temperature of the reference atmosphere of sonic conductances [K]."""
 OPEN_BAND_PA = 1.0
-"""Band of a valve that has let go: it does not close as the pressure falls."""
+"""Band of a valve that has failed open [Pa]: it does not close as the pressure decreases."""
 MAX_ITERATIONS = 60
-# Error left in the pressure, of the pressure.
+# Relative error of the pressure.
 TOLERANCE = 1e-14
 
 
 class Gas(NamedTuple):
-    """Valves and chambers as the kernels see them; pressures absolute [Pa], arrays (n_u,)."""
+    """Valves and chambers in the form of the kernels; absolute pressures [Pa], arrays (n_u,)."""
 
     volume: Array
-    """Of each chamber at q = 0 [m^3]."""
+    """Volume of each chamber at q = 0 [m^3]."""
     fill: Array
     vent: Array
     leak: Array
     loss: Array
-    """Part of its gauge pressure that a chamber loses a second [1/s]."""
+    """Rate at which a chamber loses its gauge pressure [1/s]."""
     supply: Array
     exhaust: Array
     band: Array
@@ -55,11 +56,11 @@ class Gas(NamedTuple):
     exponent: float
     ambient: float
     density: float
-    """Of the air outside [kg/m^3]."""
+    """Density of the air outside [kg/m^3]."""
 
 
-class Port(NamedTuple):
-    """One valve and its chamber, as `Gas` has them."""
+class ValveChamber(NamedTuple):
+    """One valve and its chamber: the fields of `Gas` for one index."""
 
     fill: float
     vent: float
@@ -75,17 +76,32 @@ class Port(NamedTuple):
 
 
 def make_gas(model: ValveModel, volume_m3: Array, condition: ValveCondition | None = None) -> Gas:
-    """Return the numbers of valves on chambers of these volumes at q = 0, (n_u,); healthy by default."""
+    """Return valves and chambers in the form of the kernels.
+
+    Parameters
+    ----------
+    model : ValveModel
+        Model of every valve.
+    volume_m3 : ndarray (n_u,)
+        Volume of each chamber at q = 0 [m^3].
+    condition : ValveCondition, optional
+        Faults of the valves; healthy by default.
+
+    Returns
+    -------
+    Gas
+    """
     volume = np.array(volume_m3, dtype=np.float64)
     now = healthy(volume.size) if condition is None else condition
     is_open = now.is_open != 0.0
-    # Warmer air is thinner, but faster [ISO 6358].
+    # Warmer air is thinner, but faster [ISO 6358-1].
     warm = math.sqrt(REFERENCE_TEMPERATURE / model.temperature_k)
     vent = warm * model.vent_m3_s_pa * now.vent
     supply = AMBIENT_PA + np.minimum(model.supply_pa, now.supply_pa)
     return Gas(
         volume=volume,
-        # A valve that has let go connects its chamber with the air outside, by one way for in and out.
+        # A valve that has failed open connects its chamber with the air outside, with one conductance both
+        # ways.
         fill=np.where(is_open, vent, warm * model.fill_m3_s_pa * now.fill),
         vent=vent,
         leak=np.full_like(volume, warm * model.leak_m3_s_pa),
@@ -101,9 +117,9 @@ def make_gas(model: ValveModel, volume_m3: Array, condition: ValveCondition | No
 
 
 @inner
-def port_of(g: Gas, u: int) -> Port:
+def valve_chamber(g: Gas, u: int) -> ValveChamber:
     """Valve and chamber number u."""
-    return Port(
+    return ValveChamber(
         g.fill[u],
         g.vent[u],
         g.leak[u],
@@ -119,7 +135,7 @@ def port_of(g: Gas, u: int) -> Port:
 
 
 @inner
-def mass_of(g: Port, pressure: float, volume: float) -> float:
+def mass_of(g: ValveChamber, pressure: float, volume: float) -> float:
     """Mass [kg] of the air at an absolute pressure in a volume."""
     if g.exponent == 1.0:
         return g.density * volume * pressure / g.ambient
@@ -128,14 +144,14 @@ def mass_of(g: Port, pressure: float, volume: float) -> float:
 
 
 @inner
-def pressure_of(g: Port, mass: float, volume: float) -> float:
+def pressure_of(g: ValveChamber, mass: float, volume: float) -> float:
     """Absolute pressure [Pa] of a mass in a volume."""
     ratio = mass / (g.density * volume)
     return g.ambient * (ratio if g.exponent == 1.0 else ratio**g.exponent)
 
 
 @inner
-def inflow(g: Port, pressure: float, volume: float, setpoint: float) -> tuple[float, float]:
+def inflow(g: ValveChamber, pressure: float, volume: float, setpoint: float) -> tuple[float, float]:
     """Mass flow [kg/s] into a chamber at an absolute pressure, and its derivative, which is 0 or less."""
     opening = (min(max(setpoint, g.exhaust), g.supply) - pressure) / g.band
     by_p = -1.0 / g.band if abs(opening) < 1.0 else 0.0
@@ -158,8 +174,10 @@ def inflow(g: Port, pressure: float, volume: float, setpoint: float) -> tuple[fl
 
 
 @inner
-def implicitness(g: Port, mass: float, volume: float, flow: float, setpoint: float, dt: float) -> float:
-    """Weight theta of the flow at the end: 1/2 for a slow one, near 1 where the step would pass the goal."""
+def implicitness(
+    g: ValveChamber, mass: float, volume: float, flow: float, setpoint: float, dt: float
+) -> float:
+    """Weight theta of the flow at the end: 1/2 for slow flow, near 1 if the step would overshoot."""
     goal = mass_of(g, min(max(setpoint, g.exhaust), g.supply), volume)
     gap = goal - mass
     if not flow * gap > 0.0:
@@ -173,9 +191,9 @@ def implicitness(g: Port, mass: float, volume: float, flow: float, setpoint: flo
 
 @inner
 def advance_chamber(
-    g: Port, mass: float, volume: float, volume_end: float, setpoint: float, dt: float
+    g: ValveChamber, mass: float, volume: float, volume_end: float, setpoint: float, dt: float
 ) -> tuple[float, float, float]:
-    """One chamber over `dt`: (mass, absolute pressure, d pressure / d volume) at the end.
+    """Return mass, absolute pressure and d pressure / d volume of a chamber after `dt`, docs/model.md (30).
 
     Solves m(p, V) = m_0 + dt ((1 - theta) f_0 + theta f(p)) for p: both sides are monotone, so that Newton's
     iteration within a bracket finds the one solution.
@@ -222,7 +240,7 @@ def chamber_pressures(
     pressure_end: Array,
     by_volume: Array,
 ) -> bool:
-    """Advance all chambers over `dt`, given how their volumes end; False where one is closed to nothing.
+    """Advance all chambers over `dt` to given volumes; False if a volume or a mass is not positive.
 
     Parameters
     ----------
@@ -239,8 +257,8 @@ def chamber_pressures(
     for u in range(mass.shape[0]):
         if not (volume[u] > 0.0 and volume_end[u] > 0.0 and mass[u] > 0.0):
             return False
-        port = port_of(g, u)
-        held, p, slope = advance_chamber(port, mass[u], volume[u], volume_end[u], g.ambient + setpoint[u], dt)
+        one = valve_chamber(g, u)
+        held, p, slope = advance_chamber(one, mass[u], volume[u], volume_end[u], g.ambient + setpoint[u], dt)
         mass_end[u] = held
         pressure_end[u] = p - g.ambient
         by_volume[u] = slope
@@ -251,11 +269,13 @@ def chamber_pressures(
 def masses_at(g: Gas, pressure: Array, volume: Array, mass: Array) -> None:
     """mass <- air [kg] in chambers at gauge pressures [Pa], (n_u,)."""
     for u in range(mass.shape[0]):
-        mass[u] = mass_of(port_of(g, u), g.ambient + pressure[u], volume[u])
+        mass[u] = mass_of(valve_chamber(g, u), g.ambient + pressure[u], volume[u])
 
 
 @kernel
 def inflows(g: Gas, pressure: Array, setpoint: Array, flow: Array) -> None:
     """flow <- mass flow into chambers [kg/s] at gauge pressures and set points [Pa], (n_u,)."""
     for u in range(flow.shape[0]):
-        flow[u], _ = inflow(port_of(g, u), g.ambient + pressure[u], g.volume[u], g.ambient + setpoint[u])
+        flow[u], _ = inflow(
+            valve_chamber(g, u), g.ambient + pressure[u], g.volume[u], g.ambient + setpoint[u]
+        )

@@ -1,10 +1,10 @@
-"""Mass flow through an orifice, after ISO 6358-1:2013, in both directions.
+"""Mass flow through an orifice, after ISO 6358-1:2013, in both directions; docs/model.md (29).
 
 q = C rho_0 p_1 psi(p_2 / p_1) at the reference temperature, with the sonic conductance C [m^3/(s Pa)] and
-the critical pressure ratio b: psi = 1 below b (choked), a quarter of an ellipse above. The ellipse ends
-upright at equal pressures, where the flow of a real orifice becomes laminar: from the ratio 0.999 on psi is
-a straight line to 0, as is common [Sanville 1971; Beater, Pneumatic Drives, 2007], so that every derivative
-is finite.
+the critical pressure ratio b: psi = 1 below b (choked), a quarter of an ellipse above. The ellipse has a
+vertical tangent at equal pressures, where the flow of a real orifice is laminar: from the ratio 0.999 on, psi
+is a straight line to 0, as is common [Sanville 1971; Beater, Pneumatic Drives, 2007], so that every
+derivative is finite.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from soro_core._jit import inner
 
 # Density of the standard reference atmosphere (100 kPa, 20 degrees C, 65 % humidity) [kg/m^3].
 REFERENCE_DENSITY = 1.185
-# Ratio of pressures from which on the flow is laminar.
+# The flow is laminar from this ratio of pressures on.
 LAMINAR = 0.999
 
 

@@ -1,7 +1,7 @@
-"""A closed-loop pressure regulator as the plant sees it: delay, hysteresis, lag, rate limit, noise.
+"""Model of a closed-loop pressure regulator: delay, hysteresis, lag, rate limit, noise.
 
-The defaults are those identified on a Festo VEAB proportional valve (first order, 52 ms) with assumptions for
-what was not published (delay, hysteresis, noise); see docs/hardware.md.
+The default lag is that identified on a Festo VEAB proportional valve (first order, 52 ms); delay, hysteresis
+and noise are assumptions, see docs/hardware.md.
 """
 
 from __future__ import annotations
@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict
+from soro_core.pneumatics.lag import follow
 
 Array: TypeAlias = NDArray[np.float64]
-
-# In place of a time constant of 0 [s]: nothing is left of a gap after any time that a float can tell.
-SHORTEST_S = 1e-200
 
 
 class RegulatorModel(Strict):
@@ -30,7 +28,7 @@ class RegulatorModel(Strict):
     vent_tau_s: float = Field(
         0.0, ge=0, le=10, description="time constant while the pressure falls; 0 for tau_s"
     )
-    gain: float = Field(1.0, gt=0, le=2, description="pressure reached over set point")
+    gain: float = Field(1.0, gt=0, le=2, description="ratio of reached pressure to set point")
     rate_limit_pa_s: float = Field(0.0, ge=0, description="largest rate of pressure; 0 for no limit")
     hysteresis_pa: float = Field(
         900.0, ge=0, description="width of the play between set point and pressure; 0 for none"
@@ -40,8 +38,10 @@ class RegulatorModel(Strict):
         100.0, ge=0, description="step of the measured pressure; 0 for continuous"
     )
     reading_noise_pa: float = Field(100.0, ge=0, description="standard deviation of the measured pressure")
-    minimum_pa: float = Field(0.0, ge=-101e3, description="lowest gauge pressure that it can reach")
-    maximum_pa: float = Field(90e3, description="highest gauge pressure that it can reach")
+    minimum_pa: float = Field(
+        0.0, ge=-101e3, description="lowest gauge pressure that the regulator can reach"
+    )
+    maximum_pa: float = Field(90e3, description="highest gauge pressure that the regulator can reach")
 
     @model_validator(mode="after")
     def _ordered(self) -> RegulatorModel:
@@ -51,13 +51,21 @@ class RegulatorModel(Strict):
 
     @property
     def falling_tau_s(self) -> float:
-        """Time constant while the pressure falls [s]: an exhaust is driven by less than a supply."""
+        """Time constant while the pressure falls [s]; the exhaust has the smaller pressure difference."""
         return self.vent_tau_s or self.tau_s
 
 
 @dataclass(frozen=True)
 class RegulatorState:
-    """Pressures [Pa gauge] and what is on its way to them; every array has one entry a chamber."""
+    """State of regulators.
+
+    Attributes
+    ----------
+    pressure_pa, target_pa : ndarray (n,)
+        Pressures, and set points after dead time, resolution, play and range [Pa gauge].
+    pending : tuple of (float, ndarray (n,))
+        Set points within the dead time [Pa gauge], each with the time left [s].
+    """
 
     pressure_pa: Array
     target_pa: Array
@@ -65,20 +73,42 @@ class RegulatorState:
 
 
 def initial_state(model: RegulatorModel, n: int, pressure_pa: float = 0.0) -> RegulatorState:
-    """Return `n` chambers at rest at one pressure."""
+    """Return the state of chambers at rest.
+
+    Parameters
+    ----------
+    model : RegulatorModel
+        Parameters of the regulators.
+    n : int
+        Number of chambers.
+    pressure_pa : float
+        Pressure of all chambers [Pa gauge], limited to the range.
+
+    Returns
+    -------
+    RegulatorState
+    """
     start = np.full(n, min(max(pressure_pa, model.minimum_pa), model.maximum_pa))
     return RegulatorState(pressure_pa=start, target_pa=start)
 
 
 def step(model: RegulatorModel, state: RegulatorState, setpoint_pa: Array, dt: float) -> RegulatorState:
-    """Advance by `dt` with the set points held; exact for any `dt`.
+    """Return the state after `dt` with the set points held; exact for any `dt`.
 
     Parameters
     ----------
+    model : RegulatorModel
+        Parameters of the regulators.
+    state : RegulatorState
+        State at the start.
     setpoint_pa : ndarray (n,)
-        Set points [Pa gauge], finite; the regulator clips them to its own range as the device does.
+        Set points [Pa gauge], finite; the regulator clips them to its range, as the device does.
     dt : float
         Time step [s], >= 0.
+
+    Returns
+    -------
+    RegulatorState
     """
     after, spans = targets(model, state, setpoint_pa, dt)
     pressure = state.pressure_pa
@@ -90,12 +120,23 @@ def step(model: RegulatorModel, state: RegulatorState, setpoint_pa: Array, dt: f
 def targets(
     model: RegulatorModel, state: RegulatorState, setpoint_pa: Array, dt: float
 ) -> tuple[RegulatorState, list[tuple[float, Array]]]:
-    """What the regulators aim at over `dt`: the set points after dead time, resolution, play and range.
+    """Return the targets over `dt`: the set points after dead time, resolution, play and range.
+
+    Parameters
+    ----------
+    model : RegulatorModel
+        Parameters of the regulators.
+    state : RegulatorState
+        State at the start.
+    setpoint_pa : ndarray (n,)
+        Set points [Pa gauge].
+    dt : float
+        Time step [s], >= 0.
 
     Returns
     -------
     state : RegulatorState
-        At the end, with the pressures as they were.
+        State at the end, but with the pressures of the start.
     spans : list of (float, ndarray (n,))
         Times [s], 0 or more, that add up to `dt`, each with the target [Pa gauge] held over it.
     """
@@ -113,13 +154,41 @@ def targets(
 
 
 def reading(model: RegulatorModel, state: RegulatorState, rng: np.random.Generator) -> Array:
-    """Pressure [Pa gauge] (n,) as the device reports it: noisy, then quantised."""
+    """Return the pressures that the devices report: with noise, then quantised.
+
+    Parameters
+    ----------
+    model : RegulatorModel
+        Noise and resolution.
+    state : RegulatorState
+        True pressures.
+    rng : numpy.random.Generator
+        Source of the noise.
+
+    Returns
+    -------
+    ndarray (n,)
+        Readings [Pa gauge].
+    """
     noise = model.reading_noise_pa * rng.standard_normal(state.pressure_pa.shape[0])
     return _quantise(state.pressure_pa + noise, model.reading_resolution_pa)
 
 
 def vent_time(model: RegulatorModel, from_pa: float, to_pa: float) -> float:
-    """Time [s] that a vent from one gauge pressure to a lower one takes, for bounds in tests and reports."""
+    """Return the time of a vent from one gauge pressure to a lower one.
+
+    Parameters
+    ----------
+    model : RegulatorModel
+        Parameters of the regulator.
+    from_pa, to_pa : float
+        Pressures at the start and at the end [Pa gauge].
+
+    Returns
+    -------
+    float
+        Time [s]; infinite if the play stops the vent above `to_pa`.
+    """
     target = model.hysteresis_pa / 2
     if to_pa <= target:
         return math.inf
@@ -138,7 +207,7 @@ def vent_time(model: RegulatorModel, from_pa: float, to_pa: float) -> float:
 
 
 def _play(model: RegulatorModel, target: Array, setpoint: Array) -> Array:
-    """Backlash: the target moves only as the set point pushes it past half the width."""
+    """Return the target after backlash: the set point moves it only beyond half the width of the play."""
     wanted = model.gain * _quantise(setpoint, model.command_resolution_pa)
     half = model.hysteresis_pa / 2
     moved = np.minimum(np.maximum(target, wanted - half), wanted + half)
@@ -152,15 +221,12 @@ def _follow(model: RegulatorModel, pressure: Array, target: Array, dt: float) ->
     gap = target - pressure
     # The gap never changes its sign, so that one time constant holds for each chamber.
     tau = np.where(gap < 0.0, model.falling_tau_s, model.tau_s)
-    if model.rate_limit_pa_s > 0:
-        # While the lag asks for more than the limit the gap closes linearly, then exponentially.
-        corner = model.rate_limit_pa_s * tau
-        linear = np.clip((np.abs(gap) - corner) / model.rate_limit_pa_s, 0.0, dt)
-        gap = gap - np.sign(gap) * model.rate_limit_pa_s * linear
-        remaining = dt - linear
-    else:
-        remaining = np.full_like(gap, dt)
-    return target - gap * np.exp(-remaining / np.maximum(tau, SHORTEST_S))
+    if model.rate_limit_pa_s == 0:
+        return follow(pressure, target, dt, tau)
+    # While the lag asks for more than the limit the gap closes linearly, then exponentially.
+    corner = model.rate_limit_pa_s * tau
+    linear = np.clip((np.abs(gap) - corner) / model.rate_limit_pa_s, 0.0, dt)
+    return follow(pressure + np.sign(gap) * model.rate_limit_pa_s * linear, target, dt - linear, tau)
 
 
 def _quantise(value: Array, resolution: float) -> Array:

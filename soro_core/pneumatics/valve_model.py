@@ -1,4 +1,4 @@
-"""What a proportional valve is: values alone, for configurations that must not load any kernel."""
+"""Parameters of a proportional valve, apart from the kernels so that a configuration loads without numba."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ValveModel(Strict):
     )
     band_pa: float = Field(2e3, gt=0, le=1e6, description="deviation from the set point that opens it fully")
     polytropic: float = Field(1.0, ge=1, le=1.4, description="exponent n of the gas; 1 isothermal")
-    temperature_k: float = Field(293.15, gt=100, le=1000, description="of the air outside")
+    temperature_k: float = Field(293.15, gt=100, le=1000, description="temperature of the air outside")
 
     @model_validator(mode="after")
     def _ordered(self) -> ValveModel:

@@ -1,4 +1,4 @@
-"""Shape functions of the strains along a link, and their integrals (theory.md section 1)."""
+"""Shape functions of the strains along a link and their integrals, docs/model.md (3)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.robot.link import Link
-from soro_core.robot.strain import StrainField
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -43,9 +42,11 @@ def shape_values(link: Link, sigma: ArrayLike) -> Array:
     at = np.atleast_1d(np.asarray(sigma, dtype=np.float64)) / link.length
     inside = (at >= -1e-9) & (at <= 1 + 1e-9)  # false for NaN
     if at.ndim != 1 or not inside.all():
-        raise ModelError(f"shape_values: sigma: got {sigma!r}; allowed: values from 0 to {link.length:g} m")
+        raise ModelError(
+            f"shape_values: sigma: got {sigma!r}; allowed: values from 0 to {link.length:g} m", "sigma"
+        )
     at = np.clip(at, 0.0, 1.0)
-    return np.concatenate([_values(field, at) for field in link.strains.values()])
+    return np.concatenate([field.shape_functions.values(field, at) for field in link.strains.values()])
 
 
 def shape_integrals(link: Link) -> Array:
@@ -57,8 +58,8 @@ def shape_integrals(link: Link) -> Array:
     total = np.zeros((link.n_q, link.n_q))
     first = 0
     for field in link.strains.values():
-        at, weights = _nodes(field)
-        values = _values(field, at)
+        at, weights = field.shape_functions.nodes(field)
+        values = field.shape_functions.values(field, at)
         block = link.length * (values * weights) @ values.T
         last = first + field.size
         total[first:last, first:last] = (block + block.T) / 2
@@ -70,33 +71,6 @@ def shape_means(link: Link) -> Array:
     """Mean of each shape function over the link, (n_q,); exact up to round-off."""
     means = []
     for field in link.strains.values():
-        at, weights = _nodes(field)
-        means.append(_values(field, at) @ weights)
+        at, weights = field.shape_functions.nodes(field)
+        means.append(field.shape_functions.values(field, at) @ weights)
     return np.concatenate(means)
-
-
-def _values(field: StrainField, at: Array) -> Array:
-    """Shape functions of one strain at fractions 0 ... 1 of the length, (size, n)."""
-    x = 2 * at - 1
-    if field.basis == "legendre":
-        assert field.order is not None
-        return np.asarray(np.polynomial.legendre.legvander(x, field.order).T, dtype=np.float64)
-    if field.basis == "chebyshev":
-        assert field.order is not None
-        return np.asarray(np.polynomial.chebyshev.chebvander(x, field.order).T, dtype=np.float64)
-    if field.basis == "pod":
-        from scipy.interpolate import CubicSpline  # loaded late: most robots have no modes
-
-        samples = np.array(field.samples)[:, : field.size]
-        values: Array = CubicSpline(np.linspace(0.0, 1.0, len(samples)), samples)(at).T
-        return values
-    return np.ones((1, at.size))
-
-
-def _nodes(field: StrainField) -> tuple[Array, Array]:
-    """Nodes and weights on 0 ... 1 that integrate products of two shape functions exactly."""
-    pieces = 1 if field.samples is None else len(field.samples) - 1
-    degree = 3 if field.samples is not None else field.order or 0
-    x, weights = np.polynomial.legendre.leggauss(degree + 1)
-    at = (np.arange(pieces)[:, None] + (x + 1) / 2) / pieces
-    return at.ravel(), np.tile(weights / 2 / pieces, pieces)

@@ -1,9 +1,9 @@
 """The coordinates of a robot as fields of strain: one field for each strain of each link.
 
-What is said of a strain (a gain, a noise, a limit) is said of a strain that is uniform along its link. With
-several coefficients a strain it is carried over by the weight W = 1/L int phi phi' dsigma of their shape
-functions: k x^2 of a uniform strain x becomes k q' W q, k times the mean square along the link. It is the
-same in whatever basis the strain is written; a constant one has W = 1.
+Gains, noises and limits are given for strains that are uniform along their link. With several coefficients
+a strain they are carried over by the weight W of docs/model.md (4): k x^2 of a uniform strain x becomes
+k q' W q, k times the mean square along the link. It is the same in whatever basis the strain is written; a
+constant one has W = 1.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Integers: TypeAlias = NDArray[np.int64]
 Booleans: TypeAlias = NDArray[np.bool_]
 
 STRETCHES = ("elongation", "shear_x", "shear_y")
-# Points along a link at which a field is looked at for its largest value, the ends among them.
+# Points along a link at which a field is evaluated for its largest value, the ends among them.
 _POINTS = 65
 # Beyond any strain, and far from overflow in a sum of coefficients.
 _HUGE = 1e100
@@ -79,25 +79,29 @@ class StrainFields:
         return np.array(wanted, dtype=np.float64)[self.index]
 
     def peaks(self, q: Array) -> Array:
-        """Return the largest absolute strain along the link of the field of each coordinate, (n_q,)."""
-        values = np.add.reduceat(q[:, None] * self.samples, self.first, axis=0)
-        peaks: Array = np.max(np.abs(values), axis=1)[self.index]
+        """Return the largest absolute strain along the link of the field of each coordinate, (..., n_q)."""
+        values = np.add.reduceat(q[..., None] * self.samples, self.first, axis=-2)
+        peaks: Array = np.max(np.abs(values), axis=-1)[..., self.index]
         return peaks
+
+    def bounds(self, q: Array) -> Array:
+        """Return a bound of `peaks` (..., n_q) without evaluating the field, exact if it is constant."""
+        bounds: Array = np.add.reduceat(np.abs(q) * self.largest, self.first, axis=-1)[..., self.index]
+        return bounds
 
     def within(self, q: Array, limit: Array) -> Array:
         """Scale down each field that is beyond its limit somewhere along the link; `limit` (n_q,)."""
         # A sum of coefficients must not overflow.
         q = np.clip(q, -_HUGE, _HUGE)
-        # Coefficients that add up to less than the limit need no look along the link.
-        most = np.add.reduceat(np.abs(q) * self.largest, self.first)[self.index]
-        if (most <= limit).all():
+        # Where the coefficients add up to less than the limit, the field need not be evaluated.
+        if (self.bounds(q) <= limit).all():
             return q
         peaks = self.peaks(q)
         return np.where(peaks > limit, q / np.maximum(peaks, limit) * limit, q)
 
 
 def strain_fields(robot: Robot) -> StrainFields:
-    """Look up the strain fields of a robot."""
+    """Return the strain fields of a robot."""
     counts = [field.size for link in robot.links for field in link.strains.values()]
     rows = [(link, strain) for link in robot.links for strain in strain_rows(link)]
     weight = np.zeros((robot.n_q, robot.n_q))
@@ -129,7 +133,6 @@ def _uniform(link: Link) -> Array:
     parts, first = [], 0
     for field in link.strains.values():
         rows = slice(first, first + field.size)
-        exact = np.eye(field.size)[0]
-        parts.append(np.linalg.solve(weight[rows, rows], mean[rows]) if field.basis == "pod" else exact)
+        parts.append(field.shape_functions.uniform(field, weight[rows, rows], mean[rows]))
         first += field.size
     return np.concatenate(parts)

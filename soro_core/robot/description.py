@@ -106,6 +106,11 @@ class Robot(Strict):
         return sum(len(link.chambers) for link in self.links)
 
     @property
+    def varies(self) -> bool:
+        """Whether a strain can vary along one of the links."""
+        return any(link.varies for link in self.links)
+
+    @property
     def length(self) -> float:
         """Undeformed length of the whole arm [m]."""
         return sum(link.length for link in self.links)
@@ -160,7 +165,7 @@ class Robot(Strict):
         return self.replace(links=links, refinement=self.refinement * k)
 
     def scaled(self, stiffness: float = 1.0, damping: float = 1.0, gain: float = 1.0) -> Robot:
-        """Return a robot that differs from this one as a real one does from its file.
+        """Return a robot with other stiffness, losses and chamber gains, as a real one has them.
 
         Parameters
         ----------

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError
+from soro_core.robot.bases import BASES, listed, names
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
 from soro_core.robot.parts import fields
@@ -20,7 +21,7 @@ from soro_core.robot.strain import MAX_ORDER
 Integrator: TypeAlias = Literal[
     "trapezoidal", "rk4", "midpoint_linear", "midpoint", "tr_bdf2", "tr_bdf2_linear", "dopri5"
 ]
-"""Names of `soro_core.integrate.STEPPERS`, for whom their import is too much."""
+"""Names of `soro_core.integrate.STEPPERS`, for modules that do not import the steppers."""
 EXPLICIT: tuple[Integrator, ...] = ("rk4", "dopri5")
 """Those that take no air behind valves."""
 
@@ -34,10 +35,18 @@ class Discretisation(Strict):
     )
     steps: int = Field(0, ge=0, le=1000, description="mde: steps a link; 0: the model's default")
     links: int = Field(1, ge=1, le=64, description="pieces that each link of the robot is split into")
-    basis: Literal["robot", "constant", "legendre", "chebyshev"] = Field(
+    basis: str = Field(
         "robot", description="shape functions of every strain, on each piece; robot: as its file says"
     )
     order: int = Field(0, ge=0, le=MAX_ORDER, description="polynomial degree, of legendre and chebyshev")
+
+    @field_validator("basis", mode="before")
+    @classmethod
+    def _known(cls, value: Any) -> str:
+        allowed = ["robot", *_expanding()]
+        if not isinstance(value, str) or value not in allowed:
+            raise ValueError(listed(map(repr, allowed)))
+        return value
 
     @model_validator(mode="after")
     def _together(self) -> Discretisation:
@@ -47,9 +56,9 @@ class Discretisation(Strict):
             raise ValueError("no nodes with method mde, only with exact")
         if self.steps and self.method != "mde":
             raise ValueError("no steps with method exact, only with mde")
-        polynomial = self.basis in ("legendre", "chebyshev")
-        if polynomial != bool(self.order):
-            raise ValueError("an order of 1 or more with basis legendre and chebyshev, and only there")
+        ordered = names(lambda basis: "order" in basis.keys)
+        if (self.basis in ordered) != bool(self.order):
+            raise ValueError(f"an order of 1 or more with basis {listed(ordered, 'and')}, and only there")
         return self
 
     @property
@@ -57,7 +66,7 @@ class Discretisation(Strict):
         """The same method, nodes and steps on the robot as its file has it."""
         return Discretisation(method=self.method, nodes=self.nodes, steps=self.steps)
 
-    def shape(self, robot: Robot) -> Robot:
+    def discretise(self, robot: Robot) -> Robot:
         """Return the robot with its links split and its strains expanded.
 
         Raises
@@ -80,40 +89,50 @@ def with_basis(robot: Robot, basis: str, order: int) -> Robot:
     ----------
     robot : Robot
         With constant strains, or without losses given for each coordinate.
-    basis : {"constant", "legendre", "chebyshev"}
+    basis : str
+        A name in `soro_core.robot.bases.BASES` that takes no samples: constant, legendre, chebyshev.
     order : int
         Polynomial degree; not of constant.
 
     Raises
     ------
     ConfigError
-        If a strain has modes; if losses are given for each coordinate of a varying strain, or should be
-        expanded in Chebyshev polynomials, which are not orthogonal; if a link has hysteresis, which is not
-        linear.
+        If the basis is not one of these; if a strain has modes; if losses are given for each coordinate of
+        a varying strain, or should be expanded in Chebyshev polynomials, which are not orthogonal; if a
+        link has hysteresis, which is not linear.
     """
+    if basis not in _expanding():
+        raise ConfigError(robot.name, "basis", basis, listed(_expanding()))
     where = f"{robot.name}: basis {basis}"
     return robot.replace(
         links=[_expanded(link, basis, order, where, f"links[{i}]") for i, link in enumerate(robot.links)]
     )
 
 
+def _expanding() -> list[str]:
+    """Names of the bases that any link can be expanded in."""
+    return names(lambda basis: basis.keys <= {"order"})
+
+
 def _expanded(link: Link, basis: str, order: int, where: str, key: str) -> dict[str, Any]:
-    was_constant = all(field.basis == "constant" for field in link.strains.values())
-    if basis == "constant" and was_constant:
+    was_constant = not link.varies
+    wanted = BASES[basis]
+    if not wanted.varies and was_constant:
         return fields(link)
     for name, field in link.strains.items():
-        if field.basis == "pod":
-            raise ConfigError(where, f"{key}.strains.{name}.basis", "pod", "constant, legendre or chebyshev")
+        if not field.shape_functions.splits:
+            raise ConfigError(where, f"{key}.strains.{name}.basis", field.basis, listed(_expanding()))
     lossy = any(link.damping or ()) or any(any(branch.stiffness) for branch in link.creep)
     if link.hysteresis:
         raise ConfigError(where, f"{key}.hysteresis", "hysteresis", "none: it acts on a constant strain only")
     if lossy and not was_constant:
         raise ConfigError(where, f"{key}.damping", "losses of each coordinate", "constant strains")
-    if lossy and basis == "chebyshev":
-        allowed = "none given for each coordinate, or basis legendre: Chebyshev polynomials would couple them"
+    if lossy and wanted.varies and not wanted.orthogonal:
+        those = listed(names(lambda one: one.orthogonal))
+        allowed = f"none given for each coordinate, or basis {those}: {basis} would couple them"
         raise ConfigError(where, f"{key}.damping", "losses of each coordinate", allowed)
     part = fields(link)
-    shape: dict[str, Any] = {"basis": basis, **({} if basis == "constant" else {"order": order})}
+    shape: dict[str, Any] = {"basis": basis, **({"order": order} if "order" in wanted.keys else {})}
     part["strains"] = dict.fromkeys(link.strains, shape)
 
     def spread(values: tuple[float, ...], share: bool) -> list[float]:

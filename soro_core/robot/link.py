@@ -14,7 +14,7 @@ from soro_core.robot.vectors import Vector3
 
 
 class Material(Strict):
-    """Linear elastic, linear viscous material of a solid round section (theory.md section 3)."""
+    """Linear elastic, linear viscous material of a solid round section, docs/model.md (16), (20)."""
 
     youngs_modulus: float = Field(gt=0, description="Pa")
     shear_modulus: float = Field(gt=0, description="Pa")
@@ -48,7 +48,7 @@ class Creep(Strict):
 
 
 class Hysteresis(Strict):
-    """One Dahl element a coordinate: z' = qd - |qd| z / range, force stiffness * z on the left."""
+    """One Dahl element a coordinate: z' = qd - |qd| z / range, force stiffness * z on the left [D68]."""
 
     stiffness: Floats = Field(
         description="one a coordinate, in units of the generalised force over the coordinate"
@@ -211,7 +211,7 @@ class Link(Strict):
     def _uniform(cls, value: tuple[Hysteresis, ...], info: ValidationInfo) -> tuple[Hysteresis, ...]:
         """Each piece of a link slips by its own strain: no element on a coefficient adds up to that."""
         fields: Mapping[str, StrainField] = info.data.get("strains", {})
-        varying = {name for name, field in fields.items() if field.basis == "pod" or field.order}
+        varying = {name for name, field in fields.items() if not field.is_uniform}
         of = [name for name, field in fields.items() for _ in range(field.size)]
         for element in value:
             for name, stiffness in zip(of, element.stiffness, strict=False):
@@ -223,6 +223,16 @@ class Link(Strict):
     def n_q(self) -> int:
         """Number of coordinates."""
         return sum(field.size for field in self.strains.values())
+
+    @property
+    def varies(self) -> bool:
+        """Whether a strain can vary along it."""
+        return any(field.varies for field in self.strains.values())
+
+    @property
+    def splits(self) -> bool:
+        """Whether parts of it can have the shape functions of all its strains."""
+        return all(field.shape_functions.splits for field in self.strains.values())
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -41,8 +41,8 @@ def load_robot(name_or_path: str | Path) -> Robot:
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """Make a robot from a dictionary with the keys of a robot file.
 
-    A complete reference case (the keys of a robot, together with q, qd and all recorded results) is taken
-    as well; its results are left aside. Modes (basis pod) stand in `samples`, or in a `file` relative to the
+    A golden case (the keys of a robot, together with q, qd and all recorded results) is accepted too; its
+    results are ignored. Modes (basis pod) stand in `samples`, or in a `file` relative to the
     working directory.
 
     Raises

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from soro_core.errors import ConfigError
+from soro_core.robot.bases import BASES
 from soro_core.robot.strain import samples_fault
 
 _ENDINGS = (".npy", ".npz", ".csv")
@@ -52,7 +53,10 @@ def _link(link: Any, folder: Path, where: str, key: str) -> Any:
 
 
 def _field(field: Any, folder: Path, where: str, key: str) -> Any:
-    if not isinstance(field, Mapping) or field.get("basis") != "pod" or field.get("samples") is not None:
+    if not isinstance(field, Mapping) or field.get("samples") is not None:
+        return field
+    basis = field.get("basis")
+    if not isinstance(basis, str) or basis not in BASES or "file" not in BASES[basis].keys:
         return field
     name, modes = field.get("file"), field.get("modes")
     if not isinstance(name, str) or not name:

@@ -1,4 +1,4 @@
-"""Changed links: parts of a refined one, and one that differs from its file as a real one does."""
+"""Links made from a link: its parts, and one with other stiffness, losses and chamber gains."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ from typing import Any
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError
+from soro_core.robot.bases import listed, names
 from soro_core.robot.link import Link
 
 
 def scaled_link(link: Link, stiffness: float, damping: float, gain: float) -> dict[str, Any]:
+    """Return the keys of a link with other physics.
+
+    Parameters
+    ----------
+    link : Link
+    stiffness, damping, gain : float
+        Factors on the stiffness, on all losses, and on the force of the chambers.
+    """
+
     def times(values: tuple[float, ...], factor: float) -> tuple[float, ...]:
         return tuple(factor * value for value in values)
 
@@ -45,6 +55,12 @@ def scaled_link(link: Link, stiffness: float, damping: float, gain: float) -> di
 def check_split(link: Link, where: str, key: str) -> None:
     """Refuse a link whose parts would not have its physics.
 
+    Parameters
+    ----------
+    link : Link
+    where, key : str
+        File or robot, and key of the link, for the message.
+
     Raises
     ------
     ConfigError
@@ -52,9 +68,10 @@ def check_split(link: Link, where: str, key: str) -> None:
         each coordinate (that of P_1, say, has no counterpart in the parts).
     """
     for name, field in link.strains.items():
-        if field.basis == "pod":
-            raise ConfigError(where, f"{key}.strains.{name}.basis", "pod", "constant, legendre or chebyshev")
-    if any(field.basis != "constant" for field in link.strains.values()):
+        if not field.shape_functions.splits:
+            allowed = listed(names(lambda basis: basis.splits))
+            raise ConfigError(where, f"{key}.strains.{name}.basis", field.basis, allowed)
+    if link.varies:
         for name in ("damping", "creep", "hysteresis"):
             values = getattr(link, name)
             if values:
@@ -64,6 +81,8 @@ def check_split(link: Link, where: str, key: str) -> None:
 
 
 def split_link(link: Link, k: int) -> list[dict[str, Any]]:
+    """Return the keys of k equal links with the physics of one; the first has the chambers."""
+
     def share(values: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(value / k for value in values)
 
@@ -87,6 +106,7 @@ def fields(model: Strict) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
+    """Return the keys of a model, and of those in a list, as plain values."""
     if isinstance(value, Strict):
         return fields(value)
     if isinstance(value, list | tuple):

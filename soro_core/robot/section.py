@@ -1,4 +1,4 @@
-"""Stiffness and damping of a link from its material and its solid round section (theory.md section 3)."""
+"""Stiffness and damping of a link from its material and round section, docs/model.md (16), (19), (20)."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ def shear_factors(robot: Robot) -> Array:
     """Shear correction on EI of each link, shape (n_links, 2): of bending_x and of bending_y.
 
     In each of the two planes one factor for all links that bend in it and leave its shear out (shear_x of
-    bending_x, shear_y of bending_y): with it, the first frequency of the chain as a cantilever without shear
-    (rotary inertia kept, tip mass left out) is that of the Timoshenko beam. It is a property of the beam,
-    whatever the shape functions.
+    bending_x, shear_y of bending_y): with it, the first frequency of the chain as a cantilever without
+    shear (rotary inertia kept, tip mass left out) is that of the Timoshenko beam [T21], docs/model.md (19).
+    It is a property of the beam, whatever the shape functions.
     """
     planes = [
         tuple(_is_corrected(link, f"bending_{axis}", f"shear_{axis}") for link in robot.links)

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
 from soro_core.config import Floats, Strict
+from soro_core.robot.bases import BASES, Basis, listed, names
 
 Strain: TypeAlias = Literal["torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y"]
 STRAINS: tuple[Strain, ...] = ("torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y")
@@ -27,7 +28,7 @@ class StrainField(Strict):
     a coordinate has the unit of its strain (of a mode: that unit over the mode's).
     """
 
-    basis: Literal["constant", "legendre", "chebyshev", "pod"] = "constant"
+    basis: str = Field("constant", description="one of `soro_core.robot.bases.BASES`")
     order: int | None = Field(
         None,
         ge=0,
@@ -47,21 +48,26 @@ class StrainField(Strict):
         validate_default=True,
     )
 
+    @field_validator("basis", mode="before")
+    @classmethod
+    def _known(cls, value: Any) -> str:
+        if not isinstance(value, str) or value not in BASES:
+            raise ValueError(listed(map(repr, BASES)))
+        return value
+
     @field_validator("order")
     @classmethod
     def _order(cls, value: int | None, info: ValidationInfo) -> int | None:
-        basis = info.data.get("basis")
-        if basis in ("legendre", "chebyshev") and value is None:
-            raise ValueError(f"a polynomial degree from 0 to {MAX_ORDER} for basis {basis}")
-        if basis in ("constant", "pod") and value is not None:
-            raise ValueError(f"no order with basis {basis}, only with legendre and chebyshev")
+        wanted = _takes(info, "order")
+        if wanted and value is None:
+            raise ValueError(f"a polynomial degree from 0 to {MAX_ORDER} for basis {info.data['basis']}")
+        _refuse(value, info)
         return value
 
     @field_validator("modes", "samples", "file")
     @classmethod
-    def _only_pod(cls, value: Any, info: ValidationInfo) -> Any:
-        if value is not None and info.data.get("basis", "pod") != "pod":
-            raise ValueError(f"no {info.field_name} with basis {info.data['basis']}, only with pod")
+    def _where_taken(cls, value: Any, info: ValidationInfo) -> Any:
+        _refuse(value, info)
         return value
 
     @field_validator("samples")
@@ -76,28 +82,51 @@ class StrainField(Strict):
     @field_validator("file")
     @classmethod
     def _read(cls, value: str | None, info: ValidationInfo) -> str | None:
-        if info.data.get("basis") == "pod" and info.data.get("samples", ()) is None:
+        if _takes(info, "samples") and info.data.get("samples", ()) is None:
             raise ValueError(
                 "samples of the modes, or a file of them in a robot file or a dictionary for robot_from_dict"
             )
         return value
 
     @property
+    def shape_functions(self) -> Basis:
+        """The entry of the registry."""
+        return BASES[self.basis]
+
+    @property
     def size(self) -> int:
         """Number of coordinates."""
-        if self.order is not None:
-            return self.order + 1
-        if self.samples is not None:
-            return self.modes or len(self.samples[0])
-        return 1
+        return self.shape_functions.size(self)
+
+    @property
+    def varies(self) -> bool:
+        """Whether the strain can vary along the link."""
+        return self.shape_functions.varies
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the one shape function is 1."""
+        return self.shape_functions.is_uniform(self)
+
+
+def _takes(info: ValidationInfo, key: str) -> bool | None:
+    """Whether the basis takes the key; None where the basis itself is refused."""
+    basis = info.data.get("basis")
+    return None if basis is None else key in BASES[basis].keys
+
+
+def _refuse(value: Any, info: ValidationInfo) -> None:
+    """Refuse a value of a key that the basis does not take."""
+    key = str(info.field_name)
+    if value is not None and _takes(info, key) is False:
+        those = listed(names(lambda basis: key in basis.keys), "and")
+        raise ValueError(f"no {key} with basis {info.data['basis']}, only with {those}")
 
 
 def coordinate_names(strains: Mapping[str, StrainField]) -> tuple[str, ...]:
     """Names of the coordinates in order: ``bending_x`` of a constant field, else ``bending_x_0``, ..."""
     return tuple(
-        name if field.basis == "constant" else f"{name}_{k}"
-        for name, field in strains.items()
-        for k in range(field.size)
+        f"{name}_{k}" if field.varies else name for name, field in strains.items() for k in range(field.size)
     )
 
 

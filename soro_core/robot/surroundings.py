@@ -1,4 +1,4 @@
-"""What acts on an arm from outside, and what it carries: as it stands in a robot file. SI units."""
+"""Keys of a robot file for what acts on an arm from outside and what it carries. SI units."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Sphere(Surface):
 
 
 class Contacts(Strict):
-    """Obstacles, and how many points of the arm feel them."""
+    """Obstacles, and the number of points of the arm that they act on."""
 
     planes: Annotated[tuple[Plane, ...], Field(strict=False)] = ()
     spheres: Annotated[tuple[Sphere, ...], Field(strict=False)] = ()

@@ -1,22 +1,25 @@
 """The limiter, the watchdogs, the monitors and the latch: the one place that every command passes.
 
-Everything is a pure function of a frozen state: `offer` takes a command in, `cycle` gives the set points of
-the next exchange with the regulators, `request_vent` and `reset` are what a person asks for. Once tripped the
-state is latched: it answers zero set points and `vented` until `reset` is called with a zero command. A
-`Limiter` holds the state for a loop.
+Everything is a pure function of a frozen state. A cycle is `offer` for each command that has come, `slew`,
+which gives the set points that the exchange with the regulators sends, and `judge`, which takes the readings
+of that exchange; a person asks for `request_vent` and `reset`. Once tripped the state is latched: it answers
+zero set points and `vented` until `reset` is called with a zero command. A `Limiter` holds the state for a
+loop.
 """
 
 from soro_core.safety.limiter import (
-    SafetyState,
-    cycle,
-    initial_state,
+    doubt,
     interpolated,
+    judge,
     offer,
     request_vent,
     reset,
+    slew,
 )
 from soro_core.safety.limits import HARD_LIMIT_PA, Limits, Monitors, Rating, check_rating, for_regulators
+from soro_core.safety.names import Names, note_message
 from soro_core.safety.remembered import MonitorState
+from soro_core.safety.state import SafetyState, initial_state
 from soro_core.safety.stateful import Limiter
 
 __all__ = [
@@ -25,14 +28,18 @@ __all__ = [
     "Limits",
     "MonitorState",
     "Monitors",
+    "Names",
     "Rating",
     "SafetyState",
     "check_rating",
-    "cycle",
+    "doubt",
     "for_regulators",
     "initial_state",
     "interpolated",
+    "judge",
+    "note_message",
     "offer",
     "request_vent",
     "reset",
+    "slew",
 ]

@@ -21,7 +21,7 @@ class Emptying:
     Attributes
     ----------
     full, named : ndarray (n,) of bool
-        Whose last reading showed pressure, and who of them has been named.
+        Chambers whose last reading showed pressure, and those of them that have been named.
     begun_ns : int or None
         Time of the first exchange after the vent.
     not_vented : str or None
@@ -36,24 +36,36 @@ class Emptying:
 
 def not_begun(n: int) -> Emptying:
     """Return the state of `n` chambers that have not been vented."""
-    nobody = np.zeros(n, dtype=np.bool_)
-    return Emptying(nobody, nobody)
+    none = np.zeros(n, dtype=np.bool_)
+    return Emptying(none, none)
 
 
 def watch_vent(
     limits: Limits, state: Emptying, names: Sequence[str], reading_pa: Array, fresh: Flags, now_ns: int
 ) -> Emptying:
-    """Take the readings of one exchange in a vent in.
+    """Judge the readings of one exchange during a vent.
 
     Parameters
     ----------
+    limits : Limits
+        Pressure and time limits of a vent.
+    state : Emptying
+        State before the exchange.
+    names : sequence of str
+        Names of the chambers.
     reading_pa : ndarray (n,)
         Measured pressures [Pa gauge].
     fresh : ndarray (n,) of bool
-        Whose reading was sampled in this exchange; of the others the last one counts.
+        Whether each reading was sampled in this exchange; for the others the last one counts.
+    now_ns : int
+        Time of the limiter's clock [ns].
+
+    Returns
+    -------
+    Emptying
     """
     begun_ns = now_ns if state.begun_ns is None else state.begun_ns
-    # No pressure is below a vacuum: an open wire, like a reading that is not a number, tells nothing.
+    # No pressure is below a vacuum: an open wire, like a reading that is not a number, is no reading.
     live = fresh & (reading_pa >= limits.monitors.open_circuit_pa)
     top_pa = limits.vented_pa * (1.0 if state.not_vented is None else EMPTY_AGAIN)
     full = np.where(live, np.abs(reading_pa) >= top_pa, state.full)

@@ -1,88 +1,42 @@
-"""The limiter, the watchdogs and the latch: frozen state in, frozen state out."""
+"""The limiter, the watchdogs and the latch: pure functions of a frozen state."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.safety.emptying import Emptying, not_begun, watch_vent
+from soro_core.safety.emptying import watch_vent
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitors import broken_wire, watch
-from soro_core.safety.remembered import Array, Flags, MonitorState, Times, chamber, initial_monitors
+from soro_core.safety.remembered import Array, Flags, chamber
+from soro_core.safety.state import SafetyState, counted, initial_state
 
-# Regulators of which nothing else is said.
+# Response of regulators whose platform states none.
 TYPICAL = RegulatorModel()
-
-
-@dataclass(frozen=True)
-class SafetyState:
-    """State of the limiter for `n` chambers; times are nanoseconds of one clock.
-
-    `command_ns` is when the last good command was made, for its age, `command_stamp_ns` when it says that it
-    was, for its order. `cause` is None while nothing tripped; a latched state names what did, and `emptying`
-    tells whether the arm has become empty since.
-    """
-
-    setpoint_pa: Array
-    command_pa: Array
-    monitors: MonitorState
-    emptying: Emptying
-    command_ns: int | None = None
-    command_stamp_ns: int = 0
-    command_source: str = ""
-    reading_ns: Times | None = None
-    over_ns: int | None = None
-    cycle_ns: int | None = None
-    cause: str | None = None
-    rejected: dict[str, int] = field(default_factory=dict)
-
-    @property
-    def vented(self) -> bool:
-        """Whether the limiter is latched, so that the regulators must vent."""
-        return self.cause is not None
-
-    @property
-    def not_vented(self) -> str | None:
-        """Which chambers have kept their pressure since the vent, or None."""
-        return self.emptying.not_vented
-
-    @property
-    def kept(self) -> str | None:
-        """Pressure that is there although the arm is vented, for which the latch stays, or None."""
-        over = "a measured pressure is still above the limit"
-        return self.not_vented or (over if self.over_ns is not None else None)
-
-    @property
-    def complaint(self) -> str | None:
-        """All that a latched state has to say: its cause, and which chambers have not become empty."""
-        return "; ".join(filter(None, (self.cause, self.not_vented))) or None
-
-
-def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
-    """Return the state of `n` chambers that no command has reached; causes call them by `names` if given."""
-    monitors = initial_monitors(n, names)
-    return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n))
 
 
 def offer(
     limits: Limits, state: SafetyState, command_pa: Array, stamp_ns: int, now_ns: int, source: str = "command"
 ) -> tuple[SafetyState, str | None]:
-    """Take a command in, or refuse it.
+    """Accept a command, or refuse it.
 
-    A refused command changes nothing but its count: the last good one goes on to age, so that a stream of bad
-    commands ends in a vent by the watchdog.
+    A refused command only increments its count: the last accepted command continues to age, so that a stream
+    of bad commands ends in a vent by the watchdog.
 
     Parameters
     ----------
+    limits : Limits
+        Limits of commands and readings.
+    state : SafetyState
+        State before the call.
     command_pa : ndarray (n,)
         Set points [Pa gauge].
     stamp_ns, now_ns : int
-        When the command was made, and the time now, of the same clock.
+        Time of the command, and present time, of the same clock [ns].
     source : str
-        Where it came from; while one source is live a second one is refused.
+        Name of the source; while one source is live, a second one is refused.
 
     Returns
     -------
@@ -92,9 +46,7 @@ def offer(
     """
     refusal = _refuse(limits, state, command_pa, stamp_ns, now_ns, source)
     if refusal is not None:
-        kind = refusal.split(":", 1)[0]
-        counts = {**state.rejected, kind: state.rejected.get(kind, 0) + 1}
-        return replace(state, rejected=counts), refusal
+        return counted(state, refusal), refusal
     taken = np.array(command_pa, dtype=np.float64)
     # A clock that runs ahead must not lengthen the watchdog: a command is never younger than now.
     made_ns = min(stamp_ns, now_ns)
@@ -102,7 +54,64 @@ def offer(
     return replace(state, command_source=source), None
 
 
-def cycle(
+def doubt(state: SafetyState, reason: str, source: str) -> SafetyState:
+    """Refuse a command whose source name two publishers may use, and hold the set points of its last command.
+
+    The last command continues to age.
+
+    Parameters
+    ----------
+    state : SafetyState
+        State before the call.
+    reason : str
+        Why the command is refused; the text before the colon is its kind.
+    source : str
+        Name of the source.
+
+    Returns
+    -------
+    SafetyState
+    """
+    state = counted(state, reason)
+    in_force = source == state.command_source and not state.vented
+    return replace(state, command_pa=state.setpoint_pa) if in_force else state
+
+
+def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
+    """Begin a cycle: check the age of the command, then move the set points towards it.
+
+    The exchange of this cycle sends the set points of the state. A command that is too old latches before the
+    exchange.
+
+    Parameters
+    ----------
+    limits : Limits
+        Limits of commands and readings.
+    state : SafetyState
+        State before the call.
+    now_ns : int
+        Time of the limiter's clock [ns].
+
+    Returns
+    -------
+    SafetyState
+    """
+    dt = 0.0 if state.cycle_ns is None else max(now_ns - state.cycle_ns, 0) * 1e-9
+    state = replace(state, cycle_ns=now_ns)
+    if state.vented or state.command_ns is None:
+        return state
+    age = (now_ns - state.command_ns) * 1e-9
+    if age > limits.command_age_s:
+        return request_vent(state, f"command lost: last one {age * 1e3:.0f} ms old")
+    # After a stall longer than the watchdog, the set points move no further than in one watchdog time.
+    dt = min(dt, limits.command_age_s)
+    lowest = state.setpoint_pa - limits.fall_pa_s * dt
+    highest = state.setpoint_pa + limits.rise_pa_s * dt
+    slewed = np.minimum(np.maximum(state.command_pa, lowest), highest)
+    return replace(state, setpoint_pa=np.minimum(np.maximum(slewed, limits.minimum_pa), limits.maximum_pa))
+
+
+def judge(
     limits: Limits,
     state: SafetyState,
     reading_pa: Array,
@@ -112,28 +121,39 @@ def cycle(
     supply_pa: Array | None = None,
     response: RegulatorModel = TYPICAL,
 ) -> SafetyState:
-    """Judge the last readings and the age of the command, and set the next set points.
+    """End a cycle: judge the readings of its exchange.
+
+    Regulators sample a reading at the arrival of the set points of the same exchange, or some milliseconds
+    later: the reading responds to the set points of earlier cycles. The monitors rely on that.
 
     Parameters
     ----------
+    limits : Limits
+        Limits of commands and readings.
+    state : SafetyState
+        State after `slew`, whose set points have been sent.
     reading_pa : ndarray (n,)
-        Measured pressures [Pa gauge] of the last exchange.
+        Measured pressures [Pa gauge].
     fresh : bool or ndarray (n,) of bool
-        Which chambers answered in it.
+        Whether each chamber answered in this exchange.
+    now_ns : int
+        Time of the limiter's clock [ns].
     fault : str or None
-        What the regulators reported of themselves; any fault trips.
+        Fault that the regulators report; any fault trips.
     supply_pa : ndarray (n,) or None
-        Supply pressures [Pa gauge] where a device reports them, NaN elsewhere.
+        Reported supply pressures [Pa gauge], NaN for devices that report none.
     response : RegulatorModel
-        How the platform's regulators follow their set points: what the monitors expect of the readings.
+        Response of the platform's regulators, with which the monitors compare the readings.
+
+    Returns
+    -------
+    SafetyState
     """
     fresh = np.broadcast_to(fresh, state.setpoint_pa.shape)
     known = np.full(fresh.shape, now_ns) if state.reading_ns is None else state.reading_ns
-    dt = 0.0 if state.cycle_ns is None else max(now_ns - state.cycle_ns, 0) * 1e-9
     state = replace(
         state,
         reading_ns=np.where(fresh, now_ns, known),
-        cycle_ns=now_ns,
         over_ns=_over_since(limits, state, reading_pa, now_ns),
     )
     if state.vented:
@@ -145,23 +165,28 @@ def cycle(
             limits.monitors, response, state.monitors, state.setpoint_pa, reading_pa, fresh, supply_pa, now_ns
         )
         state = replace(state, monitors=monitors)
-    if cause is not None:
-        return request_vent(state, cause)
-    if state.command_ns is None:
-        return state
-    # An interval longer than the watchdog is a stall, not a licence to jump.
-    dt = min(dt, limits.command_age_s)
-    lowest = state.setpoint_pa - limits.fall_pa_s * dt
-    highest = state.setpoint_pa + limits.rise_pa_s * dt
-    slewed = np.minimum(np.maximum(state.command_pa, lowest), highest)
-    return replace(state, setpoint_pa=np.minimum(np.maximum(slewed, limits.minimum_pa), limits.maximum_pa))
+    return state if cause is None else request_vent(state, cause)
 
 
 def interpolated(state: SafetyState, reading_pa: Array, fresh: bool | Flags) -> Array:
-    """Pressures (n,) [Pa gauge] after `cycle`: where no reading is fresh, the last one carried on.
+    """Return pressures after `judge`, with readings that are not fresh extrapolated.
 
-    It is carried on by what the set points since have changed in the model of the regulators, at most for the
-    age at which readings count as lost. A latched state carries nothing on.
+    The extrapolation adds the change that the set points since the reading cause in the model of the
+    regulators, until the reading counts as lost. A latched state extrapolates nothing.
+
+    Parameters
+    ----------
+    state : SafetyState
+        State after `judge`.
+    reading_pa : ndarray (n,)
+        Measured pressures [Pa gauge].
+    fresh : bool or ndarray (n,) of bool
+        Whether each chamber answered in this exchange.
+
+    Returns
+    -------
+    ndarray (n,)
+        Pressures [Pa gauge].
     """
     monitors = state.monitors
     carried = monitors.seen & ~np.broadcast_to(fresh, monitors.seen.shape) & (not state.vented)
@@ -169,15 +194,25 @@ def interpolated(state: SafetyState, reading_pa: Array, fresh: bool | Flags) -> 
 
 
 def request_vent(state: SafetyState, cause: str) -> SafetyState:
-    """Latch with zero set points; the first cause stays, and the last command, which `reset` looks at."""
+    """Latch with zero set points; the first cause stays, and so does the last command, for `reset`."""
     return replace(state, setpoint_pa=np.zeros_like(state.setpoint_pa), cause=state.cause or cause)
 
 
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:
-    """Leave the latch, if the last command, however old, was zero; its source and stamp stay those to beat.
+    """Open the latch if the last accepted command was zero, whatever its age.
 
-    An arm that is still on its way to 0 Pa is no reason to keep it latched. One that was found not to get
-    there is: somebody has to look at it, and it has to be seen empty.
+    The source and the time stamp of that command stay, so that an older command is refused later. An arm that
+    is still becoming empty does not keep the latch closed. An arm that has kept its pressure for too long
+    does: a person has to examine it, and readings have to show that it is empty.
+
+    Parameters
+    ----------
+    limits : Limits
+        Limits of commands and readings.
+    state : SafetyState
+        State before the call.
+    now_ns : int
+        Time of the limiter's clock [ns].
 
     Returns
     -------
@@ -196,7 +231,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     return (
         replace(
             initial_state(state.setpoint_pa.shape[0], state.monitors.names),
-            # A source that was silent for long is not lost now, but what it sent before stays sent before.
+            # A source that was silent for long does not trip again; the order of its commands still holds.
             command_ns=state.command_ns if live else None,
             command_stamp_ns=state.command_stamp_ns,
             command_source=state.command_source,
@@ -210,7 +245,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
 def _refuse(
     limits: Limits, state: SafetyState, command_pa: Array, stamp_ns: int, now_ns: int, source: str
 ) -> str | None:
-    """Why a command cannot be taken, or None. Finiteness comes before every comparison: NaN fails none."""
+    """Return why a command is refused, or None; finiteness first: a comparison with NaN is false."""
     names = state.monitors.names
     command = np.asarray(command_pa, dtype=np.float64)
     if command.shape != state.command_pa.shape:
@@ -230,8 +265,8 @@ def _refuse(
         return f"from the future: stamped {-age:.3f} s ahead"
     if source == state.command_source:
         return "out of order: not newer than the last command" if stamp_ns <= state.command_stamp_ns else None
-    # One that has fallen silent is not followed by another: the next cycle trips, and who is first after the
-    # reset may command.
+    # A silent source is not replaced by another one: the next cycle trips, and after the reset the first
+    # source may command.
     in_force = state.cycle_ns is not None and not state.vented
     if state.command_ns is not None and (
         in_force or (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
@@ -261,8 +296,4 @@ def _trip_cause(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: i
         silent = float(now_ns - state.reading_ns[oldest]) * 1e-9
         if silent > limits.reading_age_s:
             return f"readings lost: {chamber(names, oldest)} not fresh for {silent * 1e3:.0f} ms"
-    if state.command_ns is not None:
-        age = (now_ns - state.command_ns) * 1e-9
-        if age > limits.command_age_s:
-            return f"command lost: last one {age * 1e3:.0f} ms old"
     return None

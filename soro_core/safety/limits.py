@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from soro_core.config import Strict
+from soro_core.config import Strict, changed
 from soro_core.errors import ConfigError
 
 # Rating of the three-bellow platform, below 0.1 MPa gauge; that of every platform which states no other.
@@ -21,10 +21,13 @@ class Rating(Strict):
     """What the mechanics of a platform bear; stated in the platform file, and no parameter raises it."""
 
     minimum_pa: float = Field(
-        -HARD_LIMIT_PA, ge=-101e3, le=0, description="set points stay at or above it [Pa gauge]"
+        -HARD_LIMIT_PA, ge=-101e3, le=0, description="lowest permitted set point [Pa gauge]"
     )
     maximum_pa: float = Field(
-        HARD_LIMIT_PA, gt=0, le=HIGHEST_RATING_PA, description="set points stay below it [Pa gauge]"
+        HARD_LIMIT_PA,
+        gt=0,
+        le=HIGHEST_RATING_PA,
+        description="set points stay below this pressure [Pa gauge]",
     )
 
 
@@ -102,16 +105,22 @@ class Limits(Strict):
 
 
 def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where: str) -> Limits:
-    """Limits on the regulators of a platform: their readings may be as old as their bus makes them.
+    """Return limits for the regulators of a platform, whose bus determines the age of readings.
 
     Parameters
     ----------
+    limits : Limits
+        Limits of the file.
     update_hz : float
-        Readings a second of one chamber.
+        Rate of readings of one chamber [Hz].
     reading_age_s : float
-        Age [s] that a reading can have on their bus before it is known to be lost.
+        Age at which a reading on the bus counts as lost [s].
     where : str
-        What the platform is called in errors.
+        Name of the platform in errors.
+
+    Returns
+    -------
+    Limits
 
     Raises
     ------
@@ -122,16 +131,25 @@ def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where
         allowed = f"at least {SLOWEST_HZ:g}: fewer devices a line, or a higher baud rate"
         raise ConfigError(where, "readings of a chamber a second", f"{update_hz:.2g}", allowed)
     age_s = max(limits.reading_age_s, min(reading_age_s, OLDEST_READING_S))
-    return limits.model_copy(update={"reading_age_s": age_s})
+    return changed(limits, reading_age_s=age_s)
 
 
 def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits") -> None:
-    """Refuse limits that lead beyond a platform's rating.
+    """Refuse limits beyond a platform's rating.
+
+    Parameters
+    ----------
+    limits : Limits
+        Limits of commands and readings.
+    rating : Rating
+        Rating of the platform.
+    where, key : str
+        File and key of the limits in errors.
 
     Raises
     ------
     ConfigError
-        Naming the limit.
+        With the key of the limit.
     """
     top = rating.maximum_pa
     rated = f"the platform is rated for {rating.minimum_pa:g} to {top:g} Pa"

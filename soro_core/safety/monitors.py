@@ -1,19 +1,19 @@
 """Plausibility of valves and sensors: readings against what the set points must have led to.
 
 What a valve must have done is predicted by the model of the platform's regulators (dead time, play, lag of
-first order), driven by the set points alone: a wrong reading cannot talk the prediction into being right.
+first order), driven by the set points alone: a wrong reading cannot change the prediction.
 Thresholds and times are those of `Monitors`; every function is pure.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
+from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel, step
 from soro_core.safety.limits import Monitors
 from soro_core.safety.remembered import NEVER, Array, Flags, MonitorState, Sample, Times, chamber
@@ -29,7 +29,21 @@ _Found: TypeAlias = tuple[dict[str, Array | Times], str | None]
 
 
 def broken_wire(monitors: Monitors, names: Sequence[str], reading_pa: Array) -> str | None:
-    """Name a reading that no pressure explains: a sensor's wire is open or shorted."""
+    """Return the cause of a trip if the wire of a sensor is open or shorted, else None.
+
+    Parameters
+    ----------
+    monitors : Monitors
+        Thresholds.
+    names : sequence of str
+        Names of the chambers.
+    reading_pa : ndarray (n,)
+        Measured pressures [Pa gauge].
+
+    Returns
+    -------
+    str or None
+    """
     bad = (reading_pa < monitors.open_circuit_pa) | (reading_pa > monitors.short_circuit_pa)
     if not bad.any():
         return None
@@ -48,22 +62,26 @@ def watch(
     supply_pa: Array | None,
     now_ns: int,
 ) -> tuple[MonitorState, str | None]:
-    """Take the readings of one exchange in.
+    """Judge the readings of one exchange.
 
     Parameters
     ----------
     monitors : Monitors
         Thresholds and times.
     response : RegulatorModel
-        How the platform's regulators follow their set points.
+        Response of the platform's regulators.
+    state : MonitorState
+        State before the exchange.
     setpoint_pa : ndarray (n,)
-        Set points [Pa gauge] that this exchange sent; in force from now on.
+        Set points that this exchange sent [Pa gauge]; its readings respond to the earlier ones.
     reading_pa : ndarray (n,)
         Measured pressures [Pa gauge], finite.
     fresh : ndarray (n,) of bool
-        Whose reading was sampled in this exchange; the others are not judged by it.
+        Whether each reading was sampled in this exchange; the others are not judged.
     supply_pa : ndarray (n,) or None
-        Supply pressure [Pa gauge] where a device reports one, NaN elsewhere.
+        Reported supply pressures [Pa gauge], NaN for devices that report none.
+    now_ns : int
+        Time of the limiter's clock [ns].
 
     Returns
     -------
@@ -162,9 +180,8 @@ def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: Sample) 
     settled = now.fresh & (now.now_ns - since >= settled_s * 1e9)
     if not settled.any() and s.drift_ns.max(initial=NEVER) == NEVER:
         return {"still_ns": since}, None  # as always under closed-loop control
-    part = -math.expm1(-now.dt / DRIFT_FILTER_S)
     running = settled & (s.drift_ns != NEVER)
-    mean = np.where(running, s.mean_pa + part * (now.reading_pa - s.mean_pa), now.reading_pa)
+    mean = np.where(running, follow(s.mean_pa, now.reading_pa, now.dt, DRIFT_FILTER_S), now.reading_pa)
     elapsed_ns = now.now_ns - s.drift_ns
     over = running & (elapsed_ns >= m.leak_s / DRIFT_WINDOWS * 1e9)
     begins = over | (settled & ~running)

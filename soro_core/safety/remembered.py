@@ -29,7 +29,7 @@ class MonitorState:
     expected : RegulatorState
         Prediction, and the set points on their way to it.
     setpoint_pa : ndarray (n,)
-        Set points in force since the last exchange.
+        Set points in force since the last exchange, which sent them.
     reading_pa, residual_pa, seen
         Last fresh readings, how far they were from the prediction, and whether there has been one.
     deviates_ns

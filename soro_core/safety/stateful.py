@@ -8,6 +8,7 @@ from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import limiter
 from soro_core.safety.limits import Limits
 from soro_core.safety.remembered import Array, Flags
+from soro_core.safety.state import initial_state
 
 
 class Limiter:
@@ -32,7 +33,7 @@ class Limiter:
         self, limits: Limits, names: Sequence[str], response: RegulatorModel = limiter.TYPICAL
     ) -> None:
         self.limits, self.names, self._response = limits, tuple(names), response
-        self.state = limiter.initial_state(len(self.names), self.names)
+        self.state = initial_state(len(self.names), self.names)
 
     @property
     def cause(self) -> str | None:
@@ -45,9 +46,18 @@ class Limiter:
         return self.state.not_vented
 
     def offer(self, command_pa: Array, stamp_ns: int, now_ns: int, source: str = "command") -> str | None:
-        """Take set points (n,) [Pa gauge] for the next cycle; the refusal, or None."""
+        """Accept set points and return None, or the reason of a refusal; parameters as in `limiter.offer`."""
         self.state, refusal = limiter.offer(self.limits, self.state, command_pa, stamp_ns, now_ns, source)
         return refusal
+
+    def slew(self, now_ns: int) -> Array:
+        """Begin a cycle: set points (n,) [Pa gauge] that its exchange sends; zeros where it latches."""
+        self.state = limiter.slew(self.limits, self.state, now_ns)
+        return self.state.setpoint_pa
+
+    def doubt(self, reason: str, source: str) -> None:
+        """Refuse a command of a source that may be two, and follow its last one no further."""
+        self.state = limiter.doubt(self.state, reason, source)
 
     def judge(
         self,
@@ -57,8 +67,8 @@ class Limiter:
         fault: str | None = None,
         supply_pa: Array | None = None,
     ) -> None:
-        """Judge the readings of an exchange, and set the next set points."""
-        self.state = limiter.cycle(
+        """End a cycle: judge the readings of its exchange; parameters as in `limiter.judge`."""
+        self.state = limiter.judge(
             self.limits, self.state, reading_pa, fresh, now_ns, fault, supply_pa, self._response
         )
 

@@ -1,6 +1,6 @@
-"""A scene says what exists and what runs: robot, platform, twin, estimator, controller, recorder."""
+"""A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
 
-from soro_core.scene.check import check_model
+from soro_core.scene.check import check_gains, check_model, check_scene
 from soro_core.scene.model import ModelSection, Wish
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
 from soro_core.scene.scene import Scene, load_scene
@@ -12,6 +12,8 @@ __all__ = [
     "RegulatorNodeConfig",
     "Scene",
     "Wish",
+    "check_gains",
     "check_model",
+    "check_scene",
     "load_scene",
 ]

@@ -1,12 +1,48 @@
-"""What a scene asks of a robot, before anything starts."""
+"""Checks of a scene against its robot, its platform and its gains, before anything starts."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError
-from soro_core.robot import Discretisation, Robot
+from soro_core.hardware import PlatformBase
+from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene.scene import Scene
 from soro_core.twin.config import check_volumes
+
+
+def check_scene(scene: Scene, where: str) -> list[str]:
+    """Refuse a scene that does not fit the robot and the platform that it names.
+
+    Parameters
+    ----------
+    scene : Scene
+        With its model stated or chosen.
+    where : str
+        File of the scene, for the error.
+
+    Returns
+    -------
+    list of str
+        Lines for the user: faults that come too late, keys that limits or regulators contradict.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is allowed.
+    """
+    robot = scene.loaded_robot
+    require_chambers(robot, f"scene {scene.name}")
+    if scene.loaded_platform is not None:
+        _check_platform(scene, scene.loaded_platform, robot)
+    check_model(scene, robot, where)
+    late = [fault for fault in scene.faults if fault.at >= scene.duration_s]
+    return [
+        *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
+        *(f"controller.{line}" for line in scene.controller_node().known_control(scene.loaded_platform)[1]),
+    ]
 
 
 def check_model(scene: Scene, robot: Robot, where: str) -> None:
@@ -33,6 +69,61 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
         _check_air(twin.integrator, robot, where)
 
 
+def check_gains(scene: Scene, robot: Robot, where: str) -> str:
+    """Refuse gains that are those of another robot.
+
+    Gains that are stated count as those of `controller.robot`, and without this key as those of the scene's
+    robot; built-in gains as those of the robot that they are tuned for.
+
+    Parameters
+    ----------
+    scene : Scene
+    robot : Robot
+        The one that the scene names.
+    where : str
+        File of the scene, for the error.
+
+    Returns
+    -------
+    str
+        A line for the user if the gains name no robot and count as those of this one; else empty.
+
+    Raises
+    ------
+    ConfigError
+        Naming the robot that the gains are for.
+    """
+    owner, stated = scene.gains_robot, bool(scene.controller.gains.model_fields_set)
+    if owner in (scene.robot, robot.name):
+        named = not stated or "robot" in scene.controller.model_fields_set
+        return "" if named else f"controller.gains name no robot: taken for those of {robot.name}"
+    try:
+        name = load_robot(owner).name
+    except ConfigError:  # the file of that robot no longer exists
+        name = Path(owner).stem
+    if name == robot.name:
+        return ""
+    whose = f"gains of {name}" if stated else f"the built-in gains, which are those of {name}"
+    allowed = (
+        f"gains for {robot.name}: state controller.gains, or controller.robot: {scene.robot} if these are "
+        "known to fit it"
+    )
+    raise ConfigError(where, "controller.gains", whose, allowed)
+
+
+def _check_platform(scene: Scene, platform: PlatformBase, robot: Robot) -> None:
+    platform = platform.at_rate(scene.rate_hz)
+    if scene.valves == "real" and not (scene.device or platform.device):
+        allowed = f"--device, or {platform.where_device} in the platform file: where the valves are"
+        raise ConfigError(scene.platform, "device", "", allowed)
+    fed, has = platform.chamber_names, robot.chamber_names
+    if set(fed) != set(has):
+        other = [f"{name}, which the robot has not" for name in fed if name not in has]
+        other += [f"no {name}" for name in has if name not in fed]
+        allowed = f"one valve for each chamber of robot {scene.robot}: {', '.join(has)}"
+        raise ConfigError(scene.platform, "valves", f"{len(fed)} valves: {other[0]}", allowed)
+
+
 def _check_air(integrator: str, robot: Robot, where: str) -> None:
     if integrator in EXPLICIT:
         allowed = f"an implicit integrator of the twin, not {integrator}; or lag"
@@ -42,7 +133,7 @@ def _check_air(integrator: str, robot: Robot, where: str) -> None:
 
 def _check(key: str, model: Discretisation, robot: Robot, refine: int, where: str) -> None:
     try:
-        model.shape(robot.refine(refine))
+        model.discretise(robot.refine(refine))
     except ConfigError as error:
         stated = model.model_dump(exclude_defaults=True)
         if refine > 1:

@@ -15,7 +15,7 @@ WISHES = "error: 1%, budget_us: 200 or rate_hz: 500"
 
 
 class Wish(Strict):
-    """What a model is chosen for: the cheapest within an error, or the most accurate within a time."""
+    """Criterion for the choice of a model: cheapest within an error, or most accurate within a time."""
 
     error: str = Field("", description="largest RMS error of the tip, in % of the arm's length, like 1%")
     budget_us: float = Field(0.0, ge=0, description="longest computing time of a tick [us]; 0: none")
@@ -38,17 +38,17 @@ class Wish(Strict):
 
     @property
     def given(self) -> bool:
-        """Whether anything is wished."""
+        """Whether there is a wish."""
         return bool(self.error or self.budget_us or self.rate_hz)
 
     @property
     def error_percent(self) -> float:
-        """Largest error, in % of the length; 0 where the wish is another."""
+        """Largest error in % of the length; 0 for another wish."""
         return _percent(self.error) if self.error else 0.0
 
     @property
     def tick_us(self) -> float:
-        """Longest tick [us]; 0 where the wish is another."""
+        """Longest tick [us]; 0 for another wish."""
         return 1e6 / self.rate_hz if self.rate_hz else self.budget_us
 
     @property
@@ -96,12 +96,12 @@ class ModelSection(Discretisation, Wish):
 
     @property
     def wish(self) -> Wish:
-        """What is chosen for."""
+        """The wish alone."""
         return Wish(error=self.error, budget_us=self.budget_us, rate_hz=self.rate_hz)
 
     @property
     def discretisation(self) -> Discretisation:
-        """What every node needs to build its arm."""
+        """The keys that every node needs to build its arm."""
         return Discretisation(**{name: getattr(self, name) for name in Discretisation.model_fields})
 
 

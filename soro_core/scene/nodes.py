@@ -1,55 +1,44 @@
 """Parameters of the nodes that wrap one object of the core each.
 
-What several nodes must agree on (robot, mode, rate) a scene states once and gives to all of them.
+What several nodes must agree on (robot, mode, rate, limits) stands in `soro_core.run_keys`.
 """
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
-from soro_core.config import Strict
+from soro_core.config import changed
+from soro_core.control.actuation import complete_pressures, contradictions
 from soro_core.control.config import ControllerConfig
 from soro_core.estimation.config import EstimatorConfig
-from soro_core.robot import Discretisation
-from soro_core.safety import Limits
-
-Mode = Literal["real_time", "lockstep"]
-_MODE = "real_time, or lockstep: one step a tick, whenever its inputs are complete"
-
-_PRIORITY = "real_time: priority (SCHED_FIFO) where the system permits it; 0 for none"
+from soro_core.hardware import PlatformBase, load_platform
+from soro_core.pneumatics.regulator import RegulatorModel
+from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, Priority
 
 
-class RegulatorNodeConfig(Strict):
+class RegulatorNodeConfig(NodeKeys, LimitKeys):
     """Parameters of the regulator node."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     platform: str = Field("emulated_canopen", description="platform file, or the name of a shipped one")
     device: str = Field("", description="adapter or port to use instead of the platform file's")
-    mode: Mode = Field("real_time", description=_MODE)
-    rate_hz: float = Field(200.0, gt=0, le=1000, description="exchanges with the regulators a second")
-    priority: int = Field(30, ge=0, le=99, description=_PRIORITY)
+    priority: Priority = 30
     lockstep_timeout_s: float = Field(10.0, gt=0, le=600, description="wall time without a tick that vents")
-    limits: Limits = Field(Limits(), description="limits of commands and readings")
     keep_latch: bool = Field(
-        True, description="note on this machine why the devices are vented, for the driver after this one"
+        True, description="write a note on this machine why the devices are vented, for the next driver"
+    )
+    follow_shared_name: bool = Field(
+        False, description="follow commands also while two publishers give the same name (header.frame_id)"
     )
     take_over: bool = Field(
         False,
-        description="begin open although the last driver of these devices was killed or left them vented; "
-        "soro run does, which a person starts",
+        description="start with an open latch although the last driver of these devices was killed or left "
+        "them vented; soro run, which a person starts, sets it",
     )
 
 
-class EstimatorNodeConfig(Strict):
+class EstimatorNodeConfig(ArmNodeKeys):
     """Parameters of the estimator node."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
-    robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
-    model: Discretisation = Field(Discretisation(), description="how the arm is computed")
-    mode: Mode = Field("real_time", description=_MODE)
-    rate_hz: float = Field(200.0, gt=0, le=1000, description="expected rate of chambers/state")
     pose_location: float = Field(
         1.0, ge=0, le=1, description="place of sensors/pose0, part of the arm's length"
     )
@@ -64,23 +53,64 @@ class EstimatorNodeConfig(Strict):
         0.0, ge=0, le=1000, description="lockstep: samples of sensors/imu0; 0 for none"
     )
     imu_delay_s: float = Field(0.0, ge=0, le=1, description="lockstep: their delay")
-    priority: int = Field(20, ge=0, le=99, description=_PRIORITY)
+    priority: Priority = 20
     backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone; 0 for none")
     backbone_points: int = Field(21, ge=2, le=200, description="poses along the arm in arm/backbone")
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
 
 
-class ControllerNodeConfig(Strict):
+class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
     """Parameters of the controller node."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
-    enabled: bool = Field(
-        False, description="control as soon as arm/state comes, without waiting for ~/enable"
+    enabled: bool = Field(False, description="start control at the first arm/state, without ~/enable")
+    platform: str = Field(
+        "emulated_canopen",
+        description="platform file or name, as the regulator node has it: range, lag and dead time of the "
+        "regulators; empty for a twin in their place",
     )
-    robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
-    model: Discretisation = Field(Discretisation(), description="how the arm is computed")
-    mode: Mode = Field("real_time", description=_MODE)
-    rate_hz: float = Field(200.0, gt=0, le=1000, description="expected rate of arm/state")
-    priority: int = Field(20, ge=0, le=99, description=_PRIORITY)
-    state_age_s: float = Field(0.1, gt=0, le=1, description="older states are not acted on")
+    regulator: RegulatorModel = Field(
+        RegulatorModel(), description="regulators of a twin without platform, as the twin has them"
+    )
+    priority: Priority = 20
+    state_age_s: float = Field(
+        0.1, gt=0, le=1, description="longest age of a state; the controller ignores older ones"
+    )
     control: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
+    reach: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="refuse a configured reference if the best pressures leave the tip further away from it, "
+        "part of the arm's length; 0: no check",
+    )
+
+    def known_control(self, platform: PlatformBase | None = None) -> tuple[ControllerConfig, list[str]]:
+        """Complete the law's section from limits and regulators.
+
+        Parameters
+        ----------
+        platform : PlatformBase, optional
+            The platform that the configuration names, where it is read already.
+
+        Returns
+        -------
+        control : ControllerConfig
+            The section with every pressure known.
+        contradictions : list of str
+            A line for each key of the section that the limits or the regulators contradict.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such platform, or no pressure is left.
+        """
+        limits, response = self.limits, self.regulator
+        if self.platform:
+            platform = platform or load_platform(self.platform)
+            response, allowed = platform.response_at(self.rate_hz), platform.range
+            low, high = max(limits.minimum_pa, allowed.minimum_pa), min(limits.maximum_pa, allowed.maximum_pa)
+            limits = changed(limits, minimum_pa=low, maximum_pa=high)
+        pressures = self.control.pressures
+        complete = complete_pressures(pressures, limits, response, self.rate_hz)
+        control = changed(self.control, pressures=complete)
+        return control, contradictions(pressures, limits, response)

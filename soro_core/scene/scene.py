@@ -1,107 +1,122 @@
-"""The scene file: strict, and stated once."""
+"""The scene file: its keys, their checks, and the parameters of each node."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, find_config, parse, read_yaml
+from soro_core.config import Strict, changed, find_config, parse, read_yaml
 from soro_core.control.config import ControllerConfig
+from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
-from soro_core.hardware import load_platform
-from soro_core.hardware.emulation.faults import Injection
-from soro_core.robot import Discretisation
-from soro_core.safety import Limits, Rating, check_rating
+from soro_core.hardware import PlatformBase, load_platform
+from soro_core.robot import Discretisation, Robot, load_robot
+from soro_core.run_keys import SHARED, ClockKeys, LimitKeys, RobotKeys, SeedKeys
+from soro_core.safety import Rating, check_rating
 from soro_core.scene.model import ModelSection
-from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, Mode, RegulatorNodeConfig
-from soro_core.twin.config import ShadowConfig, TwinConfig
-
-# Keys of the twin that a scene states at its top, or decides by itself.
-STATED_ONCE = frozenset(
-    (
-        "robot",
-        "mode",
-        "rate_hz",
-        "seed",
-        "limits",
-        "pressures",
-        "plant_link",
-        "fault_link",
-        "autostart",
-        "duration_s",
-        "paused",
-        "priority",
-        "model",
-    )
-)
+from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
+from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 
 
 class RecorderSection(Strict):
-    """What is recorded."""
+    """Keys of the recorder."""
 
     enabled: bool = Field(True, description="record a bag")
     exclude: tuple[str, ...] = Field((), strict=False, description="topics that are not recorded")
 
 
-class ShadowSection(Strict):
-    """What is expected of the twin beside a real arm."""
+class VerdictSection(Strict):
+    """Limits of a lost run, for runs of at least 5 s without injected faults."""
 
-    tolerance_m: float = Field(
-        0.02, gt=0, le=10, description="distance of the measured tip from the shadow's that is warned of"
+    tip_error_part: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="largest tip error, RMS over the last 5 s, part of the arm's length; a reference that "
+        "the best pressures leave further away is refused",
     )
+    at_bound_part: float = Field(0.5, gt=0, le=1, description="largest part of all set points at a bound")
 
 
-class Scene(Strict):
-    """A run: which robot, on which platform, with which parts, for how long."""
+class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
+    """A run: its robot, platform, duration, and the keys of each node."""
 
     name: str = Field("", pattern=r"^[a-z0-9_]*$", description="name of the run; the file's name if empty")
-    robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
     platform: str = Field(
         "", description="platform file or name; empty: the twin takes the place of the regulator node"
     )
-    mode: Mode = Field("real_time", description="real_time, or lockstep: deterministic, as fast as possible")
     valves: Literal["emulated", "real"] = Field(
-        "emulated", description="emulated: those of the platform are started; real: they are there"
+        "emulated", description="emulated: those of the platform are started; real: they exist"
     )
     device: str = Field("", description="valves: real: adapter or port in place of the platform file's")
     arm: Literal["simulated", "real"] = Field(
-        "simulated", description="simulated by the twin; real: sensors are there, the twin runs as a shadow"
+        "simulated", description="simulated by the twin; real: its sensors publish, the twin runs as a shadow"
     )
     shadow: ShadowSection = Field(ShadowSection(), description="the twin beside a real arm")
-    rate_hz: float = Field(200.0, ge=10, le=1000, description="rate of the control loop")
+    # A node started by hand may be slower; a loop under 10 Hz controls no arm.
+    rate_hz: float = Field(200.0, ge=10, le=1000, description="ticks of the control loop a second")
     duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
-    seed: int = Field(1, ge=0, le=2**31, description="seed of all noise")
-    limits: Limits = Field(Limits(), description="limits of commands and readings")
     model: ModelSection | None = Field(
         None, description="how the arm is computed: stated, or auto with a wish; default: as the robot file"
     )
     measured: str = Field(
         "", description="CSV of a measured forced run (t, p1 ..., kx, ky) that soro trade compares with"
     )
-    twin: TwinConfig = Field(TwinConfig(), description="the simulated arm and its sensors")
+    twin: TwinSection = Field(TwinSection(), description="the simulated arm and its sensors")
     estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
+    verdict: VerdictSection = Field(VerdictSection(), description="when a run is lost")
     recorder: RecorderSection = Field(RecorderSection(), description="the recorder")
     faults: tuple[Injection, ...] = Field(
-        (), strict=False, description="what goes wrong with the emulated valves, `at` seconds after the start"
+        (), strict=False, description="faults of the emulated valves, `at` seconds after the start"
     )
 
-    @model_validator(mode="after")
-    def _stated_once(self) -> Scene:
-        twice = sorted(STATED_ONCE & self.twin.model_fields_set)
-        if twice:
+    @field_validator("twin", mode="before")
+    @classmethod
+    def _stated_once(cls, value: Any) -> Any:
+        given = value.model_fields_set if isinstance(value, TwinConfig) else value
+        decided = TwinConfig.model_fields.keys() - TwinSection.model_fields.keys()
+        if isinstance(given, Mapping | Set) and (twice := sorted(decided & set(given))):
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
-        if self.platform and "regulator" in self.twin.model_fields_set:
-            raise ValueError("no regulator under twin beside a platform, whose emulation.regulator counts")
-        if self.faults and not self.platform:
-            raise ValueError("no faults without a platform: they are those of emulated devices")
-        if self.valves == "real" and self.twin.air == "states":
-            raise ValueError("no air: states under twin beside valves: real, which hold the air")
-        self._hardware()
-        for name, sensor in (("pose", self.twin.pose), ("imu", self.twin.imu)):
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        real, twin = self.valves == "real", self.twin
+        contradictions = (
+            (
+                self.platform and "regulator" in twin.model_fields_set,
+                "no regulator under twin beside a platform, whose emulation.regulator counts",
+            ),
+            (
+                self.faults and not self.platform,
+                "no faults without a platform: they are those of emulated devices",
+            ),
+            (
+                real and twin.air == "states",
+                "no air: states under twin beside valves: real, which hold the air",
+            ),
+            (real and not self.platform, "no valves: real without a platform, which says what they are"),
+            (
+                real and self.mode != "real_time",
+                "no lockstep with valves: real, whose time cannot be held up",
+            ),
+            (real and self.faults, "no faults with valves: real, only with emulated ones"),
+            (not real and self.device, "no device with valves: emulated, only with real ones"),
+            (
+                not real and self.arm == "real",
+                "no arm: real without valves: real, for emulated ones do not feed it",
+            ),
+        )
+        for present, message in contradictions:
+            if present:
+                raise ValueError(message)
+        for name, sensor in (("pose", twin.pose), ("imu", twin.imu)):
             ticks = self.rate_hz / sensor.rate_hz
             if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
                 raise ValueError(
@@ -109,24 +124,36 @@ class Scene(Strict):
                 )
         return self
 
-    def _hardware(self) -> None:
-        """Whether what is real can be."""
-        if self.valves == "real":
-            if not self.platform:
-                raise ValueError("no valves: real without a platform, which says what they are")
-            if self.mode != "real_time":
-                raise ValueError("no lockstep with valves: real, whose time nobody holds up")
-            if self.faults:
-                raise ValueError("no faults with valves: real, only with emulated ones")
-        elif self.device:
-            raise ValueError("no device with valves: emulated, only with real ones")
-        elif self.arm == "real":
-            raise ValueError("no arm: real without valves: real, for emulated ones do not feed it")
-
     def to_dict(self) -> dict[str, Any]:
-        """All keys with their values, defaults too, as a scene file has them."""
-        elsewhere = STATED_ONCE | {"regulator"} if self.platform else STATED_ONCE
-        return self.model_dump(mode="json", exclude={"twin": set(elsewhere)})
+        """Return all keys with their values, also defaults, as in a scene file."""
+        values = self.model_dump(mode="json")
+        if self.platform:  # its emulation.regulator counts
+            del values["twin"]["regulator"]
+        # The file states all gains, so it must name their robot.
+        values["controller"]["robot"] = self.gains_robot
+        return values
+
+    @cached_property
+    def loaded_robot(self) -> Robot:
+        """The robot that the scene names; its file is read once."""
+        return load_robot(self.robot)
+
+    @cached_property
+    def loaded_platform(self) -> PlatformBase | None:
+        """The platform that the scene names, or None; its file is read once."""
+        return load_platform(self.platform) if self.platform else None
+
+    def with_model(self, model: ModelSection | None) -> Scene:
+        """Return the scene with another model; it keeps the loaded robot and platform."""
+        other = changed(self, model=model)
+        vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
+        return other
+
+    @property
+    def gains_robot(self) -> str:
+        """Name or file of the robot that the gains are for."""
+        stated = self.controller.gains.model_fields_set and "robot" not in self.controller.model_fields_set
+        return self.robot if stated else self.controller.robot
 
     @property
     def discretisation(self) -> Discretisation:
@@ -144,7 +171,7 @@ class Scene(Strict):
         return self.model.discretisation
 
     def _plant(self) -> dict[str, Any]:
-        """What the model says of the twin, which keeps what it states itself, like a finer plant."""
+        """Keys of the twin that follow from the model; keys that `twin` states itself take precedence."""
         model, own = self.discretisation, self.twin.model_fields_set
         if self.model is None:
             return {}
@@ -152,19 +179,26 @@ class Scene(Strict):
         values = {name: value for name, value in values.items() if name not in own}
         return {"model": model if "refine" in values else model.quadrature, **values}
 
+    def _shared(self, config: type[Strict]) -> dict[str, Any]:
+        """Values of the keys that a node shares with the scene."""
+        names = {name for keys in SHARED if issubclass(config, keys) for name in keys.model_fields}
+        return {name: getattr(self, name) for name in names}
+
     def twin_node(self, plant_link: str = "", fault_link: str = "") -> TwinConfig:
-        """Parameters of the twin node, with the sockets of the emulated valves."""
-        emulated = self.emulates
-        return self.twin.model_copy(
-            update={
-                "robot": self.robot,
-                "mode": self.mode,
-                "rate_hz": self.rate_hz,
-                "seed": self.seed,
-                "limits": self.limits,
-                "pressures": self._source(),
-                "plant_link": plant_link if emulated else "",
-                "fault_link": fault_link if emulated else "",
+        """Parameters of the twin node.
+
+        Parameters
+        ----------
+        plant_link, fault_link : str
+            Sockets of the emulated valves, where the scene emulates them.
+        """
+        return TwinConfig(
+            **{
+                **{name: getattr(self.twin, name) for name in self.twin.model_fields_set},
+                **self._shared(TwinConfig),
+                "pressures": "valves" if self.emulates else "measured" if self.platform else "regulators",
+                "plant_link": plant_link if self.emulates else "",
+                "fault_link": fault_link if self.emulates else "",
                 "duration_s": self.duration_s,
                 "paused": self.mode == "lockstep",
                 **self._plant(),
@@ -176,25 +210,18 @@ class Scene(Strict):
         """Whether valves are emulated."""
         return bool(self.platform) and self.valves == "emulated"
 
-    def _source(self) -> Literal["regulators", "valves", "measured"]:
-        """Where the twin has its pressures from."""
-        if not self.platform:
-            return "regulators"
-        return "valves" if self.emulates else "measured"
-
     def shadow_node(self) -> ShadowConfig:
         """Parameters of the shadow node, beside a real arm."""
-        values = {**self.twin_node().model_dump(), "tolerance_m": self.shadow.tolerance_m}
-        return parse(values, ShadowConfig, where=f"scene {self.name}")
+        twin = self.twin_node()
+        stated = {name: getattr(twin, name) for name in twin.model_fields_set}
+        return ShadowConfig(**stated, tolerance_m=self.shadow.tolerance_m)
 
     def regulator_node(self, device: str = "") -> RegulatorNodeConfig:
         """Parameters of the regulator node; `device` is that of emulated valves."""
         return RegulatorNodeConfig(
+            **self._shared(RegulatorNodeConfig),
             platform=self.platform,
             device=device if self.emulates else self.device,
-            mode=self.mode,
-            rate_hz=self.rate_hz,
-            limits=self.limits,
             keep_latch=not self.emulates,  # those of a run are gone with it
             take_over=True,
         )
@@ -203,10 +230,8 @@ class Scene(Strict):
         """Parameters of the estimator node."""
         pose, imu = self.twin.pose, self.twin.imu
         return EstimatorNodeConfig(
-            robot=self.robot,
+            **self._shared(EstimatorNodeConfig),
             model=self.discretisation,
-            mode=self.mode,
-            rate_hz=self.rate_hz,
             pose_location=pose.location,
             imu_location=imu.location,
             pose_rate_hz=pose.rate_hz if pose.enabled else 0.0,
@@ -217,20 +242,14 @@ class Scene(Strict):
         )
 
     def controller_node(self) -> ControllerNodeConfig:
-        """Parameters of the controller node; not enabled: it waits, so that everybody is there at t = 0."""
-        # What the limiter would refuse is not to be asked for: the controller knows these as its bounds.
-        asked = self.controller.pressures
-        bounds = {
-            "minimum_pa": max(asked.minimum_pa, self.limits.minimum_pa),
-            "maximum_pa": min(asked.maximum_pa, self.limits.maximum_pa),
-        }
-        pressures = asked.model_copy(update=bounds)
+        """Parameters of the controller node, which waits for `~/enable` until every node is there."""
         return ControllerNodeConfig(
-            robot=self.robot,
+            **self._shared(ControllerNodeConfig),
+            platform=self.platform,
+            regulator=self.twin.regulator,
             model=self.discretisation,
-            mode=self.mode,
-            rate_hz=self.rate_hz,
-            control=self.controller.model_copy(update={"pressures": pressures}),
+            control=self.controller,
+            reach=self.verdict.tip_error_part,
         )
 
 
@@ -244,17 +263,25 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     """
     path = find_config(name, "scenes")
     data = read_yaml(path)
+    _read_controller(data)
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))
+        _read_controller(data)
     data.setdefault("name", path.stem)
     scene = parse(data, Scene, where=str(path))
-    platform = load_platform(scene.platform) if scene.platform else None
+    platform = scene.loaded_platform
     check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
     for number, fault in enumerate(scene.faults):
         if platform and fault.chamber and fault.chamber not in platform.chamber_names:
             allowed = f"one of {', '.join(platform.chamber_names)}"
             raise ConfigError(str(path), f"faults[{number}].chamber", fault.chamber, allowed)
     return scene
+
+
+def _read_controller(data: dict[str, Any]) -> None:
+    """Replace the name of a controller file by its content."""
+    if isinstance(name := data.get("controller"), str):
+        data["controller"] = read_yaml(find_config(name, "controllers"))
 
 
 def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:

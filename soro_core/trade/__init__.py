@@ -1,4 +1,4 @@
-"""Speed against accuracy as a measured choice: cost and error of each way to compute a robot."""
+"""The trade between speed and accuracy: measured cost and error of discretisations, steppers and steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results by content: what was measured once is not measured again until robot, run or sources change."""
+"""Cache of results by the hash of robot, run, sources and machine."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from soro_core.trade.sources import sources
 
 
 class Cache:
-    """A folder of small JSON files; one that cannot be used is silently none.
+    """A folder of small JSON files; a folder that cannot be used acts as an empty cache.
 
     Parameters
     ----------
     folder : Path, optional
-        Default that of the user.
+        Folder; that in the user's cache by default.
     fresh : bool
-        Find nothing, so that everything is measured again, and put it as always.
+        Ignore stored results, but store new ones.
     """
 
     def __init__(self, folder: Path | None = None, fresh: bool = False) -> None:
@@ -33,7 +33,7 @@ class Cache:
         self.fresh = fresh
 
     def get(self, key: str) -> dict[str, Any] | None:
-        """Return what was put under that key, or nothing."""
+        """Return the value stored under a key, or None."""
         if self.fresh:
             return None
         try:
@@ -43,7 +43,7 @@ class Cache:
         return found if isinstance(found, dict) else None
 
     def put(self, key: str, value: dict[str, Any]) -> None:
-        """Keep a value; whole or not at all, whoever else writes."""
+        """Store a value; concurrent writers never leave a partial file."""
         path = self.folder / f"{key}.json"
         draft = path.with_suffix(f".{os.getpid()}")
         try:
@@ -55,13 +55,13 @@ class Cache:
 
 
 def user_folder() -> Path:
-    """Folder of results in the user's cache, beside that of the kernels."""
+    """Return the folder of results in the user's cache, beside that of the kernels."""
     user = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(user) / "soro" / "trade"
 
 
 def case_key(case: Case) -> str:
-    """Hash of a robot and a run; how long a tick is matters for its times alone."""
+    """Return the hash of a robot and a run, without the length of a tick."""
     arrays = b"".join(np.ascontiguousarray(a).tobytes() for a in (case.knots_s, case.pressure_pa))
     return _digest(
         robot=case.robot.model_dump(mode="json"),
@@ -72,17 +72,43 @@ def case_key(case: Case) -> str:
 
 
 def reference_key(case: str) -> str:
-    """Key of a converged run, the finest one so far."""
+    """Return the key of the finest converged run so far."""
     return "reference-" + _digest(case=case)
 
 
 def error_key(case: str, reference: str, candidate: Candidate) -> str:
-    """Key of the errors of a candidate; `case` and `reference` by their own keys."""
+    """Return the key of the errors of a candidate.
+
+    Parameters
+    ----------
+    case, reference : str
+        Keys of the case and of the reference.
+    candidate : Candidate
+        Discretisation, stepper and step.
+
+    Returns
+    -------
+    str
+    """
     return "error-" + _digest(case=case, reference=reference, candidate=candidate.section)
 
 
 def cost_key(case: Case, candidate: Candidate, repeats: int) -> str:
-    """Key of the cost of a candidate on this machine, in ticks of the case."""
+    """Return the key of the cost of a candidate on this machine.
+
+    Parameters
+    ----------
+    case : Case
+        Run and length of a tick.
+    candidate : Candidate
+        Discretisation, stepper and step.
+    repeats : int
+        Repetitions of each time.
+
+    Returns
+    -------
+    str
+    """
     return "cost-" + _digest(
         case=case_key(case),
         tick=(case.tick_s, case.paced),
@@ -93,12 +119,26 @@ def cost_key(case: Case, candidate: Candidate, repeats: int) -> str:
 
 
 def loop_key(scene: Scene, **more: Any) -> str:
-    """Key of a run of the loop."""
+    """Return the key of a run of the closed loop."""
     return "loop-" + _digest(scene=_of_scene(scene), **more)
 
 
 def choice_key(scene: Scene, robot: dict[str, Any], wish: str) -> str:
-    """Key of the model that was chosen for a scene and a wish."""
+    """Return the key of the model chosen for a scene and a wish.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene.
+    robot : dict
+        Plain values of the robot.
+    wish : str
+        Text of the wish.
+
+    Returns
+    -------
+    str
+    """
     return "choice-" + _digest(scene=_of_scene(scene), robot=robot, wish=wish, machine=platform.node())
 
 

@@ -1,4 +1,4 @@
-"""One way to compute a robot in time: its discretisation, time stepper and step."""
+"""A candidate of the trade: discretisation of a robot, time stepper and step."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from soro_core.robot import Discretisation
 
 @dataclass(frozen=True)
 class Candidate:
-    """A combination that is measured.
+    """A combination of discretisation, time stepper and step.
 
     Attributes
     ----------
     model : Discretisation
-        Shape functions, pieces of links, quadrature.
+        Shape functions, pieces of each link, quadrature.
     integrator : str
         One of `soro_core.integrate.STEPPERS`.
     dt_s : float
@@ -30,23 +30,23 @@ class Candidate:
 
     @property
     def section(self) -> dict[str, Any]:
-        """The section `model` of a scene that asks for it."""
+        """Section `model` of a scene with this candidate."""
         stated = self.model.model_dump(exclude_defaults=True)
         return {"method": self.model.method, **stated, "integrator": self.integrator, "dt_s": self.dt_s}
 
     @property
     def block(self) -> str:
-        """The same as YAML, ready to paste."""
+        """The section as YAML."""
         return str(yaml.safe_dump({"model": self.section}, sort_keys=False))
 
     @property
     def space(self) -> str:
-        """Shape functions and pieces of a link in short: ``legendre 2 x 4``."""
+        """Short text of shape functions and pieces of a link: ``legendre 2 x 4``."""
         return describe(self.model)
 
     @property
     def quadrature(self) -> str:
-        """Method with its nodes or steps: ``exact``, ``exact 4``, ``mde 20``."""
+        """Short text of method and nodes or steps: ``exact``, ``exact 4``, ``mde 20``."""
         model = self.model
         return f"{model.method} {model.nodes or model.steps or ''}".strip()
 
@@ -55,7 +55,7 @@ class Candidate:
 
 
 def describe(model: Discretisation) -> str:
-    """Shape functions and pieces of a link: ``legendre 2 x 4`` has quadratic polynomials on four pieces."""
+    """Return the short text: ``legendre 2 x 4`` for quadratic polynomials on four pieces of a link."""
     basis = "as robot" if model.basis == "robot" else model.basis
     order = f" {model.order}" if model.order else ""
     return f"{basis}{order} x {model.links}"

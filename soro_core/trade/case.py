@@ -1,4 +1,4 @@
-"""What is simulated: a robot, how it starts, and the pressures that move it."""
+"""The simulated case: a robot, its start, and its pressures over time."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.config import find_config
 from soro_core.errors import ModelError
 from soro_core.identification import ForcedRun, read_forced
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium
-from soro_core.robot import Robot, load_robot, strain_rows
+from soro_core.robot import Robot, strain_rows
 from soro_core.robot.coordinates import strain_fields
 from soro_core.scene import Scene
 from soro_core.trade.closed_loop import drive
@@ -30,28 +29,28 @@ FREE_BEND_RAD = 1.0
 
 @dataclass(frozen=True)
 class Case:
-    """A run that every candidate computes; picklable.
+    """A run that every candidate computes; it can be pickled.
 
     Attributes
     ----------
     robot : Robot
-        As its file describes it.
+        The robot of the robot file.
     text : str
-        The excitation in words.
-    knots_s, pressure_pa : (n,), (n, n_u)
-        Pressures [Pa], linear between the knots and held beyond them.
+        Description of the excitation.
+    knots_s, pressure_pa : ndarray (n,), (n, n_u)
+        Times [s] and pressures [Pa gauge], linear between the knots and constant beyond them.
     t_end : float
-        [s]
+        Duration [s].
     tick_s : float
         Period whose longest computation is reported [s].
     paced : bool
-        Whether it is computed tick by tick: no step is longer than a tick, and equal steps fill it.
+        Whether equal steps fill each tick, so that no step is longer than a tick.
     start : mapping of strain to value, or None
         Uniform initial strain of all links, at rest; None: equilibrium under the first pressures.
     scene : Scene or None
-        Where it comes from, for the closed loop.
+        Scene of the case, for the closed loop.
     measured : ForcedRun or None
-        A recorded run to compare with.
+        Recorded run to compare with.
     """
 
     robot: Robot
@@ -67,19 +66,19 @@ class Case:
 
     @property
     def longest_step_s(self) -> float:
-        """Longest step that fits into a tick, of the wish and of the scene [s]; infinite without pace."""
+        """Longest step that fits into a tick of wish and scene [s]; infinite if the case is not paced."""
         if not self.paced:
             return math.inf
         return self.tick_s if self.scene is None else min(self.tick_s, 1.0 / self.scene.rate_hz)
 
     def step_s(self, dt_s: float) -> float:
-        """Step that is made where `dt_s` is the longest one: so many equal ones fill a tick [s]."""
+        """Return the step [s], at most `dt_s` [s], of which a whole number fills a tick."""
         if not self.paced:
             return dt_s
         return self.tick_s / max(1, math.ceil(self.tick_s / dt_s - 1e-9))
 
     def pressures(self, times: Array) -> Array:
-        """Pressures [Pa] at the start, the middle and the end of every step, (n_t, 3, n_u)."""
+        """Return pressures (n_t, 3, n_u) [Pa gauge] at start, middle and end of the steps from `times`."""
         after = np.append(times[1:], times[-1])
         table = np.empty((len(times), 3, self.robot.n_u))
         for stage, at in enumerate((times, 0.5 * (times + after), after)):
@@ -88,7 +87,7 @@ class Case:
         return table
 
     def initial(self, arm: SoftArm) -> Array:
-        """Coordinates at the start, in the shape functions of `arm`.
+        """Return the coordinates (n_q,) at the start, in the shape functions of `arm`.
 
         Raises
         ------
@@ -97,7 +96,7 @@ class Case:
         """
         if self.start is None:
             return equilibrium(arm, self.pressure_pa[0])
-        # Of modes the least-squares projection: a uniform strain is no first mode.
+        # POD modes have no constant mode: use the least-squares projection of the uniform strain.
         uniform = strain_fields(arm.robot).uniform
         names = [name for link in arm.robot.links for name in strain_rows(link)]
         return uniform * [self.start.get(name, 0.0) for name in names]
@@ -106,9 +105,9 @@ class Case:
 def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
     """Return the standard run of a robot without a scene.
 
-    With chambers: from rest, the first chamber of each link to half of the robot's range of pressure within
-    20 ms, a third of the time later the second too, after two thirds all released. Without: a uniform
-    bend of 1 rad in all, let go.
+    With chambers: from rest, the first chamber of each link rises to half of the robot's range of pressure
+    within 20 ms, after a third of the time the second one, and after two thirds both are released. Without
+    chambers: release from a uniform bend of 1 rad in total.
     """
     if not robot.n_u:
         bending = [name for name in ("bending_x", "bending_y") if name in robot.links[0].strains]
@@ -116,9 +115,9 @@ def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
         if not start:
             raise ModelError(f"{robot.name} has neither chambers nor bending: nothing would move it")
         none = np.zeros((1, 0))
-        modes = any(strain.basis == "pod" for link in robot.links for strain in link.strains.values())
-        near = ", as near as its modes come," if modes else " in all,"
-        text = f"uniform bend of {FREE_BEND_RAD:g} rad{near} let go; {seconds:g} s"
+        modes = not all(link.splits for link in robot.links)
+        near = ", as near as its modes allow" if modes else " in total"
+        text = f"release from a uniform bend of {FREE_BEND_RAD:g} rad{near}; {seconds:g} s"
         return Case(robot, text, np.zeros(1), none, seconds, start=start)
     low, high = robot.pressure_range_pa
     half = 0.5 * (max(low, 0.0) + high)
@@ -140,10 +139,10 @@ def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
 
 
 def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
-    """Return the run of a scene: the pressures that its loop makes in simulation, from rest.
+    """Return the run of a scene: the pressures of its closed loop in simulation, from rest.
 
-    Estimator and controller with the robot as its file has it act on the scene's twin once; the chamber
-    pressures of that run are then what every candidate gets, open loop.
+    Estimator and controller with the robot of the robot file control the twin of the scene once. Every
+    candidate gets the chamber pressures of that run in open loop.
 
     Raises
     ------
@@ -152,9 +151,9 @@ def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
     ModelError
         If the twin fails.
     """
-    robot = load_robot(find_config(scene.robot, "robots"))
+    robot = scene.loaded_robot
     measured = read_forced(scene.measured) if scene.measured else None
-    plain = scene.model_copy(update={"model": None})
+    plain = scene.with_model(None)
     if not robot.n_u:
         case = bare_case(robot, seconds)
         return Case(

@@ -1,4 +1,4 @@
-"""What a candidate costs: CPU time, measured alone and in turns of whole runs, with compiled kernels."""
+"""Cost of a candidate: CPU time of whole runs and of single ticks, with compiled kernels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from soro_core.model.discretised import discretised
 from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
 
-# One tick is short: the least of so many equal ones is what it takes without interruptions.
+# The minimum of several equal ticks is free of interruptions.
 _TICK_REPEATS = 3
 _TICK_SECONDS = 1.0
 _LONG_RUN_S = 2.0
@@ -27,16 +27,16 @@ class Cost:
     Attributes
     ----------
     cpu_s_per_s : float
-        Of a simulated second in the compiled loop, in the steps that fill a tick where the case is paced:
-        median of the repeats.
+        CPU time of a simulated second in the compiled loop, with the step of the case: median of the repeats.
     spread : float
-        Slowest repeat over the fastest.
+        Ratio of the slowest to the fastest repeat.
     worst_tick_us, typical_tick_us : float
-        Longest and median computation of a tick, called from Python step by step [us]; of one step where
-        that is longer.
+        Longest and median computation of a tick, called from Python step by step [us]; of a step if that is
+        longer than a tick.
     startup_s : float
-        From the robot to the end of the first step, kernels compiled and loaded [s].
+        CPU time from the robot to the end of the first step, with compiled and loaded kernels [s].
     repeats : int
+        Number of repeats.
     """
 
     cpu_s_per_s: float
@@ -48,7 +48,20 @@ class Cost:
 
 
 def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
-    """Time a candidate in this process, which should have nothing else to do.
+    """Measure the CPU times of a candidate in this process, which should be otherwise idle.
+
+    Parameters
+    ----------
+    case : Case
+        Run.
+    candidate : Candidate
+        Discretisation, stepper and step.
+    repeats : int
+        Largest number of runs; long runs are not repeated.
+
+    Returns
+    -------
+    Cost
 
     Raises
     ------
@@ -91,14 +104,14 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
 
 
 def warm(case: Case, candidate: Candidate) -> None:
-    """Compile, or load from the cache, the kernels of a candidate."""
+    """Compile the kernels of a candidate, or load them from the cache."""
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
     stepper.step(stepper.initial_state(), np.zeros(arm.n_u), 1e-6)
 
 
 def _ticks(case: Case, candidate: Candidate, start: np.ndarray) -> tuple[float, float]:
-    """Longest and median time of a tick [us] over the first second, step by step as a node makes them."""
+    """Return the longest and the median CPU time of a tick [us] in the first second."""
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
     steps = max(1, math.ceil(case.tick_s / candidate.dt_s - 1e-9))

@@ -1,4 +1,4 @@
-"""The Pareto front of error and cost, and the model that a wish picks from it."""
+"""The Pareto front of error and cost."""
 
 from __future__ import annotations
 
@@ -10,7 +10,20 @@ Measure = Callable[[Item], float]
 
 
 def pareto(items: Sequence[Item], cost: Measure[Item], error: Measure[Item]) -> list[Item]:
-    """Those that no other beats or equals in both, cheapest first."""
+    """Return the items of the Pareto front, cheapest first.
+
+    Parameters
+    ----------
+    items : sequence
+        Items.
+    cost, error : callable
+        Functions that return cost and error of an item.
+
+    Returns
+    -------
+    list
+        Items that no other equals or exceeds in both.
+    """
     front: list[Item] = []
     least = float("inf")
     for item in sorted(items, key=lambda one: (cost(one), error(one))):
@@ -21,7 +34,21 @@ def pareto(items: Sequence[Item], cost: Measure[Item], error: Measure[Item]) -> 
 
 
 def near_front(items: Sequence[Item], cost: Measure[Item], error: Measure[Item], factor: float) -> list[Item]:
-    """Those that none beats by more than `factor` in both, the front's own first."""
+    """Return the Pareto front, then the items near it.
+
+    Parameters
+    ----------
+    items : sequence
+        Items.
+    cost, error : callable
+        Functions that return cost and error of an item.
+    factor : float
+        An item is near if no item of the front is better by more than this factor in both.
+
+    Returns
+    -------
+    list
+    """
     front = pareto(items, cost, error)
     near = [
         item

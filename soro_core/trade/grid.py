@@ -1,4 +1,4 @@
-"""Which combinations are run: a coarse grid first, then the neighbourhood of its front."""
+"""Grid of combinations: a coarse pass first, then the neighbourhood of its front."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product, zip_longest
 
+from soro_core.config import changed
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot
 from soro_core.trade.candidate import Candidate, describe
@@ -15,23 +16,24 @@ from soro_core.trade.case import SAMPLE_S
 
 @dataclass(frozen=True)
 class Grid:
-    """Values that are combined.
+    """Values to combine.
 
     Attributes
     ----------
     pieces : tuple of int
-        Links of constant strain a link of the robot.
-    polynomials : tuple of (basis, order, links)
+        Numbers of pieces of constant strain for each link.
+    polynomials : tuple of (str, int, int)
+        Basis, order and number of pieces of each link.
     nodes, steps : tuple of int
-        Of `exact` (0: chosen for the robot) and of `mde`.
+        Nodes of `exact` (0: chosen for the robot), and steps of `mde`, of each link.
     dt_s : tuple of float
-        Whole parts of 20 ms.
+        Time steps [s], whole fractions of 20 ms.
     coarse_dt_s : tuple of float
-        Those of the first pass.
+        Time steps of the first pass [s].
     most : int
-        Largest number of combinations of the second pass.
+        Largest number of combinations in the second pass.
     loops : int
-        Largest number of models of which the closed loop is run.
+        Largest number of models in closed loop.
     """
 
     pieces: tuple[int, ...]
@@ -81,7 +83,7 @@ PRESETS = {
 
 
 def within(grid: Grid, longest_s: float) -> Grid:
-    """The grid with the longest step [s] in place of those above it: a twin steps no longer than its tick."""
+    """Return the grid with `longest_s` [s], the tick of a twin, in place of longer steps."""
     dt_s = [dt for dt in grid.dt_s if dt <= longest_s * (1.0 + 1e-9)]
     if len(dt_s) == len(grid.dt_s):
         return grid
@@ -96,13 +98,12 @@ def within(grid: Grid, longest_s: float) -> Grid:
 
 
 def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, str]]:
-    """Discretisations of the grid that the robot allows, and why it does not allow the others.
+    """Return the discretisations that the robot allows, and why it does not allow the others.
 
-    A robot whose file has varying strain comes as it is, first.
+    The first one is that of the robot file, if its strains vary along a link.
     """
-    constant = all(strain.basis == "constant" for link in robot.links for strain in link.strains.values())
     wanted = [
-        *([] if constant else [Discretisation()]),
+        *([Discretisation()] if robot.varies else []),
         *(Discretisation(basis="constant", links=k) for k in grid.pieces),
         *(
             Discretisation.model_validate({"basis": basis, "order": order, "links": links})
@@ -113,7 +114,7 @@ def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, st
     refused: dict[str, str] = {}
     for model in wanted:
         try:
-            model.shape(robot)
+            model.discretise(robot)
         except ConfigError as error:
             refused[describe(model)] = str(error)
         else:
@@ -122,22 +123,48 @@ def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, st
 
 
 def quadratures(grid: Grid, space: Discretisation) -> Iterator[Discretisation]:
-    """Every method, number of nodes and of steps on one space."""
+    """Yield all methods with their numbers of nodes or steps for the shape functions of `space`."""
     for nodes in grid.nodes:
-        yield space.model_copy(update={"method": "exact", "nodes": nodes, "steps": 0})
+        yield changed(space, method="exact", nodes=nodes, steps=0)
     for steps in grid.steps:
-        yield space.model_copy(update={"method": "mde", "nodes": 0, "steps": steps})
+        yield changed(space, method="mde", nodes=0, steps=steps)
 
 
 def size(grid: Grid, n_spaces: int, n_steppers: int) -> int:
-    """Number of all combinations."""
+    """Return the number of all combinations.
+
+    Parameters
+    ----------
+    grid : Grid
+        Values to combine.
+    n_spaces, n_steppers : int
+        Numbers of discretisations in space, and of time steppers.
+
+    Returns
+    -------
+    int
+    """
     return n_spaces * (len(grid.nodes) + len(grid.steps)) * n_steppers * len(grid.dt_s)
 
 
 def coarse(grid: Grid, found: Sequence[Discretisation], steppers: Sequence[str]) -> list[Candidate]:
-    """First pass: every space and stepper at a few steps, quadrature as the robot needs it; `mde` once."""
-    middle = {"method": "mde", "steps": grid.steps[len(grid.steps) // 2]}
-    mde = [space.model_copy(update=middle) for space in found]
+    """Return the candidates of the first pass: default quadrature at a few time steps, and `mde` once.
+
+    Parameters
+    ----------
+    grid : Grid
+        Values to combine.
+    found : sequence of Discretisation
+        Discretisations that the robot allows.
+    steppers : sequence of str
+        Names of the time steppers.
+
+    Returns
+    -------
+    list of Candidate
+    """
+    middle = grid.steps[len(grid.steps) // 2]
+    mde = [changed(space, method="mde", steps=middle) for space in found]
     return [
         *(Candidate(*one) for one in product(found, steppers, grid.coarse_dt_s)),
         *(Candidate(*one) for one in product(mde, steppers, grid.coarse_dt_s[:1])),
@@ -145,7 +172,22 @@ def coarse(grid: Grid, found: Sequence[Discretisation], steppers: Sequence[str])
 
 
 def around(grid: Grid, good: Iterable[Candidate], done: Iterable[Candidate]) -> list[Candidate]:
-    """Second pass: other steps and other quadrature for those that came near the front, in turns."""
+    """Return the candidates of the second pass: other steps and quadratures near the front, in turns.
+
+    Parameters
+    ----------
+    grid : Grid
+        Values to combine.
+    good : iterable of Candidate
+        Candidates near the front.
+    done : iterable of Candidate
+        Candidates that are already computed.
+
+    Returns
+    -------
+    list of Candidate
+        At most `grid.most`.
+    """
     lists = []
     for candidate in good:
         space = Discretisation(

@@ -1,4 +1,4 @@
-"""Measures that take longer, for models near the front only: the closed loop and a measured run."""
+"""Slow measures, for models near the front only: the closed loop and a measured run."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.config import changed
 from soro_core.errors import ConfigError, ModelError
 from soro_core.identification import curvature_errors
 from soro_core.integrate import simulate
@@ -19,14 +20,14 @@ from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
 from soro_core.trade.closed_loop import drive
 
-# Of the reference time after its smooth start.
+# Time of the closed loop after the smooth start of the reference [s].
 LOOP_LAST_S = 2.0
 _PLANT_DT_S = 1e-3
 
 
 @dataclass(frozen=True)
 class LoopError:
-    """The closed loop with one model in estimator and controller.
+    """Result of the closed loop with one model in estimator and controller.
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class LoopError:
     worst_us, typical_us : float
         Longest and median CPU time of estimator and controller at a tick [us].
     trouble : str
-        Why there is none.
+        Why there is no result.
     """
 
     tracking_mm: float | None
@@ -45,26 +46,38 @@ class LoopError:
 
 
 def loop_seconds(scene: Scene) -> float:
-    """Length of a closed-loop run: the smooth start of the reference, and a little more."""
+    """Return the duration of a closed-loop run [s]: the smooth start of the reference, and `LOOP_LAST_S`."""
     return scene.controller.reference.start_s + LOOP_LAST_S
 
 
 def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopError:
-    """Run the loop with `model` in estimator and controller, on a twin that runs the reference.
+    """Run the loop with a model in estimator and controller, on a twin with the reference model.
 
-    The twin has what the scene says of payload, stiffness, sensors and regulators; its arm is discretised as
-    the reference and steps with the reference's stepper, at no more than 1 ms; with air as states, which no
-    explicit stepper takes, with the trapezoidal one.
+    Payload, stiffness, sensors and regulators of the twin are those of the scene. Its arm has the
+    discretisation and the stepper of the reference, with a step of at least 1 ms; air as states requires an
+    implicit stepper, so the trapezoidal one replaces an explicit one.
+
+    Parameters
+    ----------
+    scene : Scene
+        Controller, estimator, sensors, rate and seed.
+    model : Discretisation
+        Model in estimator and controller.
+    truth : Candidate
+        Reference model.
+
+    Returns
+    -------
+    LoopError
     """
     twin = scene.twin_node()
     explicit = truth.integrator in EXPLICIT
-    plant = twin.model_copy(
-        update={
-            "model": truth.model,
-            "refine": 1,
-            "integrator": "trapezoidal" if twin.air == "states" and explicit else truth.integrator,
-            "step_s": max(truth.dt_s, _PLANT_DT_S),
-        }
+    plant = changed(
+        twin,
+        model=truth.model,
+        refine=1,
+        integrator="trapezoidal" if twin.air == "states" and explicit else truth.integrator,
+        step_s=max(truth.dt_s, _PLANT_DT_S),
     )
     try:
         record = drive(scene, model, loop_seconds(scene), plant)
@@ -78,10 +91,10 @@ def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopEr
 
 
 def measured_error(case: Case, candidate: Candidate) -> float | None:
-    """RMS difference [1/m] between the measured and the simulated curvature vector of the first link.
+    """Return the RMS difference [1/m] of measured and simulated curvature of the first link.
 
-    The measured pressures act on the chambers; the model's mean curvature along the link is turned into the
-    measured frame with the robot's `calibration`. None where the run fails, or there is none.
+    The measured pressures act on the chambers; the robot's `calibration` turns the mean curvature of the
+    model along the link into the measured frame. None if the run fails, or there is none.
     """
     run = case.measured
     if run is None:
@@ -111,7 +124,7 @@ def measured_error(case: Case, candidate: Candidate) -> float | None:
 
 
 def mean_curvature(arm: SoftArm, pieces: int) -> np.ndarray:
-    """Rows (2, n_q) that give the mean kx and ky over the first link, which has so many pieces."""
+    """Return the rows (2, n_q) whose products with q are the means of kx and ky over the first link."""
     rows = np.zeros((2, arm.n_q))
     first = 0
     for link in arm.robot.links[:pieces]:

@@ -21,7 +21,7 @@ _HEIGHT, _LINE = 4.9, 0.15  # of the plot, and of a line of the legend below it 
 
 
 def draw(study: Study, path: Path) -> bool:
-    """Write the picture as PNG, unless there is nothing to show; says whether there was."""
+    """Write the picture as PNG; return False if there is nothing to show."""
     figure = picture(study)
     if figure is not None:
         figure.savefig(path, dpi=120)
@@ -29,7 +29,7 @@ def draw(study: Study, path: Path) -> bool:
 
 
 def picture(study: Study) -> Figure | None:
-    """Return the picture; None where no row has both error and cost."""
+    """Return the picture; None if no row has both error and cost."""
     rows = [row for row in study.rows if row.complete]
     if not rows:
         return None
@@ -72,12 +72,12 @@ def picture(study: Study) -> Figure | None:
 
 
 def logarithmic(axes: Axes) -> None:
-    """Make both axes logarithmic, with a grid and as many labels as can be read, in plain figures."""
+    """Make both axes logarithmic, with a grid and readable labels."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis, set_limits in ((axes.xaxis, axes.set_xlim), (axes.yaxis, axes.set_ylim)):
         low, high = axis.get_view_interval()
-        if high < 4 * low:  # so that there are labels at all
+        if high < 4 * low:  # the axis needs a label
             low, high = math.sqrt(low * high) / 2, math.sqrt(low * high) * 2
         set_limits(low, high)
         labelled = (1.0, 2.0, 5.0) if high < 300 * low else (1.0,)
@@ -88,7 +88,7 @@ def logarithmic(axes: Axes) -> None:
 
 
 def _colours(names: list[str]) -> dict[str, Any]:
-    """A colour for each name, all different."""
+    """Return a different colour for each name."""
     if len(names) <= 10:
         return {name: f"C{number}" for number, name in enumerate(names)}
     return {name: colormaps["turbo"](number / (len(names) - 1)) for number, name in enumerate(names)}

@@ -1,4 +1,4 @@
-"""The run that all others are measured against: refined in space and time until it stays where it is."""
+"""The reference run for all errors, refined in space and time until it converges."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import SAMPLE_S, Case
 from soro_core.trade.trace import Errors, Trace, errors, trace
 
-# The first takes every arm in steps that follow the motion; the second is for what Newton cannot solve.
+# The second stepper is for runs in which Newton's iteration of the first fails.
 _STEPPERS = ("trapezoidal", "rk4")
 _HALVINGS = 7
 _FIRST_DT_S = 1e-3
@@ -32,16 +32,17 @@ class Reference:
     Attributes
     ----------
     candidate : Candidate
-        How it was computed.
+        Discretisation, stepper and step.
     trace : Trace
+        The run.
     own : Errors
-        Estimate of its own errors: from the last two refinements in space, and in time.
+        Estimate of its own errors, from the last two refinements in space and in time.
     asked : float
-        Own error of the tip that was asked for, % of the length.
+        Tolerance of the tip's own error, % of the length.
     note : str
-        What stood in the way of refining further; empty if nothing.
+        What prevented further refinement; "" for nothing.
     unknown : str
-        Why the error of its shape functions is not known, and not part of `own`; empty if it is.
+        Why the error of the shape functions is unknown and not part of `own`; "" if it is known.
     """
 
     candidate: Candidate
@@ -53,18 +54,18 @@ class Reference:
 
     @property
     def converged(self) -> bool:
-        """Whether the own error of the tip, as far as known, is as small as was asked for."""
+        """Whether the known own error of the tip is within the tolerance."""
         return self.own.tip <= self.asked
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for a cache."""
+        """Return plain values, for a cache."""
         run = {**vars(self.trace), "places": self.trace.places.tolist(), "energy": self.trace.energy.tolist()}
         candidate = {**vars(self.candidate), "model": self.candidate.model.model_dump(mode="json")}
         return {**vars(self), "candidate": candidate, "trace": run, "own": vars(self.own)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Reference:
-        """Inverse of `as_dict`."""
+        """Return the reference from the values of `as_dict`."""
         candidate, run = data["candidate"], data["trace"]
         candidate = {**candidate, "model": Discretisation.model_validate(candidate["model"])}
         run = {**run, "places": np.array(run["places"]), "energy": np.array(run["energy"])}
@@ -74,23 +75,23 @@ class Reference:
 
 
 def spaces(robot: Robot) -> tuple[list[Discretisation], str, str]:
-    """Discretisations from coarse to fine, what kept from better ones, and why none tends to the continuum.
+    """Return discretisations from coarse to fine, why better ones fail, and why these do not converge.
 
-    Quadratic Legendre polynomials on 1, 2, 4, ... pieces; constant strain on pieces where a link cannot be
-    expanded; more quadrature nodes alone where it cannot be split either, which says nothing of the error of
-    the shape functions.
+    Quadratic Legendre polynomials on 1, 2, 4, ... pieces; constant strain on pieces, if a link does not allow
+    polynomials; more quadrature nodes only, if it cannot be split either. The last ones do not converge to
+    the continuum, so the error of the shape functions is unknown.
     """
     polynomial = [Discretisation(basis="legendre", order=2, links=k) for k in (1, 2, 4, 8)]
     constant = [Discretisation(links=k) for k in (2, 4, 8, 16, 32)]
     note = ""
     for levels in (polynomial, constant):
         try:
-            levels[1].shape(robot)
+            levels[1].discretise(robot)
         except ConfigError as error:
             note = str(error)
         else:
             return levels, note, ""
-    modes = any(strain.basis == "pod" for link in robot.links for strain in link.strains.values())
+    modes = not all(link.splits for link in robot.links)
     unknown = f"{'POD basis' if modes else 'basis of the robot file'} is not refined"
     return [Discretisation(nodes=n) for n in (8, 16, 32)], note, unknown
 
@@ -107,17 +108,24 @@ def converge(
     Parameters
     ----------
     case : Case
+        Run.
     tolerance : float
-        A quarter of it is asked of the time step.
-    say, stop : callable
-        Progress; whether to give up refining.
+        Tolerance of the tip, % of the length; the error of the time step may be a quarter of it.
+    say : callable
+        Called with a text on progress.
+    stop : callable
+        Function that returns whether to stop refining.
     patience_s : float
-        CPU time after which no further refinement is begun.
+        CPU time after which no further refinement starts [s].
+
+    Returns
+    -------
+    Reference
 
     Raises
     ------
     ModelError
-        If no run comes to its end.
+        If fewer than two refinements can be computed.
     """
     deadline = time.process_time() + patience_s
 
@@ -151,8 +159,8 @@ def converge(
     if best is not None:
         return best
     if not found:
-        raise ModelError(f"{case.robot.name}: no run came to its end: {note}")
-    raise ModelError(f"{case.robot.name}: only one refinement came to its end, so its error is not known")
+        raise ModelError(f"{case.robot.name}: no refinement can be computed: {note}")
+    raise ModelError(f"{case.robot.name}: only one refinement can be computed, so its error is unknown")
 
 
 def _in_time(
@@ -164,7 +172,7 @@ def _in_time(
     say: Callable[[str], None],
     enough: Callable[[], bool],
 ) -> tuple[Candidate, Trace, Errors]:
-    """Halve the step until two runs agree; gives the finer one and by how much they differ."""
+    """Halve the step until two runs agree; return the finer one and their difference."""
     failure = "no stepper"
     for integrator in _STEPPERS:
         if integrator not in STEPPERS:
@@ -190,12 +198,12 @@ def _in_time(
 
 
 def halvings(dt_s: float) -> Iterator[float]:
-    """Steps from `dt_s` on, each half of the last, all whole parts of the sampling period."""
+    """Yield steps [s] from `dt_s` on, each half of the last, all whole fractions of the sampling period."""
     parts = max(1, round(SAMPLE_S / dt_s))
     for k in range(_HALVINGS):
         yield SAMPLE_S / (parts * 2**k)
 
 
 def _sum(one: Errors, other: Errors) -> Errors:
-    frequency = one.frequency  # no matter of time steps
+    frequency = one.frequency  # independent of time steps
     return Errors(one.tip + other.tip, one.shape + other.shape, one.energy + other.energy, frequency)

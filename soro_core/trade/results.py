@@ -1,4 +1,4 @@
-"""What a study has found: a row for each candidate, the front, and the one that meets the wish."""
+"""Results of a study: a row for each candidate, the front, and the choice for the wish."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from soro_core.trade.trace import Errors
 
 @dataclass(frozen=True)
 class Row:
-    """What is known of one candidate."""
+    """Results of one candidate."""
 
     candidate: Candidate
     errors: Errors | None
@@ -35,27 +35,27 @@ class Row:
 
     @property
     def tip(self) -> float:
-        """Error of the tip, % of the length; infinite where there is none."""
+        """Error of the tip, % of the length; infinite if unknown."""
         return self.errors.tip if self.errors else math.inf
 
     @property
     def cpu(self) -> float:
-        """CPU seconds a simulated second; infinite where not measured."""
+        """CPU time of a simulated second [s]; infinite if not measured."""
         return self.cost.cpu_s_per_s if self.cost else math.inf
 
     @property
     def tick_us(self) -> float:
-        """Longest tick [us]; infinite where not measured."""
+        """Longest tick [us]; infinite if not measured."""
         return self.cost.worst_tick_us if self.cost else math.inf
 
     def price(self, wish: Wish) -> float:
-        """What the wish is about: the longest tick, or CPU time."""
+        """Return the cost for a wish: CPU time for a wished error, the longest tick for a wished time."""
         return self.cpu if wish.error else self.tick_us
 
 
 @dataclass(frozen=True)
 class Study:
-    """Everything that was found."""
+    """Results of a study."""
 
     case: Case
     wish: Wish
@@ -64,17 +64,17 @@ class Study:
     combinations: int
     """All combinations of the grid."""
     refused: dict[str, str] = field(default_factory=dict)
-    """Shape functions that the robot does not allow, and why."""
+    """Shape functions that the robot does not allow, with reasons."""
     stopped: bool = False
 
     @property
     def front(self) -> list[Row]:
-        """Pareto front of tip error and what the wish is about, cheapest first."""
+        """Pareto front of tip error and cost, cheapest first."""
         complete = [row for row in self.rows if row.complete]
         return pareto(complete, lambda r: r.price(self.wish), lambda r: r.tip)
 
     def meets(self, row: Row) -> bool:
-        """Whether a row meets the wish, also if the reference is off by its own error."""
+        """Whether a row meets the wish, with the reference's own error added."""
         if self.wish.error:
             return row.complete and row.tip + self.reference.own.tip <= self.wish.error_percent
         return row.complete and row.tick_us <= self.wish.tick_us
@@ -88,7 +88,7 @@ class Study:
 
     @property
     def block(self) -> str:
-        """The chosen model as YAML to paste into the scene, saying what its twin keeps; "" if none."""
+        """The choice as YAML to paste into the scene, with a note on the twin; "" without a choice."""
         if self.choice is None:
             return ""
         twin = frozenset() if self.case.scene is None else self.case.scene.twin.model_fields_set
@@ -98,12 +98,12 @@ class Study:
 
     @property
     def nearest(self) -> Row | None:
-        """Row that comes nearest to the wish."""
+        """Row that is nearest to the wish."""
         done = [row for row in self.rows if row.complete]
         return min(done, key=lambda r: r.tip if self.wish.error else r.tick_us, default=None)
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything in plain values, for JSON."""
+        """Return plain values, for JSON."""
         chosen, front, unknown = self.choice, self.front, self.reference.unknown
         return {
             "robot": self.case.robot.name,

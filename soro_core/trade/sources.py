@@ -1,4 +1,4 @@
-"""What the results depend on: the text of every source file that can make a difference to them."""
+"""Hash of all source files that results depend on."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import scipy
 # Not by the module's full name, which marks a folder of kernels: this one has none.
 from soro_core import _jit
 
-# What only records, or talks to devices; everything else may take part: loop, safety, scene, twin, ...
+# Packages that only record, or communicate with devices; results may depend on all others.
 _APART = ("bag", "hardware")
 
 
 @lru_cache(maxsize=1)
 def sources() -> str:
-    """Hash of every source file that the results depend on, and of what compiles and solves."""
+    """Return the hash of all source files that results depend on, and of the versions of numba and scipy."""
     package = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(f"{_jit.source_hash()} {scipy.__version__}".encode())
     for path in source_files(package):
@@ -26,5 +26,5 @@ def sources() -> str:
 
 
 def source_files(package: Path) -> list[Path]:
-    """Those files of the package."""
+    """Return the source files of the package that results depend on."""
     return [p for p in sorted(package.rglob("*.py")) if p.relative_to(package).parts[0] not in _APART]

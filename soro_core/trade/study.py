@@ -1,4 +1,4 @@
-"""The study: reference, coarse pass, second pass around its front, costs, then what takes longer."""
+"""The study: reference, coarse pass, second pass around its front, costs, and slow measures."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from soro_core.trade.results import Row, Study
 from soro_core.trade.trace import Errors
 from soro_core.trade.workers import Outcome, Workers
 
-# Tip error that is asked of the reference, % of the length: a twentieth of the wish within these.
+# Tolerance of the reference's tip, % of the length: a twentieth of the wish, within these.
 FINEST, COARSEST = 2e-3, 5e-2
-NEAR = 1.5  # beaten by no more than this in error and in cost
+NEAR = 1.5  # factor in error and cost, see `near_front`
 Progress = Callable[[str, int, int], None]
 
 
 class Stopped(Exception):  # noqa: N818 -- no error: the user's wish
-    """Stopped before there was anything to show."""
+    """The user stopped the study before it had a result."""
 
 
 def run_study(
@@ -49,22 +49,31 @@ def run_study(
     Parameters
     ----------
     case : Case
+        Run.
     grid : Grid
+        Values to combine.
     wish : Wish
+        Wished error or time.
     workers : Workers
-        Compute the errors; times are taken afterwards in this process, one after the other.
+        Computers of the errors; this process measures times afterwards, one after the other.
     cache : Cache, optional
-        Where results are kept; default none.
+        Where results are stored; nowhere by default.
     repeats : int
-        Of each time.
-    progress : callable (text, done, total)
+        Repeats of each time.
+    progress : callable
+        Called with (text, done, total).
     stop : callable
-        Asked between candidates; what is done by then is returned, marked as stopped.
+        Function that returns whether to stop, called between candidates; the results so far are returned,
+        marked as stopped.
+
+    Returns
+    -------
+    Study
 
     Raises
     ------
     Stopped
-        If `stop` said so before the reference was there.
+        If `stop` returns True before the reference is computed.
     ModelError
         If the reference cannot be computed.
     """
@@ -116,7 +125,7 @@ class _Run:
         key = keys.reference_key(self.key)
         stored = self._cached(key)
         known = None if stored is None else Reference.from_dict(stored)
-        # Also where it was asked for more already and came no further.
+        # Also if an earlier study asked for a smaller tolerance and did not reach it.
         if known is not None and min(known.own.tip, known.asked) <= tolerance:
             return replace(known, asked=tolerance)
         try:
@@ -151,7 +160,7 @@ class _Run:
             return
         for candidate in _one_a_kind(unknown):
             self.progress(f"kernels of {candidate.model.method}, {candidate.integrator}", done, total)
-            with contextlib.suppress(SoroError):  # the same failure comes again where it counts
+            with contextlib.suppress(SoroError):  # the same failure is reported when the errors are computed
                 warm(self.case, candidate)
         for outcome in self.workers.run(self.case, truth.trace, unknown, self.stop):
             done += 1
@@ -178,7 +187,7 @@ class _Run:
         self.progress(f"times, {text}", len(missing), len(missing))
 
     def _late(self) -> None:
-        """Closed loop and measured run of what is on the front or near it."""
+        """Run closed loop and measured run for rows on the front or near it."""
         near = near_front(self._complete(), lambda r: r.price(self.wish), lambda r: r.tip, NEAR)
         front = pareto(near, lambda r: r.price(self.wish), lambda r: r.tip)
         scene = self.case.scene

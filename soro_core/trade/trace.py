@@ -1,4 +1,4 @@
-"""What a run leaves to compare: places along the backbone and energy over time, and the first frequency."""
+"""Traces of runs to compare: places along the backbone and energy over time, and the first frequency."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ from soro_core.trade.case import SAMPLE_S, Case
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Slower candidates [s of computing a simulated second] are left out, by the first part [s] of the run.
+# Candidates above this CPU time of a simulated second [s] are left out, judged by the first part of the run
+# [s].
 SLOWEST = 5.0
 PILOT_S = 0.1
 
-STATIONS = (0.2, 0.4, 0.6, 0.8, 1.0)  # parts of the arm's length
+STATIONS = (0.2, 0.4, 0.6, 0.8, 1.0)  # relative to the arm's length
 
 
 @dataclass(frozen=True)
 class Trace:
-    """A run at samples of equal distance in time, from 0.
+    """A run at evenly spaced times from 0.
 
     Attributes
     ----------
     places : (n_t, n_stations, 3)
         Positions along the backbone [m]; the last is the tip.
     energy : (n_t,)
-        Kinetic, gravitational and elastic energy together, with that of contact and of a held tip [J].
+        Sum of kinetic, gravitational and elastic energy, and that of contact and a held tip [J].
     frequency_hz : float
-        Of small undamped vibrations about the rest under the first pressures; 0 where there is none.
+        First frequency of small undamped vibrations about rest under the first pressures; 0 if that is
+        unstable.
     """
 
     places: Array
@@ -52,11 +54,11 @@ class Errors:
     Attributes
     ----------
     tip, shape : float
-        RMS distance over time of the tip, and of places along the backbone, in % of the arm's length.
+        RMS distance over time of the tip, and of places along the backbone, % of the arm's length.
     energy : float
-        RMS difference, in % of the span of the energy over the run.
+        RMS difference, % of the range of the energy over the run.
     frequency : float or None
-        Of the first natural frequency, in %; None where one of the two has none.
+        Difference of the first natural frequencies, %; None if a run has none.
     """
 
     tip: float
@@ -66,16 +68,31 @@ class Errors:
 
 
 def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
-    """Run `arm` through `case` and sample it.
+    """Simulate a case and sample it.
+
+    Parameters
+    ----------
+    case : Case
+        Start and pressures.
+    arm : SoftArm
+        Model.
+    integrator : str
+        Time stepper.
+    dt_s : float
+        Time step [s], a whole fraction of `SAMPLE_S`.
+
+    Returns
+    -------
+    Trace
 
     Raises
     ------
     ModelError
-        If there is no start, or the run fails: why.
+        If there is no equilibrium to start from, or the run fails.
     """
     every = round(SAMPLE_S / dt_s)
     if every < 1 or abs(every * dt_s - SAMPLE_S) > 1e-9:
-        raise ModelError(f"dt_s = {dt_s:g}: allowed is a whole part of {SAMPLE_S:g} s")
+        raise ModelError(f"dt_s = {dt_s:g}: allowed is a whole part of {SAMPLE_S:g} s", "dt_s")
     start = case.initial(arm)
     times = time_grid(case, dt_s)
     result = simulate(
@@ -92,14 +109,29 @@ def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
 
 
 def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
-    """Why a candidate is not worth its whole run, judged by a short first part; empty if it is.
+    """Return why a candidate is too slow, judged by the first part of the run; "" if it is not.
 
-    An error-controlled stepper on a stiff arm takes thousands of steps for each that it is asked for.
+    An error-controlled stepper on a stiff arm takes thousands of internal steps for each step.
+
+    Parameters
+    ----------
+    case : Case
+        Start and pressures.
+    arm : SoftArm
+        Model.
+    integrator : str
+        Time stepper.
+    dt_s : float
+        Time step [s].
+
+    Returns
+    -------
+    str
     """
     times = time_grid(case, dt_s)
     times = times[: max(2, min(times.size, 1 + round(PILOT_S / dt_s)))]
     begun = time.process_time()
-    with contextlib.suppress(ModelError):  # the whole run says so too
+    with contextlib.suppress(ModelError):  # the whole run reports the error
         simulate(
             arm,
             case.initial(arm),
@@ -113,7 +145,7 @@ def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
 
 
 def time_grid(case: Case, dt_s: float) -> Array:
-    """Times of the steps, as `simulate` has them: whole samples, so that all candidates end together."""
+    """Return the times of the steps (n_t,) [s]; all candidates end at the same whole sample."""
     n = round(case.t_end / SAMPLE_S) * round(SAMPLE_S / dt_s)
     times: Array = np.arange(n + 1, dtype=np.float64) * dt_s
     times[-1] = SAMPLE_S * round(case.t_end / SAMPLE_S)
@@ -121,7 +153,19 @@ def time_grid(case: Case, dt_s: float) -> Array:
 
 
 def errors(found: Trace, truth: Trace, length: float) -> Errors:
-    """Compare a run with the true one; `length` of the arm [m]."""
+    """Return the errors of a run.
+
+    Parameters
+    ----------
+    found, truth : Trace
+        The run and the reference.
+    length : float
+        Length of the arm [m].
+
+    Returns
+    -------
+    Errors
+    """
     distance = np.linalg.norm(found.places - truth.places, axis=2)
     span = float(np.ptp(truth.energy)) or 1.0
     frequency = None
@@ -136,7 +180,7 @@ def errors(found: Trace, truth: Trace, length: float) -> Errors:
 
 
 def rest(arm: SoftArm) -> Array:
-    """Coordinates at rest without pressure; straight where no rest is found from there."""
+    """Return the coordinates (n_q,) at rest without pressure; 0 if the search for rest fails."""
     try:
         return equilibrium(arm, np.zeros(arm.n_u))
     except ModelError:
@@ -144,23 +188,50 @@ def rest(arm: SoftArm) -> Array:
 
 
 def total_energy(arm: SoftArm, q: Array, qd: Array) -> float:
-    """Kinetic, gravitational and elastic energy, and what contact and the held tip store [J]."""
+    """Return the sum of kinetic, gravitational and elastic energy, and that of contact and the held tip.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    q, qd : ndarray (n_q,)
+        Coordinates and rates.
+
+    Returns
+    -------
+    float
+        Energy [J].
+    """
     energy = sum(arm.energy(q, qd))
-    return energy + arm.external_forces(q, qd).energy if _touched(arm) else energy
+    return energy + arm.external_forces(q, qd).energy if _has_outside_energy(arm) else energy
 
 
 def first_frequency_hz(arm: SoftArm, q: Array, pressure_pa: Array | None = None) -> float:
-    """First natural frequency about a rest `q` [Hz], creep relaxed; 0 where the rest is not stable.
+    """Return the first natural frequency about a rest, undamped and with relaxed creep.
 
-    Contact is taken as it is there: what does not touch does not count. Damping is left out.
+    Contacts that are open at rest have no effect.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    q : ndarray (n_q,)
+        Coordinates at rest.
+    pressure_pa : ndarray (n_u,), optional
+        Pressures [Pa gauge]; 0 by default.
+
+    Returns
+    -------
+    float
+        Frequency [Hz], 0 if the rest is not stable.
     """
     p = np.zeros(arm.n_u) if pressure_pa is None else pressure_pa
 
     def load(at: Array) -> Array:
         force = arm.gravity_force(at) - arm.actuation_matrix(at) @ p
-        return force - arm.external_forces(at).generalised if _touched(arm) else force
+        return force - arm.external_forces(at).generalised if _has_outside_energy(arm) else force
 
-    # By central differences; steps of unit strain over 1e-5 leave 1e-10 of it.
+    # Central differences: a step of 1e-5 leaves a relative error of 1e-10.
     step = 1e-5
     rows = np.array([(load(q + e) - load(q - e)) / (2 * step) for e in step * np.eye(arm.n_q)])
     stiffness = arm.stiffness_matrix(q) + 0.5 * (rows + rows.T)
@@ -168,8 +239,8 @@ def first_frequency_hz(arm: SoftArm, q: Array, pressure_pa: Array | None = None)
     return float(np.sqrt(slowest) / (2 * np.pi)) if slowest > 0.0 else 0.0
 
 
-def _touched(arm: SoftArm) -> bool:
-    """Whether something outside can store energy."""
+def _has_outside_energy(arm: SoftArm) -> bool:
+    """Whether contact or a held tip can store energy."""
     return arm.robot.contacts is not None or arm.robot.tip_constraint is not None
 
 

@@ -1,4 +1,4 @@
-"""Where errors are computed: in this process, in processes of this machine, or on a Dask cluster."""
+"""Computation of errors in this process, in processes of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -31,7 +31,21 @@ class Outcome:
 
 
 def compute(case: Case, truth: Trace, candidate: Candidate) -> Outcome:
-    """Run one candidate and compare it with the truth."""
+    """Compute the errors of one candidate.
+
+    Parameters
+    ----------
+    case : Case
+        Start and pressures.
+    truth : Trace
+        Reference.
+    candidate : Candidate
+        Discretisation, stepper and step.
+
+    Returns
+    -------
+    Outcome
+    """
     try:
         arm = discretised(case.robot, candidate.model)
         if slow := too_slow(case, arm, candidate.integrator, candidate.dt_s):
@@ -43,37 +57,49 @@ def compute(case: Case, truth: Trace, candidate: Candidate) -> Outcome:
 
 
 class Workers(Protocol):
-    """Computes candidates in any order, until it is told to stop."""
+    """Computes the errors of candidates."""
 
     def run(
         self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
-        """Give each outcome as it is there."""
+        """Yield the outcomes in the order of completion.
+
+        Parameters
+        ----------
+        case : Case
+            Start and pressures.
+        truth : Trace
+            Reference.
+        candidates : sequence of Candidate
+            Candidates.
+        stop : callable
+            Function that returns whether to stop.
+        """
         ...
 
     def close(self) -> None:
-        """Let go of whatever computes."""
+        """Release processes and connections."""
         ...
 
 
 class Here:
-    """One after the other, in this process."""
+    """Computes one candidate after the other in this process."""
 
     def run(
         self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
-        """Give each outcome as it is there."""
+        """Yield the outcomes in the order of completion; parameters as in `Workers.run`."""
         for candidate in candidates:
             if stop():
                 return
             yield compute(case, truth, candidate)
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is nothing to release."""
 
 
 class Processes:
-    """So many processes of this machine; only while errors are computed, so that times are taken alone."""
+    """Computes in processes of this machine, which end before times are measured."""
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
@@ -81,7 +107,7 @@ class Processes:
     def run(
         self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
-        """Give each outcome as it is there."""
+        """Yield the outcomes in the order of completion; parameters as in `Workers.run`."""
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(self.jobs, mp_context=context, initializer=_ignore_interrupts)
         try:
@@ -96,16 +122,16 @@ class Processes:
             pool.shutdown(wait=True, cancel_futures=True)
 
     def close(self) -> None:
-        """Nothing to let go of: the processes end with each run."""
+        """Do nothing: the processes end with each run."""
 
 
 class Dask:
-    """An existing Dask cluster whose workers have this version of soro.
+    """Computes on an existing Dask cluster whose workers have this version of soro.
 
     Raises
     ------
     ConfigError
-        If the package is missing, or nobody answers at the address.
+        If the package is missing, or the address does not answer.
     """
 
     def __init__(self, address: str) -> None:
@@ -125,7 +151,7 @@ class Dask:
     def run(
         self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
-        """Give each outcome as it is there."""
+        """Yield the outcomes in the order of completion; parameters as in `Workers.run`."""
         import distributed
 
         futures = self._client.map(lambda one: compute(case, truth, one), list(candidates), pure=False)
@@ -138,24 +164,24 @@ class Dask:
                 except SoroError:
                     raise
                 except Exception as error:
-                    # Whatever a foreign cluster throws: a lost worker, another version of soro.
+                    # A cluster may raise anything: a lost worker, another version of soro.
                     raise SoroError(f"--dask: a worker failed: {' '.join(str(error).split())}") from None
         finally:
             with contextlib.suppress(Exception):
                 self._client.cancel(futures)
 
     def close(self) -> None:
-        """Leave the cluster."""
+        """Disconnect from the cluster."""
         self._client.close()
 
 
 def workers(jobs: int, dask: str) -> Workers:
-    """Return what computes: a cluster where an address is given, else so many processes."""
+    """Return a cluster for an address, else `jobs` processes."""
     if dask:
         return Dask(dask)
     return Here() if jobs == 1 else Processes(jobs)
 
 
 def _ignore_interrupts() -> None:
-    """Ctrl-C goes to every process of the terminal; the first one decides."""
+    """Ignore Ctrl-C, which reaches all processes of the terminal; the main process handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

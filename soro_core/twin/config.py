@@ -1,4 +1,4 @@
-"""What the twin is made of: how fine its arm is, what it carries unknown to others, and its sensors."""
+"""Parameters of the twin: how fine its arm is, how it differs from the robot file, and its sensors."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from soro_core.config import Strict
 from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel, ValveModel
-from soro_core.robot import Discretisation, Robot
+from soro_core.robot import Robot
 from soro_core.robot.discretisation import Integrator
-from soro_core.safety import Limits
+from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys
 
 
 class SensorConfig(Strict):
@@ -37,39 +37,16 @@ class SensorConfig(Strict):
     )
 
 
-class TwinConfig(Strict):
-    """Parameters of the twin."""
+class TwinSection(Strict):
+    """The simulated arm as a scene states it: what differs in truth, its air and its sensors."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
-    robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
-    mode: Literal["real_time", "lockstep"] = Field(
-        "real_time", description="real_time, or lockstep with /clock"
-    )
-    pressures: Literal["regulators", "valves", "measured"] = Field(
-        "regulators",
-        description="what fills the chambers: regulators of the twin's own (in place of the regulator node), "
-        "the emulated valves of another process, or what chambers/state says (real valves, replay)",
-    )
-    paused: bool = Field(False, description="wait for ~/start before the first tick")
-    duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")
-    plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
-    fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
-    rate_hz: float = Field(200.0, gt=0, le=1000, description="ticks a second")
-    priority: int = Field(
-        10,
-        ge=0,
-        le=99,
-        description="real_time: priority (SCHED_FIFO) where the system permits it; 0 for none",
-    )
     step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
     integrator: Integrator = Field("trapezoidal", description="time stepper of the arm")
-    model: Discretisation = Field(Discretisation(), description="how the refined robot is computed")
     refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
     payload_kg: float = Field(0.0, ge=0, le=5, description="mass at the tip beyond the robot's own")
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
     damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
     gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")
-    seed: int = Field(1, ge=0, description="seed of all noise")
     pose: SensorConfig = Field(SensorConfig(), description="pose sensor at sensors/pose0")
     imu: SensorConfig = Field(
         SensorConfig(enabled=False, rate_hz=200.0, delay_s=0.0), description="IMU at sensors/imu0"
@@ -81,13 +58,7 @@ class TwinConfig(Strict):
         "and mass and volume of the air in each chamber, in place of lag and rate limit",
     )
     valve: ValveModel = Field(ValveModel(), description="valves, for air: states")
-    limits: Limits = Field(Limits(), description="limits of the commands, for pressures: regulators")
-
-    @model_validator(mode="after")
-    def _used(self) -> TwinConfig:
-        if self.air == "states" and self.pressures == "measured":
-            raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
-        return self
+    follow_shared_name: bool = Field(False, description="as of the regulator node")
 
     @field_validator("valve")
     @classmethod
@@ -97,8 +68,36 @@ class TwinConfig(Strict):
         return value
 
 
+class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
+    """Parameters of the twin: its section of the scene, and what the scene decides for the whole run."""
+
+    pressures: Literal["regulators", "valves", "measured"] = Field(
+        "regulators",
+        description="source of the pressures: regulators of the twin (in place of the regulator node), the "
+        "emulated valves of another process, or measured ones on chambers/state (real valves, replay)",
+    )
+    paused: bool = Field(False, description="wait for ~/start before the first tick")
+    duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")
+    plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
+    fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
+    priority: Priority = 10
+
+    @model_validator(mode="after")
+    def _used(self) -> TwinConfig:
+        if self.air == "states" and self.pressures == "measured":
+            raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
+        return self
+
+
 def check_volumes(robot: Robot, where: str, key: str) -> None:
     """Refuse `air: states` for a robot whose chambers have neither a volume nor an area.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file describes it.
+    where, key : str
+        File or node, and key, for the error.
 
     Raises
     ------
@@ -111,9 +110,13 @@ def check_volumes(robot: Robot, where: str, key: str) -> None:
             raise ConfigError(where, key, "states", f"lag, or a volume_m3 of {name} in the robot file")
 
 
-class ShadowConfig(TwinConfig):
-    """Parameters of the shadow: those of a twin, and how far the arm may be from it."""
+class ShadowSection(Strict):
+    """What a scene expects of the twin beside a real arm."""
 
     tolerance_m: float = Field(
         0.02, gt=0, le=10, description="distance between measured and simulated pose that is warned of"
     )
+
+
+class ShadowConfig(TwinConfig, ShadowSection):
+    """Parameters of the shadow: those of a twin, and how far the arm may be from it."""

@@ -1,4 +1,4 @@
-"""The arm of the twin: finer than the controller's model, and not quite what the robot file says."""
+"""The arm of the twin: finer than the controller's model, and different from its file where stated."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def true_robot(robot: Robot, config: TwinConfig) -> Robot:
-    """Return the robot as it really is: refined, loaded and off its file by the configured factors."""
+    """Return the true robot: refined, loaded, and different from its file by the configured factors."""
     real = robot.scaled(
         stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale
     ).refine(config.refine)
@@ -84,10 +84,25 @@ class Plant:
         dt: float,
         condition: ValveCondition | None = None,
     ) -> tuple[State, Status]:
-        """Advance by `dt` while the pressures (n_u,) [Pa] go in a straight line from start to end.
+        """Advance by `dt` while the pressures change linearly.
 
-        With air as a part of the state these are the set points of its valves, which are in that condition,
-        by default healthy.
+        Parameters
+        ----------
+        state : State
+            At the beginning.
+        start_pa, end_pa : ndarray (n_u,)
+            Gauge pressures [Pa]; with air as a part of the state the set points of its valves.
+        dt : float
+            Time [s]; it is divided into equal steps of at most `step_s`.
+        condition : ValveCondition, optional
+            Of the valves, where air is a part of the state; default healthy.
+
+        Returns
+        -------
+        state : State
+            At the end, or where a step failed.
+        status : Status
+            Of the last step.
         """
         steps = max(1, math.ceil(dt / self._step_s - 1e-9))
         status = OK

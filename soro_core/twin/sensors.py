@@ -1,4 +1,4 @@
-"""Sensors of the twin: what is true becomes sampled, noisy, late, and now and then lost or wrong."""
+"""Sensors of the twin: they sample the truth, add noise and delay, and lose or spoil some samples."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.estimation.rotation import quaternion_from_matrix, rotation_exp
 from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_core.twin.config import SensorConfig
 
 Array: TypeAlias = NDArray[np.float64]
 Sample = TypeVar("Sample", bound=PoseSample | ImuSample)
 
-# How far off an outlier is, in standard deviations: a swapped marker rather than a bad day of the noise.
+# Size of an outlier in standard deviations: it stands for a swapped marker, not for large noise.
 OUTLIER_STD = 60.0
 
 
@@ -61,15 +61,25 @@ def sample(
 
     Parameters
     ----------
+    config : SensorConfig
+        Probability that a sample is lost.
+    clock : SensorClock
+        Period and delay in ticks.
+    state : SensorState
+        After the last tick.
+    tick : int
+        Number of this tick, from 0.
     measure : callable
         Takes a sample now; called only when one is due.
+    rng : Generator
+        Source of the losses.
 
     Returns
     -------
     state : SensorState
     due : tuple of samples
-        Those that reach the reader at this tick. A lost sample is the last one once more, stamp included,
-        as drivers of tracking systems do it.
+        Those that reach the reader at this tick. In place of a lost sample the last one comes again with
+        its stamp, as drivers of tracking systems do it.
     """
     if tick % clock.period == 0:
         taken = measure()
@@ -86,7 +96,21 @@ def sample(
 def measure_pose(
     config: SensorConfig, transform: Array, stamp_s: float, s: float, rng: np.random.Generator
 ) -> PoseSample:
-    """Pose (4, 4) with noise on position and rotation."""
+    """Measure a pose with noise on position and rotation.
+
+    Parameters
+    ----------
+    config : SensorConfig
+        Noise and outliers.
+    transform : ndarray (4, 4)
+        True pose of the cross-section.
+    stamp_s : float
+        Time of the sample [s].
+    s : float
+        Place on the backbone [m].
+    rng : Generator
+        Source of the noise.
+    """
     scale = OUTLIER_STD if rng.random() < config.outlier else 1.0
     position = transform[:3, 3] + scale * config.position_noise_m * rng.standard_normal(3)
     noise = rotation_exp(scale * config.rotation_noise_rad * rng.standard_normal(3))
@@ -106,7 +130,23 @@ class Motion:
 def measure_imu(
     config: SensorConfig, motion: Motion, gravity: Array, stamp_s: float, s: float, rng: np.random.Generator
 ) -> ImuSample:
-    """Angular velocity, specific force and orientation of an IMU whose axes are the local frame's."""
+    """Measure angular velocity, specific force and orientation with an IMU whose axes are the local frame's.
+
+    Parameters
+    ----------
+    config : SensorConfig
+        Noise and outliers.
+    motion : Motion
+        True motion of the cross-section.
+    gravity : ndarray (3,)
+        Acceleration of gravity in the world [m/s^2].
+    stamp_s : float
+        Time of the sample [s].
+    s : float
+        Place on the backbone [m].
+    rng : Generator
+        Source of the noise.
+    """
     rotation = motion.transform[:3, :3]
     omega, velocity = motion.twist[:3], motion.twist[3:]
     specific_force = motion.acceleration[3:] + np.cross(omega, velocity) - rotation.T @ gravity

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
-from soro_core.estimation.rotation import matrix_from_quaternion, rotation_exp, rotation_log
 from soro_core.robot import Robot
+from soro_core.rotation import matrix_from_quaternion, rotation_exp, rotation_log
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.twin import Twin, TwinState
 
 Array: TypeAlias = NDArray[np.float64]
 
-# For this long it is remembered where the shadow was: poses are measured before they arrive.
+# Poses of the shadow are kept for this long, because measured poses arrive late.
 REMEMBERED_S = 0.5
-# After a longer gap between pressures the shadow starts anew, at rest under the present ones.
+# After a longer gap between pressures the shadow starts again, at rest under the present ones.
 GAP_S = 0.5
 DIFFERENCES = ("distance", "x", "y", "z", "rotation", "bending")
 
@@ -56,7 +56,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class ShadowState:
-    """The twin as far as the last measured pressures, and where its pose has been lately."""
+    """The twin at the last measured pressures, and its poses over the last `REMEMBERED_S`."""
 
     twin: TwinState | None = None
     stamp_ns: int = 0
@@ -66,13 +66,28 @@ class ShadowState:
 
 
 def between(last_pa: Array, pressure_pa: Array, last_ns: int, stamp_ns: int, period_ns: int) -> list[Array]:
-    """Pressures (n_u,) at the ticks from one measurement to the next, in a straight line."""
+    """Interpolate pressures linearly at the ticks between two measurements.
+
+    Parameters
+    ----------
+    last_pa, pressure_pa : ndarray (n_u,)
+        The two measurements [Pa gauge].
+    last_ns, stamp_ns : int
+        Their times [ns].
+    period_ns : int
+        Period of the ticks [ns].
+
+    Returns
+    -------
+    list of ndarray (n_u,)
+        One entry a tick after the first measurement; the last entry is the second measurement.
+    """
     ticks = round((stamp_ns - last_ns) / period_ns)
     return [last_pa + (pressure_pa - last_pa) * (k / ticks) for k in range(1, ticks + 1)]
 
 
 def beginning(twin: Twin, pressure_pa: Array) -> TwinState:
-    """Twin at rest under measured pressures (n_u,) [Pa]; without, where no rest is found (a buckling arm)."""
+    """Return the twin at rest under pressures (n_u,) [Pa]; under none where it finds no rest (buckling)."""
     try:
         return twin.initial(pressure_pa)
     except ModelError:
@@ -101,9 +116,18 @@ class Shadow:
         return self.twin.plant.arm.pose(state.arm.q, self._place)
 
     def advance(self, state: ShadowState, stamp_ns: int, pressure_pa: Array) -> ShadowState:
-        """Go on to a measurement of the pressures (n_u,) [Pa gauge].
+        """Advance to a measurement of the pressures.
 
-        A shadow whose model fails, or that was without pressures for long, starts anew at rest.
+        The shadow starts again at rest if its model fails, or after `GAP_S` without pressures.
+
+        Parameters
+        ----------
+        state : ShadowState
+            After the last measurement.
+        stamp_ns : int
+            Time of this one [ns].
+        pressure_pa : ndarray (n_u,)
+            Measured pressures [Pa gauge].
         """
         if state.twin is None or state.pressure_pa is None or stamp_ns < state.stamp_ns:
             return self._start(state, stamp_ns, pressure_pa)
@@ -123,11 +147,21 @@ class Shadow:
         return replace(state, twin=twin, stamp_ns=stamp_ns, pressure_pa=pressure_pa, poses=kept)
 
     def at(self, state: ShadowState, stamp_ns: int) -> Array | None:
-        """Simulated pose (4, 4) at a time; None where the shadow has not been, or is not remembered to be."""
+        """Return the simulated pose (4, 4) at a time; None where no pose is kept around it."""
         return _between_poses(state.poses, stamp_ns)
 
     def compare(self, simulated: Array, position: Array, quaternion: Array) -> Difference:
-        """A measured pose, position (3,) [m] and quaternion (4,) x, y, z, w, less a simulated one (4, 4)."""
+        """Subtract a simulated pose from a measured one.
+
+        Parameters
+        ----------
+        simulated : ndarray (4, 4)
+            Pose of the shadow.
+        position : ndarray (3,)
+            Measured position in the world [m].
+        quaternion : ndarray (4,)
+            Measured orientation x, y, z, w.
+        """
         measured = matrix_from_quaternion(quaternion)
         turn = rotation_log(simulated[:3, :3].T @ measured)
         bending = _angle(self._axis, measured[:, 2]) - _angle(self._axis, simulated[:3, 2])

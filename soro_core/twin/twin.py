@@ -1,4 +1,4 @@
-"""One tick of the simulated world: air, arm, sensors. Pure but for the generator of its noise."""
+"""One tick of the simulated robot: air, arm, sensors. Only the generators of its noise keep a state."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from soro_core.twin.sensors import Motion, SensorClock, SensorState, measure_imu
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Parts of a tick below this are what rounding leaves of a dead time of whole ticks [s].
+# Shorter parts of a tick [s] are rounding of a dead time of whole ticks.
 SHORTEST_S = 1e-9
 
 
 @dataclass(frozen=True)
 class TwinState:
-    """Everything that evolves; `tick` counts from 0."""
+    """State of arm, air and sensors; `tick` counts from 0."""
 
     tick: int
     arm: State
@@ -136,7 +136,7 @@ class Twin:
         return self._step(state, air)
 
     def step_valves(self, state: TwinState, action: pneumatics.ValveAction) -> TwinState:
-        """Advance one tick with what valves elsewhere do over it; the air in the chambers is moved here.
+        """Advance one tick with the action of valves in another process; the air is simulated here.
 
         Raises
         ------
@@ -160,7 +160,8 @@ class Twin:
             If the air in the chambers is a part of the state (`air: states`).
         """
         if self.plant.has_air:
-            raise ModelError("pressures from elsewhere with air: states: allowed are set points, or air: lag")
+            text = "pressures from elsewhere with air: states: allowed are set points, or air: lag"
+            raise ModelError(text, "air")
         pressure = np.asarray(pressure_pa, dtype=np.float64)
         return self._step(state, pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure))
 
@@ -175,7 +176,7 @@ class Twin:
         spans: Iterable[tuple[float, Array]],
         condition: pneumatics.ValveCondition | None = None,
     ) -> TwinState:
-        """Advance arm and air together; the valves move to what their regulators aim at."""
+        """Advance arm and air together; the valves move towards the targets of their regulators."""
         arm, status = state.arm, OK
         for span, target in spans:
             if status.ok and span > SHORTEST_S:

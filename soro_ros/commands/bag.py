@@ -1,17 +1,19 @@
-"""`soro bag info|repair BAG`: what a recording holds, and completing one that was not closed."""
+"""`soro bag info|repair BAG`: show a recording, and complete one that was not closed."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from soro_core.bag import BagReader, PartRepair, Qos, repair
 from soro_core.errors import BagError
+
+if TYPE_CHECKING:
+    from soro_core.bag import BagReader, PartRepair, Qos
 
 app = typer.Typer(no_args_is_help=True)
 BAG_HELP = "Folder of a bag (rosbag2, storage mcap), or a single .mcap file."
@@ -20,12 +22,15 @@ Bag = Annotated[Path, typer.Argument(help=BAG_HELP, exists=True, show_default=Fa
 
 @app.command("info")
 def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes too.")] = False) -> None:
-    """Show what BAG holds: files, times, and each topic with its type, messages and quality of service.
+    """Show the content of BAG: files, times, and each topic with its type, messages and quality of service.
 
     Reads bags of soro and of rosbag2 alike. Of a bag that is damaged or was not closed it shows what can be
     read, and says what is missing.
     """
-    console = Console()
+    # Imported here so that the other commands work without the extra `ros`.
+    from soro_core.bag import BagReader
+
+    console = Console(markup=False)  # names in a bag may look like markup
     try:
         with BagReader(bag) as reader:
             _print_info(console, reader, full)
@@ -40,7 +45,9 @@ def repair_command(bag: Bag) -> None:
     Every message that can be read is kept with its bytes, times and order. Sound files stay untouched; where
     bytes had to be left out, the damaged file is kept beside the new one as NAME.damaged.
     """
-    console = Console()
+    from soro_core.bag import repair
+
+    console = Console(markup=False)
     try:
         parts = repair(bag)
     except BagError as error:
@@ -69,7 +76,14 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
     if reader.metadata is not None:
         about.add_row("version", f"{reader.metadata.version}, ROS {reader.metadata.ros_distro or 'unknown'}")
         for key, value in reader.metadata.custom_data.items():
-            about.add_row(key, value)
+            about.add_row(_plain(key), _plain(value))
+    for part in reader.parts:
+        for item in part.attachments:
+            about.add_row(
+                "attachment", f"{_plain(item.name)}: {_size(item.data_size)}, {_plain(item.media_type)}"
+            )
+        for name in dict.fromkeys(name for name, _ in part.metadata if name != "rosbag2"):
+            about.add_row("metadata", _plain(name))
     console.print(about, soft_wrap=True)
     table = Table(box=None, header_style="bold", pad_edge=False)
     for heading in ("topic", "type", "quality of service", *(["type hash"] if full else [])):
@@ -78,12 +92,12 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
     table.add_column("Hz", justify="right")
     for topic, count in zip(reader.topics, reader.counts, strict=True):
         rate = f"{(count - 1) / seconds:.1f}" if count > 1 and seconds > 0 else ""
-        type_hash = [topic.type_hash] if full else []
+        type_hash = [_plain(topic.type_hash)] if full else []
         offers = ", ".join(map(_qos, topic.qos))
-        table.add_row(topic.name, topic.type, offers, *type_hash, str(count), rate)
+        table.add_row(_plain(topic.name), _plain(topic.type), offers, *type_hash, str(count), rate)
     console.print(table)
     for problem in reader.problems:
-        console.print(f"[yellow]{problem}[/yellow]", highlight=False, soft_wrap=True)
+        console.print(_plain(problem), style="yellow", highlight=False, soft_wrap=True)
     if reader.problems:
         console.print(f"'soro bag repair {reader.path}' completes it", highlight=False, soft_wrap=True)
 
@@ -93,7 +107,7 @@ def _print_repair(console: Console, part: PartRepair) -> None:
         console.print(f"{part.path}: sound, {part.message_count} messages", highlight=False, soft_wrap=True)
         return
     for problem in part.problems:
-        console.print(f"[yellow]{problem}[/yellow]", highlight=False, soft_wrap=True)
+        console.print(_plain(problem), style="yellow", highlight=False, soft_wrap=True)
     kept = f"; the damaged file is {part.original}" if part.original else ""
     text = f"{part.path}: rewritten, {part.message_count} messages{kept}"
     console.print(text, highlight=False, soft_wrap=True)
@@ -101,6 +115,11 @@ def _print_repair(console: Console, part: PartRepair) -> None:
 
 def _qos(qos: Qos) -> str:
     return f"{qos.reliability} {qos.durability}"
+
+
+def _plain(text: str) -> str:
+    """Return text of a bag without control characters of the terminal."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text)
 
 
 def _time(nanoseconds: int) -> str:

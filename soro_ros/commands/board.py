@@ -24,8 +24,8 @@ def board(
 
     Brings every port to 0 Pa, tests every chip, and prints one line, `ready: HOST:PORT`, when a driver may
     connect. Every port goes to 0 Pa when the driver falls silent (`watchdog_s`), when a chip fails, and when
-    this server ends, is killed or hangs. It needs neither ROS nor numba, only the extra `board` for I2C;
-    without the command line tool it is `python -m soro_core.hardware.board.server`.
+    this server ends, is killed or hangs. I2C needs the extra `board`; on a Raspberry Pi without the model the
+    same server is the command `soro_board` (docs/board.md).
     """
     # Imported here so that `soro --help` stays quick.
     from soro_core.hardware.board.server import run_board

@@ -1,4 +1,4 @@
-"""`soro doctor`: look at the hardware of a platform, and say what to do for every line that fails."""
+"""`soro doctor`: check the hardware of a platform, with advice for every check that fails."""
 
 from __future__ import annotations
 
@@ -25,9 +25,11 @@ def doctor(
     """
     # Imported here so that `soro --help` stays quick.
     from soro_core.hardware.doctor import examine
-    from soro_core.hardware.platform import load_platform
+    from soro_core.hardware.families import load_platform, require_driver
 
-    findings = list(examine(load_platform(platform), device, seconds))
+    loaded = load_platform(platform)
+    require_driver(loaded)
+    findings = list(examine(loaded, device, seconds))
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:

@@ -15,6 +15,10 @@ def emulate(
         bool,
         typer.Option("--lockstep", help="Advance by one cycle period with each exchange, not by the clock."),
     ] = False,
+    cycle_hz: Annotated[
+        float | None,
+        typer.Option(help="Rate of exchanges, where it is not the platform's: that of the regulator node."),
+    ] = None,
     device_link: Annotated[
         Path | None,
         typer.Option(help="Name to make for what the host opens: a link, or a folder of them."),
@@ -45,12 +49,13 @@ def emulate(
     with all of them.
     """
     # Imported here so that `soro --help` stays quick.
-    from soro_core.hardware.emulation.faults import read_injection
-    from soro_core.hardware.emulation.process import serve
-    from soro_core.hardware.platform import load_platform
+    from soro_core.emulation.process import serve
+    from soro_core.emulation.vocabulary import read_injection
+    from soro_core.hardware.families import load_platform
 
+    described = load_platform(platform)
     serve(
-        load_platform(platform),
+        described if cycle_hz is None else described.at_rate(cycle_hz),
         clock=time.monotonic_ns,
         announce=lambda path: typer.echo(f"ready: {path}"),
         lockstep=lockstep,

@@ -44,7 +44,7 @@ def first_pressure(
     pose: Annotated[
         str, typer.Option(help="Topic of the tip's measured pose (PoseStamped), with --robot.")
     ] = "",
-    ask: Annotated[bool, typer.Option("--ask", help="Ask which way the tip has gone, with --robot.")] = False,
+    ask: Annotated[bool, typer.Option("--ask", help="Ask where the tip moved, with --robot.")] = False,
     steps_kpa: Annotated[str, typer.Option(help="Set points of each chamber [kPa gauge].")] = "5,10,20",
     hold_s: Annotated[
         float, typer.Option(min=0.5, max=600.0, help="Time for which each step is held [s].")
@@ -64,7 +64,7 @@ def first_pressure(
     examined and nothing failed.
     """
     from soro_core.errors import ConfigError
-    from soro_core.hardware.platform import load_platform
+    from soro_core.hardware.families import load_platform
     from soro_core.hil import report
     from soro_core.hil.paced import PacedRegulator, Sample, small_limits
     from soro_core.hil.plan import FirstPressureConfig, Plan
@@ -77,7 +77,7 @@ def first_pressure(
     if pose and ask:
         raise ConfigError("soro hil", "--ask", "--pose", "one of them: the pose answers what --ask asks")
     if ask and yes:
-        raise ConfigError("soro hil", "--yes", "--ask", "one of them: --ask needs somebody to answer")
+        raise ConfigError("soro hil", "--yes", "--ask", "one of them: --ask needs a person to answer")
     loaded = load_platform(platform)
     steps_pa = _steps_pa(steps_kpa, loaded.range.maximum_pa)
     config = FirstPressureConfig(steps_pa=steps_pa, hold_s=hold_s, rise_pa_s=rise_kpa_s * 1e3)
@@ -91,7 +91,7 @@ def first_pressure(
     # A Ctrl-C while nothing moves yet, at the wait for a first pose, ends it at once.
     with _tip_of(pose) as tip, signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
-        target = new_folder(folder, "first-pressure")  # one that cannot be written to is told before any air
+        target = new_folder(folder, "first-pressure")  # refuse a read-only folder before any air flows
         guarded = PacedRegulator(loaded, regulator, limits, lockstep, tip)
         with punctual():
             state = pressurise(
@@ -137,9 +137,10 @@ def latency(
     time and lag by a fit of all steps, beside what the platform file says. Ctrl-C vents.
     """
     from soro_core.errors import HardwareError
-    from soro_core.hardware.platform import load_platform
+    from soro_core.hardware.families import load_platform
     from soro_core.hil import report
-    from soro_core.hil.latency import LatencyConfig, compare, evaluate, latency_limits, measure
+    from soro_core.hil.latency import LatencyConfig, compare, evaluate
+    from soro_core.hil.latency_run import latency_limits, measure
     from soro_core.hil.paced import PacedRegulator
 
     loaded = load_platform(platform)
@@ -158,7 +159,7 @@ def latency(
         raise typer.Exit(1)
     with signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
-        target = new_folder(folder, "latency")  # one that cannot be written to is told before any air
+        target = new_folder(folder, "latency")  # refuse a read-only folder before any air flows
         guarded = PacedRegulator(loaded, regulator, limits, lockstep)
         with punctual():
             try:
@@ -183,7 +184,7 @@ def latency(
 
 
 def _about(platform: str, device: str | None) -> dict[str, str]:
-    """What a report begins with."""
+    """Return the first lines of a report."""
     return {
         "platform": platform,
         "device": device or "",
@@ -192,10 +193,11 @@ def _about(platform: str, device: str | None) -> dict[str, str]:
 
 
 def _regulator(platform: PlatformBase, name: str, device: str | None, lockstep: bool) -> Regulator:
-    """Make the driver, which opens nothing yet; refuse a platform without a device."""
+    """Return the driver, which has opened nothing yet; refuse a platform without a device."""
     from soro_core.errors import ConfigError
-    from soro_core.hardware.platform import open_regulator
+    from soro_core.hardware.families import open_regulator, require_driver
 
+    require_driver(platform)
     if not (device or platform.device):
         allowed = f"the path or address of the devices, or the one that `soro emulate {name}` prints"
         raise ConfigError("soro hil", "--device", "", allowed)
@@ -203,10 +205,9 @@ def _regulator(platform: PlatformBase, name: str, device: str | None, lockstep: 
 
 
 def _robot(name: str) -> Robot | None:
-    from soro_core.config import find_config
     from soro_core.robot import load_robot
 
-    return load_robot(find_config(name, "robots")) if name else None
+    return load_robot(name) if name else None
 
 
 def _steps_pa(text: str, most_pa: float) -> tuple[float, ...]:
@@ -224,27 +225,27 @@ def _steps_pa(text: str, most_pa: float) -> tuple[float, ...]:
 
 
 def _typed() -> bool:
-    """Whether there is something to read; nothing where the standard input is no file."""
+    """Whether the standard input has a line to read."""
     with contextlib.suppress(io.UnsupportedOperation):
         return bool(select.select([sys.stdin], [], [], 0)[0])
     return False
 
 
 def _ask(question: str) -> None:
-    """Show a question; what was typed before it is no answer to it."""
+    """Show a question and discard earlier input."""
     while _typed() and sys.stdin.readline():
         pass
     typer.echo(question, err=True)
 
 
 def _answer() -> str | None:
-    """A line that somebody has typed, without waiting for it; nobody there says no."""
+    """Return a typed line without waiting; a closed input means no."""
     return (sys.stdin.readline() or "n") if _typed() else None
 
 
 @contextlib.contextmanager
 def _tip_of(topic: str) -> Iterator[Callable[[], np.ndarray | None]]:
-    """Newest position of the tip on a topic; of none without a topic, and then without ROS."""
+    """Give a function for the newest position of the tip; without a topic it needs no ROS."""
     if not topic:
         yield lambda: None
         return

@@ -64,7 +64,7 @@ def play(
     from soro_core.bag import BagReader
     from soro_core.bag.config import PlayerConfig
     from soro_core.config import parse
-    from soro_ros.lifecycle import run_node
+    from soro_ros.node_process import run_node
     from soro_ros.nodes.player import Player
     from soro_ros.parameters import overrides
 
@@ -87,9 +87,7 @@ def play(
         typer.echo(f"soro: {error}", err=True)
         raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
     arguments = ["--ros-args"]
-    # JSON is YAML with unmistakable quotes; defaults stay out, for an empty list has no type.
-    default = overrides(PlayerConfig())
     for name, value in overrides(config).items():
-        if value != default[name]:
-            arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
+        # JSON is YAML with unmistakable quotes.
+        arguments += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]
     run_node(Player, arguments)

@@ -15,12 +15,12 @@ from soro_core.errors import ConfigError, SoroError
 from soro_ros import signals
 
 if TYPE_CHECKING:
-    from soro_ros.services import Call, Visitor
+    from soro_ros.services import Call, ServiceCaller
 
-# Who holds the air publishes its pressures. A controller offers the same services and has no latch.
+# The node that drives the valves publishes pressures. A controller has the same services, but no latch.
 _READINGS = "chambers/state"
 _COMMANDS = "chambers/command"
-# What to do where nobody offers a service.
+# Advice if no node offers a service.
 _RUNNING = "start soro_regulator (or soro run) in this domain, or set ROS_DOMAIN_ID to that of yours"
 _START = {
     "reset": _RUNNING,
@@ -29,7 +29,7 @@ _START = {
     "clear_faults": "a twin takes faults in soro run on emulated valves, or with its parameter fault_link",
 }
 # /diagnostics come once a second.
-_HEARD_S = 2.5
+_STATUS_LIMIT_S = 2.5
 
 _NODE = typer.Argument(
     metavar="NODE",
@@ -48,25 +48,25 @@ def reset(
     node: Annotated[str, _NODE] = "",
     timeout_s: Annotated[float, _TIMEOUT] = 20.0,
 ) -> None:
-    """Open the latch of a vented arm, after saying what closed it.
+    """Print why an arm is vented, and open its latch.
 
-    The node that holds the air (soro_regulator, or soro_twin in its place) refuses while somebody commands
-    pressure: `soro vent` makes controllers command zero, `soro enable` starts them again after the reset. It
-    takes its devices through their start-up again where they were lost, which may need some seconds.
+    The node that commands the valves (soro_regulator, or soro_twin in its place) refuses while a program
+    commands pressure: `soro vent` makes controllers command zero, `soro enable` starts them again after the
+    reset. If devices were lost, the reset first repeats their start-up, which may take some seconds.
 
-    Without NODE it is the only one that holds air. Exit status 1 when it refuses. ROS_DOMAIN_ID must be that
-    of the node.
+    Without NODE it is the only node that drives valves. Exit status 1 when it refuses. ROS_DOMAIN_ID must be
+    that of the node.
     """
     from std_srvs.srv import Trigger
 
-    with _visiting() as visitor:
-        name = _one(visitor, "reset", node, timeout_s, "" if node else _READINGS)
-        said = visitor.says(name, _HEARD_S)
-        typer.echo(f"{name}: {said or 'nothing heard of it on /diagnostics'}")
-        if said and not said.startswith("vented") and name in visitor.offering("reset", _READINGS):
+    with service_caller() as caller:
+        name = _one(caller, "reset", node, timeout_s, "" if node else _READINGS)
+        status = caller.message_of(name, _STATUS_LIMIT_S)
+        typer.echo(f"{name}: {status or 'no message on /diagnostics'}")
+        if status and not status.startswith("vented") and name in caller.offering("reset", _READINGS):
             typer.echo(f"{name}: not latched, nothing to reset")
             return
-        answer = visitor.call(name, "reset", Trigger, Trigger.Request(), timeout_s)
+        answer = caller.call(name, "reset", Trigger, Trigger.Request(), timeout_s)
     if not answer.success:
         zero = ": `soro vent` makes controllers command zero" if "must be zero" in answer.message else ""
         raise SoroError(f"{name} refuses: {answer.message}{zero}")
@@ -79,42 +79,43 @@ def vent(
 ) -> None:
     """Vent at once: every node of this ROS domain that has a `~/vent`, or only NODE.
 
-    What holds the air vents and latches until `soro reset`; a controller commands zero until `soro enable`.
-    Each vents as soon as it is found, which takes up to 4 s. Not an emergency stop: that is a dump valve.
+    The node that commands the valves vents and latches until `soro reset`; a controller commands zero until
+    `soro enable`. Each vents as soon as it is found, which takes up to 4 s. This is no emergency stop, which
+    needs a dump valve.
 
     Exit status 1 when one of them does not answer, or none is found.
     """
     from std_srvs.srv import Trigger
 
-    with _visiting() as visitor:
+    with service_caller() as caller:
         calls: dict[str, Call] = {}
         failed: list[str] = []
 
-        def take() -> None:
+        def report_answers() -> None:
             for name in [name for name, one in calls.items() if one.done()]:
                 answer = calls.pop(name).response
                 typer.echo(f"{name}: {answer.message}")
                 if not answer.success:
                     failed.append(name)
 
-        # Side by side: one that does not answer keeps nobody else waiting.
-        deadline, found, holds = time.monotonic() + timeout_s, list[str](), False
-        for new in visitor.search("vent", node, timeout_s):
+        # In parallel: a node that does not answer does not delay the others.
+        deadline, found, has_driver = time.monotonic() + timeout_s, list[str](), False
+        for new in caller.search("vent", node, timeout_s):
             found += new
-            calls |= {name: visitor.begin(name, "vent", Trigger, Trigger.Request()) for name in new}
-            take()
-            # While it is there: a run ends because of this.
-            holds = holds or not set(found).isdisjoint(visitor.offering("vent", _READINGS))
+            # Before the request is sent: it may end the run, and the node with it.
+            has_driver = has_driver or not set(found).isdisjoint(caller.offering("vent", _READINGS))
+            calls |= {name: caller.begin(name, "vent", Trigger, Trigger.Request()) for name in new}
+            report_answers()
         while calls and time.monotonic() < deadline:
-            visitor.spin(0.02)
-            take()
+            caller.spin(0.02)
+            report_answers()
         if not found:
-            raise _none(visitor, "vent", node)
+            raise _none(caller, "vent", node)
         for name, one in calls.items():
-            typer.echo(f"{name}: {one.trouble(timeout_s)}: is its process alive?", err=True)
-        if not (node or holds or visitor.offering("vent", _READINGS)):
-            # After the driver was killed a controller may say that all is well.
-            raise SoroError(f"nobody in {visitor.domain} holds the air: no valve was told; {_RUNNING}")
+            typer.echo(f"{name}: {one.trouble(timeout_s)}: does its process run?", err=True)
+        if not (node or has_driver or caller.offering("vent", _READINGS)):
+            # After the driver was killed, a controller may still report success.
+            raise SoroError(f"no node in {caller.domain} drives the valves, so none was vented; {_RUNNING}")
     if calls or failed:
         raise typer.Exit(1)
 
@@ -123,19 +124,24 @@ def enable(
     node: Annotated[str, _NODE] = "",
     timeout_s: Annotated[float, _TIMEOUT] = 5.0,
 ) -> None:
-    """Let a controller command, at its start and after `soro vent`.
+    """Start the commands of a controller, at its start and after `soro vent`.
 
-    Without NODE it is the only controller there is. What holds the air needs no such call; it has to be reset
-    first where it is latched.
+    Without NODE it is the only controller. The node that commands the valves needs no such call; if it is
+    latched, a line names it, and it needs a reset first.
     """
     from std_srvs.srv import Trigger
 
-    with _visiting() as visitor:
-        name = _one(visitor, "enable", node, timeout_s, "" if node else _COMMANDS)
-        answer = visitor.call(name, "enable", Trigger, Trigger.Request(), timeout_s)
-    if not answer.success:
-        raise SoroError(f"{name} refuses: {answer.message}")
-    typer.echo(f"{name}: {answer.message}")
+    with service_caller() as caller:
+        name = _one(caller, "enable", node, timeout_s, "" if node else _COMMANDS)
+        answer = caller.call(name, "enable", Trigger, Trigger.Request(), timeout_s)
+        if not answer.success:
+            raise SoroError(f"{name} refuses: {answer.message}")
+        typer.echo(f"{name}: {answer.message}")
+        namespace = name.rpartition("/")[0]
+        for driver in caller.offering("reset", _READINGS):
+            is_of_arm = driver.rpartition("/")[0] == namespace
+            if is_of_arm and caller.message_of(driver, _STATUS_LIMIT_S).startswith("vented"):
+                typer.echo(f"{driver}: still vented: `soro vent`, `soro reset`, `soro enable`", err=True)
 
 
 def fault(
@@ -159,8 +165,8 @@ def fault(
     """
     if (injection is None) == (not clear):
         raise ConfigError("soro fault", "FAULT", injection, "a fault, or --clear, and not both")
-    from soro_core.hardware.emulation.control import ControlClient
-    from soro_core.hardware.emulation.faults import CLEAR
+    from soro_core.emulation.control import ControlClient
+    from soro_core.emulation.vocabulary import CLEAR
 
     text = f"fault: {CLEAR}" if injection is None else injection
     if _is_path(node):
@@ -172,17 +178,17 @@ def fault(
 
     from soro_ros.faults import PARAMETER
 
-    with _visiting() as visitor:
-        name = _one(visitor, "clear_faults", node, timeout_s)
+    with service_caller() as caller:
+        name = _one(caller, "clear_faults", node, timeout_s)
         request = SetParameters.Request(parameters=[Parameter(PARAMETER, value=text).to_parameter_msg()])
-        (answer,) = visitor.call(name, "set_parameters", SetParameters, request, timeout_s).results
+        (answer,) = caller.call(name, "set_parameters", SetParameters, request, timeout_s).results
     if not answer.successful:
         raise SoroError(f"{name} refuses: {answer.reason}")
     typer.echo(f"{name}: {'no faults' if clear else f'injected {text}'}")
 
 
 def _is_path(name: str) -> bool:
-    """Whether it is meant for a socket and not for a node: it is there, or cannot be a node's name."""
+    """Whether a name is a socket and not a node: the file exists, or no node can have this name."""
     path = Path(name)
     in_a_folder = path.is_absolute() and len(path.parts) > 2 and path.parent.is_dir()
     is_there = path.exists() and not path.is_dir()
@@ -190,35 +196,35 @@ def _is_path(name: str) -> bool:
 
 
 @contextlib.contextmanager
-def _visiting() -> Iterator[Visitor]:
-    """Join ROS as a visitor; a Ctrl-C at any moment ends it with exit status 130."""
+def service_caller() -> Iterator[ServiceCaller]:
+    """Join ROS for some calls; Ctrl-C ends them with exit status 130."""
     with signals.noted() as stopping:
-        from soro_ros.services import Visitor
+        from soro_ros.services import ServiceCaller
 
         try:
-            with Visitor(lambda: bool(stopping)) as visitor:
-                yield visitor
+            with ServiceCaller(lambda: bool(stopping)) as caller:
+                yield caller
         except KeyboardInterrupt:
             typer.echo("soro: interrupted", err=True)
             raise typer.Exit(130) from None
 
 
-def _one(visitor: Visitor, service: str, wanted: str, limit_s: float, publishing: str = "") -> str:
-    """The one node that is meant; an error lists those that it could be."""
-    found = [name for new in visitor.search(service, wanted, limit_s, publishing) for name in new]
+def _one(caller: ServiceCaller, service: str, wanted: str, limit_s: float, publishing: str = "") -> str:
+    """Return the node with this name or end of a name; an error lists the candidates."""
+    found = [name for new in caller.search(service, wanted, limit_s, publishing) for name in new]
     if not found:
-        raise _none(visitor, service, wanted, publishing)
+        raise _none(caller, service, wanted, publishing)
     if len(found) > 1:
-        said = [f"{name} ({visitor.says(name, _HEARD_S) or 'nothing heard of it'})" for name in found]
-        raise ConfigError(f"soro {service}", "NODE", wanted, f"one of {', '.join(said)}")
+        known = [f"{name} ({caller.message_of(name, _STATUS_LIMIT_S) or 'no message'})" for name in found]
+        raise ConfigError(f"soro {service}", "NODE", wanted, f"one of {', '.join(known)}")
     return found[0]
 
 
-def _none(visitor: Visitor, service: str, wanted: str, publishing: str = "") -> SoroError:
-    """Why nobody was found."""
-    others = [name for name in visitor.offering(service) if wanted]
+def _none(caller: ServiceCaller, service: str, wanted: str, publishing: str = "") -> SoroError:
+    """Return the error for a search without result."""
+    others = [name for name in caller.offering(service) if wanted]
     missing = f"no node {wanted}" if others else f"no node with a service ~/{service}"
     if publishing:
         missing += f" that publishes {publishing}"
     do = f"there is {', '.join(others)}" if others else _START[service]
-    return SoroError(f"{missing} in {visitor.domain}: {do}")
+    return SoroError(f"{missing} in {caller.domain}: {do}")

@@ -1,4 +1,4 @@
-"""`soro trade SCENE`: what each way to compute the arm costs and how far it is off, and which one to take."""
+"""`soro trade SCENE`: cost and error of each way to compute the arm, and the one that meets the wish."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def trade(
 
 
 def _wish(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scene | None, Wish]:
-    """The scene, where there is one, and what is wished; raises ConfigError."""
+    """Return the scene, if there is one, and the wish; raises ConfigError."""
     from soro_core.config import parse
     from soro_core.scene import Wish, load_scene
 

@@ -1,4 +1,4 @@
-"""The controller: arm/state in, chambers/command out, once an arm/state."""
+"""The controller node: each message on arm/state gives one on chambers/command."""
 
 from __future__ import annotations
 
@@ -11,16 +11,21 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_core.config import find_config
-from soro_core.control import Controller, Reference
-from soro_core.errors import ConfigError
+from soro_core.control import Reference
+from soro_core.control.reach import check_reach
+from soro_core.errors import ConfigError, SoroError
+from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
+
+# Frame of all poses.
+FRAME = "world"
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -34,12 +39,12 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     node_name = "controller"
 
     def setup(self, config: ControllerNodeConfig) -> None:
-        robot = load_robot(find_config(config.robot, "robots"))
+        robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._controller = Controller(robot, config.control, config.model)
-        self._names, self._coordinates = robot.chamber_names, self._controller.robot.coordinate_names
+        self.controller = controller_of(config, robot, say=self.get_logger().warning)
+        self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self._enabled = config.enabled
-        # By this the limiter tells two controllers apart; in lockstep a run must be the same to the bit.
+        # The limiter distinguishes two controllers by this name; in lockstep every run must be the same.
         self._source = self.get_fully_qualified_name() + ("" if self._lockstep else f" #{os.getpid()}")
         self._forget()
         self._trouble, self._refused = "", ""
@@ -68,14 +73,29 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._states.clear()
 
     def _warm_up(self) -> None:
-        """Do once, unseen, what every tick does."""
-        arm = self._controller.arm
+        """Run ticks and references once without output: imports and compilation take longer than a tick."""
+        if self._config.reach > 0.0:
+            check_reach(self.controller, self._config.reach)
+        arm, dt, none = self.controller.arm, 1.0 / self._config.rate_hz, np.zeros(self.controller.arm.n_u)
         q = np.full(arm.n_q, 1e-3)
-        self._controller.step(self._state, q, q, 0.0, 1.0 / self._config.rate_hz, np.zeros(arm.n_u))
+        zero = np.zeros(arm.n_q).tolist()
+        points = [
+            JointTrajectoryPoint(positions=zero, time_from_start=Duration(seconds=k).to_msg())
+            for k in range(3)
+        ]
+        trajectory = JointTrajectory(joint_names=list(self._coordinates), points=points)
+        state, _ = self.controller.step(self._state, q, q, 0.0, dt, none)
+        for k, kind in enumerate(("positions", "velocities", "accelerations"), start=1):
+            for point in points:
+                setattr(point, kind, zero)
+            reference = self._trajectory(trajectory)(0.0)
+            state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
+        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
+        self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
 
     def _forget(self) -> None:
-        """Start anew: time, estimates and reference."""
-        self._state = self._controller.initial_state()
+        """Reset time, estimates and reference."""
+        self._state = self.controller.initial_state()
         self._epoch_ns: int | None = None
         self._last_ns = 0
         self._reference = None
@@ -94,6 +114,12 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
+        self._follow(self._trajectory(message))
+
+    def _on_tip(self, message: PoseStamped) -> None:
+        self._follow(self._tip(message))
+
+    def _trajectory(self, message: JointTrajectory) -> Callable[[float], Reference]:
         points = message.points
 
         def table(name: str) -> list[list[float]] | None:
@@ -101,32 +127,40 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             return rows if any(rows) else None
 
         times = [Duration.from_msg(point.time_from_start).nanoseconds * 1e-9 for point in points]
-        self._follow(
-            lambda t: self._controller.trajectory(
-                t,
-                list(message.joint_names),
-                times,
-                table("positions") or [],
-                table("velocities"),
-                table("accelerations"),
-            )
+        return lambda t: self.controller.trajectory(
+            t,
+            list(message.joint_names),
+            times,
+            table("positions") or [],
+            table("velocities"),
+            table("accelerations"),
+            messages.to_ns(message.header.stamp),
         )
 
-    def _on_tip(self, message: PoseStamped) -> None:
-        position, quaternion = messages.pose_arrays(message.pose)
-        self._follow(lambda t: self._controller.tip(self._state, position, quaternion))
+    def _tip(self, message: PoseStamped) -> Callable[[float], Reference]:
+        def reference(t: float) -> Reference:
+            if message.header.frame_id not in ("", FRAME):
+                raise ConfigError(
+                    "tip reference", "header.frame_id", message.header.frame_id, f"{FRAME}, or none"
+                )
+            return self.controller.tip(self._state, *messages.pose_arrays(message.pose))
+
+        return reference
 
     def _follow(self, make: Callable[[float], Reference]) -> None:
+        """Follow a reference; after a refusal the old reference stays."""
         t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
+        refused = ""
         try:
             self._reference = make(t)
-        except ConfigError as error:
+        except SoroError as error:
             refused = f"reference refused: {error}"
-            self.get_logger().error(refused)
-        else:
-            refused = ""
-        if refused != self._refused:
+        if refused and refused == self._refused:  # limit the log of a repeated reference
+            self.get_logger().error(refused, throttle_duration_sec=1.0)
+        elif refused != self._refused:
             self._refused = refused
+            if refused:
+                self.get_logger().error(refused)
             self._report()
 
     # One tick --------------------------------------------------------------------------------------
@@ -139,7 +173,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             self._tick(self._states.popleft(), stamp_ns, reading)
 
     def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
-        """Reading of the same tick; in real time the latest one serves."""
+        """Return the reading of the same tick, in real time the latest one."""
         for stamp, pressure in reversed(self._readings):
             if stamp == stamp_ns or not self._lockstep:
                 return pressure
@@ -154,11 +188,11 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             if self._epoch_ns is None:
                 self._epoch_ns, self._last_ns = stamp_ns, stamp_ns - round(1e9 / self._config.rate_hz)
             dt = (stamp_ns - self._last_ns) * 1e-9
-            # States that were lost are made up for, but no gap is integrated over in one step.
+            # The step also covers lost states, up to a limit.
             dt = min(dt, self._config.state_age_s)
             q, qd = np.array(message.position), np.array(message.velocity)
             t = (stamp_ns - self._epoch_ns) * 1e-9
-            self._state, command = self._controller.step(self._state, q, qd, t, dt, reading, self._reference)
+            self._state, command = self.controller.step(self._state, q, qd, t, dt, reading, self._reference)
             self._last_ns, trouble = stamp_ns, command.status.message
         self._note(trouble)
         if trouble:
@@ -166,7 +200,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
                 self._publish(np.zeros(0), stamp_ns)
             return
         self._publish(command.setpoint_pa, stamp_ns)
-        self._desired_tip.publish(messages.pose_stamped(command.tip_reference, stamp_ns, "world"))
+        self._desired_tip.publish(messages.pose_stamped(command.tip_reference, stamp_ns, FRAME))
         estimates = JointState(name=list(command.estimates), position=list(command.estimates.values()))
         estimates.header.stamp = message.header.stamp
         self._estimates.publish(estimates)

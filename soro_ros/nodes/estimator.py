@@ -1,4 +1,4 @@
-"""The state estimator: chamber pressures and sensors in, arm/state and arm/tip out, once a chambers/state."""
+"""The estimator node: each message on chambers/state gives one on arm/state and one on arm/tip."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu, JointState
 
-from soro_core.config import find_config
-from soro_core.estimation import Estimator, EstimatorState, ImuSample, PoseSample
+from soro_core.estimation import EstimatorState, ImuSample, PoseSample
+from soro_core.loop import estimator_of
 from soro_core.robot import load_robot
 from soro_core.scene import EstimatorNodeConfig
 from soro_core.twin import SensorConfig
 from soro_core.twin.sensors import SensorClock
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
 
 
 class EstimatorNode(SoroNode[EstimatorNodeConfig]):
-    """Runs the filter once a chambers/state; in lockstep it first waits for the samples due by then."""
+    """Runs the filter at each chambers/state; in lockstep it first waits for the samples of that tick."""
 
     config_model = EstimatorNodeConfig
     node_name = "estimator"
 
     def setup(self, config: EstimatorNodeConfig) -> None:
-        robot = load_robot(find_config(config.robot, "robots"))
+        robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._estimator = Estimator(robot, config.filter, 1.0 / config.rate_hz, config.model)
+        self._estimator = estimator_of(config, robot)
         self._names, self._coordinates = robot.chamber_names, self._estimator.arm.robot.coordinate_names
         self._state: EstimatorState | None = None
         self._epoch_ns = 0
@@ -55,7 +56,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             self.every(1.0 / self._config.backbone_rate_hz, self._publish_backbone)
 
     def _warm_up(self) -> None:
-        """Do once, unseen, what every tick does."""
+        """Run one tick without output, which compiles its kernels."""
         zero = np.zeros(len(self._names))
         pose = self._estimator.arm.pose(np.zeros(self._estimator.arm.n_q), self._estimator.length)
         sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self._estimator.length)
@@ -109,7 +110,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         )
 
     def _due(self, name: str, tick: int) -> list[PoseSample] | list[ImuSample]:
-        """Take the samples of this tick: in lockstep not one more, for the twin may be a tick ahead."""
+        """Return the samples of this tick; in lockstep the twin may already have sent those of the next."""
         queue, clock = self._samples[name], self._expected[name]
         n = len(queue)
         if self._lockstep and clock is not None:
@@ -139,7 +140,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         )
 
     def _publish_nothing(self, stamp_ns: int) -> None:
-        """No estimate at this tick: silence in real time, an empty message in lockstep, which waits."""
+        """Report that there is no estimate: in lockstep by an empty message, in real time by none."""
         if self._lockstep:
             nothing = JointState()
             nothing.header.stamp = messages.to_time(stamp_ns)

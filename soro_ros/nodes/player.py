@@ -1,4 +1,4 @@
-"""Player: publishes a bag again, byte for byte, in its own time or as fast as its readers take it."""
+"""The player node: it publishes a bag again, byte for byte, in recorded time or as fast as possible."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.publisher import Publisher
 from rclpy.time import Time
+from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
 from soro_core.bag import BagMessage, BagReader, Topic
@@ -19,19 +21,20 @@ from soro_core.errors import BagError, ConfigError, SoroError
 from soro_ros import qos
 from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.interfaces import definition, message_class, offer, topic_pattern
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
 
 # History of a publisher whose recorded one is unknown (most middlewares do not report it).
 DEPTH = 1000
-# How long a reader may take to confirm the last messages.
+# Longest wait for readers to confirm the last messages [s].
 ACKNOWLEDGE_S = 10.0
 _POLL_S = 0.02
-# Topics that end so drive valves: a bag must not do that by accident.
+# Topics with these endings drive valves; a bag must not do so by accident.
 COMMANDS = ("/chambers/command", "/chambers/commands")
 
 
 class Player(SoroNode[PlayerConfig]):
-    """Plays a bag from a thread of its own; ends the process when the bag ends."""
+    """Plays a bag in a separate thread; the process ends with the bag."""
 
     config_model = PlayerConfig
     node_name = "player"
@@ -137,7 +140,10 @@ class Player(SoroNode[PlayerConfig]):
         return topic_pattern(self, old, "remap"), topic_pattern(self, new, "remap")
 
     def _is_playable(self, topic: Topic) -> bool:
-        """Whether the bytes mean here what they meant when they were recorded."""
+        """Whether the installed type is the recorded one."""
+        if not _is_name(topic.name):
+            self.get_logger().warning(f"{topic.name!r}: not played: no name of a topic")
+            return False
         if topic.serialization_format != "cdr":
             reason = f"serialised as {topic.serialization_format}, not cdr"
         elif message_class(topic.type) is None:
@@ -165,7 +171,7 @@ class Player(SoroNode[PlayerConfig]):
                 self._await_acknowledgement()
                 self.get_logger().info(f"played {self._count} messages")
         except Exception as error:
-            # Nobody looks at a thread that dies: the middleware's errors end the process as well.
+            # Report an error, which ends only this thread, so that the process ends as well.
             known = isinstance(error, SoroError)
             self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
             self.get_logger().error(str(error) if known else traceback.format_exc())
@@ -181,12 +187,12 @@ class Player(SoroNode[PlayerConfig]):
                 return
             if time.monotonic() > limit:
                 raise BagError(
-                    f"nobody subscribed to {', '.join(lonely)} within {self._config.wait_timeout_s:g} s"
+                    f"no subscriber of {', '.join(lonely)} within {self._config.wait_timeout_s:g} s"
                 )
             self._stopping.wait(_POLL_S)
 
     def _play(self) -> None:
-        """Publish everything once, each message when its time has come."""
+        """Publish all messages once, each at its time."""
         start = time.monotonic_ns()
         for stamp_ns, message in self._events():
             if self._config.rate > 0:
@@ -202,7 +208,7 @@ class Player(SoroNode[PlayerConfig]):
                 self._count += 1
 
     def _events(self) -> Iterator[tuple[int, BagMessage | None]]:
-        """Messages by their times; None where a tick of /clock is due, before what happened by then."""
+        """Yield messages by time, and None for a tick of /clock, before the messages of that tick."""
         tick_ns = round(1e9 / self._config.clock_hz)
         next_tick = self._begin_ns
         for message in self._reader.messages(self._published.keys(), self._begin_ns, self._end_ns):
@@ -212,7 +218,7 @@ class Player(SoroNode[PlayerConfig]):
             yield message.log_time_ns, message
 
     def _send(self, publisher: Publisher, data: bytes) -> None:
-        """Publish; where a full history pushes back (rate 0), try again until readers have caught up."""
+        """Publish; if the history is full (rate 0), try again until readers have received enough."""
         while not self._stopping.is_set():
             try:
                 publisher.publish(data)
@@ -224,10 +230,10 @@ class Player(SoroNode[PlayerConfig]):
                 return
 
     def _await_acknowledgement(self) -> None:
-        """Let readers confirm the last messages: a publisher that ends takes its history along."""
+        """Wait until readers confirm the last messages: the history ends with its publisher."""
         limit = time.monotonic() + ACKNOWLEDGE_S
         for publisher in self._published.values():
-            # In short slices, so that Ctrl-C is heard.
+            # Short waits, so that Ctrl-C takes effect.
             while not publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
                 if self._stopping.is_set():
                     return
@@ -238,8 +244,16 @@ class Player(SoroNode[PlayerConfig]):
                     break
 
 
+def _is_name(name: str) -> bool:
+    try:
+        validate_topic_name(name)
+    except InvalidTopicNameException:
+        return False
+    return True
+
+
 def _span(reader: BagReader, config: PlayerConfig) -> tuple[int, int]:
-    """Log times [ns] between which is played."""
+    """Return the log times [ns] of begin and end of the replay."""
     begin = reader.start_ns + round(config.start_s * 1e9)
     if reader.message_count == 0 or begin > reader.end_ns:
         length = (reader.end_ns - reader.start_ns) / 1e9

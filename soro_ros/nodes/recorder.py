@@ -1,4 +1,4 @@
-"""Recorder: every topic, or the chosen ones, raw into a rosbag2 MCAP bag."""
+"""The recorder node: it writes all topics, or chosen ones, to a rosbag2 MCAP bag."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from soro_core.bag.config import RecorderConfig
 from soro_core.errors import ConfigError, SoroError
 from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.interfaces import definition, message_class, offered, request, topic_pattern
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
 
-# Most messages a topic that are taken at the end (Fast DDS holds 5000 by default).
+# Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
 REST = 5000
-# What a publisher to come is known to offer: renewing a subscription would lose or repeat messages.
+# Known offer of a later publisher: renewing a subscription would lose or repeat messages.
 LATCHED = Qos(reliability="reliable", durability="transient_local")
 
 
@@ -35,7 +36,7 @@ class _Stream:
 
 
 class Recorder(SoroNode[RecorderConfig]):
-    """Subscribes raw, with the quality of service on offer, and notes the ROS time of reception."""
+    """Subscribes raw, with the offered quality of service, and records the ROS time of reception."""
 
     config_model = RecorderConfig
     node_name = "recorder"
@@ -79,7 +80,7 @@ class Recorder(SoroNode[RecorderConfig]):
         try:
             try:
                 self._take_the_rest()
-            finally:  # whatever became of the subscriptions: what is written already stays readable
+            finally:  # after an error of the subscriptions too, so that the bag stays readable
                 self._close()
         except Exception as error:
             self.failure = error if isinstance(error, SoroError) else SoroError(repr(error))
@@ -118,7 +119,7 @@ class Recorder(SoroNode[RecorderConfig]):
 
     # Topics --------------------------------------------------------------------------------------
     def _discover(self) -> None:
-        """Subscribe to what is new; renew a subscription that does not match all publishers any more."""
+        """Subscribe to new topics; renew a subscription that no longer matches all publishers."""
         for name, types in self.get_topic_names_and_types():
             if not self._is_wanted(name):
                 continue
@@ -143,7 +144,7 @@ class Recorder(SoroNode[RecorderConfig]):
         if name in self._wanted:
             return True
         if any(token.startswith("_") for token in name.split("/")):
-            return False  # hidden: only by its own name
+            return False  # a hidden topic needs its full name
         return not self._wanted or any(fnmatchcase(name, pattern) for pattern in self._wanted)
 
     def _subscribe(self, name: str, type_name: str, offers: tuple[Qos, ...]) -> None:
@@ -174,7 +175,7 @@ class Recorder(SoroNode[RecorderConfig]):
             self.get_logger().warning(f"{name}: not recorded: {reason}")
 
     def _introduce(self, name: str, endpoints: Any) -> None:
-        """Enter a topic into the bag, with what its publishers offer, before its first message."""
+        """Write a topic with the offers of its publishers to the bag, before its first message."""
         stream = self._streams.get(name)
         if stream is None or stream.known_to_bag or self._bag is None:
             return
@@ -198,7 +199,7 @@ class Recorder(SoroNode[RecorderConfig]):
         bag.write(name, data, self._last_ns)
 
     def _take_the_rest(self) -> None:
-        """Record what has arrived but was not yet handed to `_take`: its senders know it as delivered."""
+        """Record messages that have arrived but are not yet processed; their senders count on them."""
         if self._bag is None:
             return
         for name, stream in self._streams.items():

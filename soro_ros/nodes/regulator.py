@@ -1,4 +1,4 @@
-"""The driver node: set points to the pressure regulators, readings back, nothing past the limiter."""
+"""The driver node: it sends limited set points to the pressure regulators and publishes readings."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import ConfigError
 from soro_core.hardware import Regulator, load_platform, open_regulator
-from soro_core.hardware.guarded import GuardedRegulator
+from soro_core.hardware.limited import LimitedRegulator
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.latch_file import LatchFile
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
 from soro_ros.timing import LoopTimer
 
-# A vent that somebody asks for in order, and that the next process need not hear of.
+# Cause of a regular vent, which the next process does not need to know.
 DEACTIVATED = "deactivated"
-# What the next process finds where this one could not say anything any more.
+# Note for the next process if this one is killed.
 _KILLED = "the last driver, process {}, ended without venting"
 
 
@@ -33,9 +34,9 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def __init__(self) -> None:
         self._regulator: Regulator | None = None
-        self._guarded: GuardedRegulator | None = None
+        self._limited: LimitedRegulator | None = None
         self._left: str | None = None
-        """Cause of a vent that the configuration before this one ended with."""
+        """Cause of the vent at the end of the previous configuration."""
         self._latch_file: LatchFile | None = None
         super().__init__()
 
@@ -47,36 +48,38 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             raise ConfigError("parameters of regulator", "device", "", allowed)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._period_ns = round(1e9 / config.rate_hz)
-        self._guarded, self._latch_file, self._tick_ns = None, None, None
+        self._limited, self._latch_file, self._tick_ns = None, None, None
         self._last_tick_wall = time.monotonic()
         self._regulator = regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self.get_logger().info(f"configuring {regulator.n_chambers} regulators of {config.platform}")
         regulator.configure()
-        guarded = GuardedRegulator(platform, regulator, config.limits, "parameters of regulator")
+        limited = LimitedRegulator(platform, regulator, config.limits, "parameters of regulator")
         self._active = False
         self._timer = LoopTimer(1.0 / config.rate_hz)
-        # Refused commands up to the last report.
+        # Number of refused commands at the last report.
         self._reported = 0
         self._chambers = ChamberInterface(
             self,
-            guarded,
+            limited,
             self._now_ns,
             self._stamp_ns,
             self._try_tick,
             self._on_latch,
             self._lockstep,
+            self.diagnose,
+            config.follow_shared_name,
         )
         if self._lockstep:
             self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
         if config.keep_latch and not self._lockstep:
             self._latch_file = LatchFile(config.device or str(platform.device))
             self._left = self._left or (None if config.take_over else self._latch_file.cause())
-        self._guarded = guarded
+        self._limited = limited
         if self._left is None:
             self._note(_KILLED.format(os.getpid()))
         else:
-            guarded.latch(self._left)  # the start-up has brought the devices to 0 Pa
-            self._chambers.tell()
+            limited.latch(self._left)  # the start-up has brought the devices to 0 Pa
+            self._chambers.report_latch()
 
     def start(self) -> None:
         self._active = True
@@ -88,7 +91,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def stop(self) -> None:
         self._active = False
-        # Vented and latched: active again, it needs ~/reset like after any other vent.
+        # The latch stays closed: after the next activation ~/reset opens it.
         self._vent(DEACTIVATED)
 
     def teardown(self) -> None:
@@ -102,15 +105,17 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
                 regulator.vent()
             finally:
                 regulator.close()
-        guarded, self._guarded = self._guarded, None
-        if guarded is not None:  # else the start-up has failed
-            self._left = None if guarded.cause == DEACTIVATED else guarded.cause
+        if self._limited is not None:  # None after a failed start-up
+            cause = self._limited.cause
+            self._left = None if cause == DEACTIVATED else cause
             self._note(self._left)
+        self.diagnose()  # the last report has the final counts
+        self._limited = None
 
     def _vent(self, cause: str) -> None:
-        if self._guarded is not None:
-            self._guarded.vent(cause)
-            self._chambers.tell()
+        if self._limited is not None:
+            self._limited.vent(cause)
+            self._chambers.report_latch()
 
     def _now_ns(self) -> int:
         if self._lockstep:
@@ -139,28 +144,28 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     def _check_stall(self) -> None:
         silent = time.monotonic() - self._last_tick_wall
-        # Once: a vent is a tick of emulated devices.
-        if silent > self._config.lockstep_timeout_s and self._guarded and not self._guarded.state.vented:
+        # Only once: each vent is a tick of emulated devices.
+        if silent > self._config.lockstep_timeout_s and self._limited and not self._limited.state.vented:
             self._vent(f"lockstep stalled: no tick or command for {silent:.0f} s")
 
     # One cycle ------------------------------------------------------------------------------------
     def _cycle(self) -> None:
-        if self._guarded is None:
+        if self._limited is None:
             return
         self._timer.tick()
         stamp_ns = self._stamp_ns()
-        exchange = self._guarded.cycle(self._now_ns())
-        self._chambers.tell()
+        exchange = self._limited.cycle(self._now_ns())
+        self._chambers.report_latch()
         if exchange is None:
             return
-        # An old reading with a fresh stamp would fool the estimator; lockstep waits for one at every tick.
-        # Chambers that were not sampled are carried on: who controls the arm has one reading a cycle.
-        is_due = self._guarded.in_turn or self._lockstep or bool(exchange.fresh.all())
+        # An old reading with a new stamp would be wrong in the estimator; lockstep needs one at every tick.
+        # Readings of chambers that are served in turn are extrapolated, so that each cycle has a reading.
+        is_due = self._limited.in_turn or self._lockstep or bool(exchange.fresh.all())
         if is_due and np.all(np.isfinite(exchange.pressure_pa)):
-            self._chambers.publish(self._guarded.known_pa(exchange), stamp_ns)
+            self._chambers.publish(self._limited.known_pa(exchange), stamp_ns)
 
     def _note(self, cause: str | None) -> None:
-        """Keep why the arm is vented for the next process, or for the end of this one; None: it is not."""
+        """Write the cause of a vent for the next process; None removes the note."""
         if self._latch_file is None:
             return
         try:
@@ -172,24 +177,28 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self.get_logger().warning(f"no note of the latch for the next driver: {error}", once=True)
 
     def _on_latch(self) -> None:
+        self._note(self._limited.cause or _KILLED.format(os.getpid()))
         self.diagnose()
-        self._note(self._guarded.cause or _KILLED.format(os.getpid()))
 
     def diagnose(self) -> None:
-        if self._guarded is None:
+        if self._limited is None:
             return
-        state = self._guarded.state
+        state = self._limited.state
         rejected = sum(state.rejected.values())
         recently, self._reported = rejected > self._reported, rejected
+        second = self._chambers.second_publisher
         if state.vented:
-            self.diagnostics.update(ERROR, f"vented: {state.complaint}", self._values())
+            vented = f"vented: {state.complaint}"
+            self.diagnostics.update(ERROR, "; ".join(filter(None, (vented, second))), self._values())
+        elif second:
+            self.diagnostics.update(WARN, second, self._values())
         elif recently:
             self.diagnostics.update(WARN, "commands refused", self._values())
         else:
             self.diagnostics.update(OK, "active", self._values())
 
     def _values(self) -> dict[str, object]:
-        state, statistics = self._guarded.state, self._guarded.regulator.statistics
+        state, statistics = self._limited.state, self._limited.regulator.statistics
         return {
             **({} if statistics is None else vars(statistics)),
             "lateness_p50_ms": self._timer.percentile_ms(50),

@@ -1,4 +1,4 @@
-"""The shadow: a twin beside a real arm, driven by the measured pressures; what differs is told live."""
+"""The shadow: a twin beside a real arm, driven by the measured pressures; it publishes their difference."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 
-from soro_core.config import find_config
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
 
-# What diagnostics speak of: the differences of this last time, and how long a pose may stay away.
+# Window of the differences in diagnostics [s], and longest time without a pose [s].
 WINDOW_S, SILENT_S = 1.0, 1.0
 
 
 class ShadowNode(SoroNode[ShadowConfig]):
-    """Publishes what the model believes, and how far measured poses are from it."""
+    """Publishes the simulated state, and its difference from measured poses."""
 
     config_model = ShadowConfig
     node_name = "shadow"
@@ -31,24 +31,24 @@ class ShadowNode(SoroNode[ShadowConfig]):
     def setup(self, config: ShadowConfig) -> None:
         if config.pressures != "measured":
             raise ConfigError("parameters of shadow", "pressures", config.pressures, "measured")
-        robot = self._robot = load_robot(find_config(config.robot, "robots"))
+        robot = self._robot = load_robot(config.robot)
         self._config, self._names = config, robot.chamber_names
         self._shadow = Shadow(robot, config)
         self._coordinates = self._shadow.twin.plant.arm.robot.coordinate_names
         self.compile(self._warm_up)
         self._state = ShadowState()
         self._waiting: deque[PoseStamped] = deque(maxlen=100)
-        self._lately: deque[tuple[float, Difference]] = deque()
+        self._recent: deque[tuple[float, Difference]] = deque()
         self._poses = self._compared = 0
-        self._heard = -np.inf
+        self._pose_s = -np.inf
         self._tip = self.create_publisher(PoseStamped, "arm/shadow/tip", qos.RELIABLE)
         self._arm = self.create_publisher(JointState, "arm/shadow/state", qos.RELIABLE)
-        self._differs = self.create_publisher(JointState, "arm/shadow/difference", qos.RELIABLE)
+        self._difference = self.create_publisher(JointState, "arm/shadow/difference", qos.RELIABLE)
         self.create_subscription(JointState, "chambers/state", self._on_pressures, qos.SENSOR)
         self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, qos.SENSOR)
 
     def _warm_up(self) -> None:
-        """Do once, unseen, what every tick does."""
+        """Run one tick without output, which compiles its kernels."""
         shadow, zero = Shadow(self._robot, self._config), np.zeros(len(self._names))
         state = shadow.advance(ShadowState(), 0, zero)
         shadow.advance(state, round(1e9 / self._config.rate_hz), zero)
@@ -72,7 +72,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
 
     def _on_pose(self, message: PoseStamped) -> None:
         self._poses += 1
-        self._heard = time.monotonic()
+        self._pose_s = time.monotonic()
         self._waiting.append(message)
 
     def _compare(self, message: PoseStamped) -> None:
@@ -82,24 +82,24 @@ class ShadowNode(SoroNode[ShadowConfig]):
             return
         self._compared += 1
         found = self._shadow.compare(simulated, *messages.pose_arrays(message.pose))
-        self._lately.append((time.monotonic(), found))
+        self._recent.append((time.monotonic(), found))
         self._tip.publish(messages.pose_stamped(simulated, stamp_ns, "world"))
-        told = JointState(name=list(DIFFERENCES), position=found.values.tolist())
-        told.header.stamp = message.header.stamp
-        self._differs.publish(told)
+        difference = JointState(name=list(DIFFERENCES), position=found.values.tolist())
+        difference.header.stamp = message.header.stamp
+        self._difference.publish(difference)
 
     def diagnose(self) -> None:
         now = time.monotonic()
-        while self._lately and self._lately[0][0] < now - WINDOW_S:
-            self._lately.popleft()
+        while self._recent and self._recent[0][0] < now - WINDOW_S:
+            self._recent.popleft()
         values = {"poses": self._poses, "compared": self._compared, "restarts": self._state.restarts}
-        if not self._lately:
-            silent = now - self._heard > SILENT_S
+        if not self._recent:
+            silent = now - self._pose_s > SILENT_S
             why = "no pose on sensors/pose0" if silent else "no pressures at the time of the poses"
             self.diagnostics.update(WARN, f"nothing to compare: {why}", values)
             return
-        distance = np.array([found.distance_m for _, found in self._lately])
-        bending = float(np.mean([found.bending_rad for _, found in self._lately]))
+        distance = np.array([found.distance_m for _, found in self._recent])
+        bending = float(np.mean([found.bending_rad for _, found in self._recent]))
         values |= {
             "distance_rms_m": float(np.sqrt(np.mean(distance**2))),
             "distance_max_m": float(distance.max()),

@@ -1,4 +1,4 @@
-"""The simulator twin: the robot's topics without the robot, in real time or in lockstep."""
+"""The twin node: it simulates the robot and publishes the robot's topics, in real time or in lockstep."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from soro_core.config import find_config
+from soro_core.emulation.plant_link import PlantFrame, PlantLinkClient
 from soro_core.errors import ConfigError, ModelError
-from soro_core.hardware.plant_link import PlantFrame, PlantLinkClient
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
 from soro_core.safety import Limiter, Rating, check_rating
@@ -21,18 +18,20 @@ from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
-from soro_ros.diagnostics import ERROR, OK
+from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.faults import FaultInterface
-from soro_ros.lifecycle import SoroNode, run_node
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
+from soro_ros.twin_topics import TwinTopics
 
-# A real-time twin that fell behind makes up this much at once; beyond it, time is skipped and counted.
+# Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
-# Longest wait for a frame of the valves in lockstep, during which the node does not hear its services.
+# Longest wait for a frame of the valves in lockstep, during which the node serves no request.
 LINK_WAIT_S = 0.05
 
 
 class TwinNode(SoroNode[TwinConfig]):
-    """Publishes sensors and truth; moved by its own regulators, emulated valves or measured pressures."""
+    """Publishes samples and true state of an arm; regulators, emulated valves or a measurement drive it."""
 
     config_model = TwinConfig
     node_name = "twin"
@@ -43,12 +42,12 @@ class TwinNode(SoroNode[TwinConfig]):
         if bool(config.plant_link) != (config.pressures == "valves"):
             allowed = "the socket of the emulated valves with pressures: valves, and only then"
             raise ConfigError("parameters of twin", "plant_link", config.plant_link, allowed)
-        robot = self._robot = load_robot(find_config(config.robot, "robots"))
+        robot = self._robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._twin = Twin(robot, config)
-        # Of emulated valves: they say what they do, and hear what pressures come of it.
+        # The emulated valves report their action, and receive the pressures that result.
         self._moves_air = config.pressures == "valves" and config.air == "states"
-        self._names, self._true_names = robot.chamber_names, self._twin.plant.arm.robot.coordinate_names
+        self._names = robot.chamber_names
         self.compile(self._warm_up)
         self._state = self._twin.initial()
         self._period_ns = round(1e9 / config.rate_hz)
@@ -56,17 +55,11 @@ class TwinNode(SoroNode[TwinConfig]):
         self._observed = -1
         self._skipped = 0
         self._running = False
+        self._first: PlantFrame | None = None
         self._seen: Observation | None = None
         self._chambers: ChamberInterface | None = None
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
-        self._pose = self.create_publisher(PoseStamped, "sensors/pose0", loop)
-        self._imu = self.create_publisher(Imu, "sensors/imu0", loop)
-        self._true_tip = self.create_publisher(PoseStamped, "truth/tip", loop)
-        self._true_state = self.create_publisher(JointState, "truth/state", loop)
-        self._true_air = self.create_publisher(JointState, "truth/chambers", loop)
-        self._clock_publisher = (
-            self.create_publisher(Clock, "/clock", qos.LOCKSTEP) if self._lockstep else None
-        )
+        self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep)
         self.create_service(Trigger, "~/start", self._on_start)
         if config.pressures == "regulators":
             check_rating(config.limits, Rating(), where="parameters of twin")
@@ -79,6 +72,8 @@ class TwinNode(SoroNode[TwinConfig]):
                 self._advance_with_commands,
                 self.diagnose,
                 self._lockstep,
+                self.diagnose,
+                config.follow_shared_name,
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)
@@ -93,7 +88,7 @@ class TwinNode(SoroNode[TwinConfig]):
             self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
 
     def _warm_up(self) -> None:
-        """Do once, unseen, what every tick does."""
+        """Run one tick without output, which compiles its kernels."""
         twin = Twin(self._robot, self._config)
         state, _ = twin.observe(twin.initial())
         twin.step_setpoints(state, state.air.pressure_pa)
@@ -128,12 +123,12 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._lockstep:
             self._observe()
             if self._link is not None:
-                # Nothing of ROS wakes up on the valves' socket; each call waits for one frame on it.
+                # The executor does not watch the socket of the valves; each call waits for one frame.
                 self.every(1e-4, self._advance_with_valves)
             else:
                 self._advance_with_commands()
         else:
-            # Time goes on from the tick at which it stood.
+            # Time continues at the last tick.
             self._epoch_ns = self.get_clock().now().nanoseconds - self._tick_ns()
             self._begun = time.perf_counter() - self._state.tick / self._config.rate_hz
             self._skipped = 0
@@ -150,15 +145,26 @@ class TwinNode(SoroNode[TwinConfig]):
         return self._tick_ns() if self._lockstep else self.get_clock().now().nanoseconds
 
     def _advance_with_valves(self) -> None:
-        """Lockstep: one frame of pressures is one tick."""
+        """Make one tick of each frame of pressures, in lockstep."""
         if self._over():
             self._release_air()
         elif self._running and (frame := self._link.wait(LINK_WAIT_S)) is not None:
+            self._check_period(frame)
             self._step_with_valves(frame)
             self._observe()
 
+    def _check_period(self, frame: PlantFrame) -> None:
+        """Refuse valves whose cycle differs from a tick: their answers would come at other times."""
+        if self._first is None:
+            self._first = frame
+        elif frame.sequence == self._first.sequence + 1:
+            cycle_ns = frame.time_ns - self._first.time_ns
+            if abs(cycle_ns - self._period_ns) > 1:
+                allowed = f"{1e9 / cycle_ns:g}, the rate of the emulated valves (soro emulate --cycle-hz)"
+                raise ConfigError("parameters of twin", "rate_hz", self._config.rate_hz, allowed)
+
     def _release_air(self) -> None:
-        """Nobody is to wait for pressures from a twin whose time stands still."""
+        """End the wait of the emulated valves for pressures while the time of this twin stands still."""
         if self._link is not None:
             self._link.release()
 
@@ -190,7 +196,7 @@ class TwinNode(SoroNode[TwinConfig]):
                 self._step_with_valves(frame)
 
     def _on_measured(self, message: JointState) -> None:
-        """Advance to the stamp of measured pressures, which go in straight lines between samples."""
+        """Advance to the stamp of measured pressures, with linear interpolation between samples."""
         if not self._running:
             return
         try:
@@ -209,7 +215,7 @@ class TwinNode(SoroNode[TwinConfig]):
             if not ways:
                 return
             self._bridged += len(ways) - 1
-            # Time is the recording's own; its period is never quite the nominal one.
+            # Time is that of the recording, whose period differs a little from the nominal one.
             self._epoch_ns = stamp_ns - (self._state.tick + len(ways)) * self._period_ns
             for way in ways:
                 self._arrive(self._twin.step_pressures(self._state, way))
@@ -218,8 +224,9 @@ class TwinNode(SoroNode[TwinConfig]):
 
     # One tick -------------------------------------------------------------------------------------
     def _step_with_commands(self) -> None:
+        self._limiter.slew(self._now_ns())
         self._limiter.judge(self._seen.reading_pa, True, self._now_ns())
-        self._chambers.tell()
+        self._chambers.report_latch()
         self._arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
 
     def _step_with_valves(self, frame: PlantFrame) -> None:
@@ -227,11 +234,11 @@ class TwinNode(SoroNode[TwinConfig]):
             self._arrive(self._twin.step_pressures(self._state, frame.pressures))
             return
         pressure = self._state.air.pressure_pa
-        if not frame.action.spans:  # not heard of this twin yet
+        if not frame.action.spans:  # the valves have no frame of this twin yet
             action = ValveAction(((self._twin.dt, pressure),), healthy(pressure.size))
         elif self._lockstep:
             action = frame.action
-        else:  # what they do at last holds for a tick of this clock
+        else:  # the last action counts for the rest of the tick
             action = replace(frame.action, spans=((self._twin.dt, frame.action.spans[-1][1]),))
         self._arrive(self._twin.step_valves(self._state, action))
         self._link.answer(frame, self._state.air.pressure_pa)
@@ -243,38 +250,33 @@ class TwinNode(SoroNode[TwinConfig]):
             raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {state.status}")
 
     def _observe(self) -> None:
-        """Publish what is seen at this tick, once."""
+        """Publish the samples of this tick, once."""
         if self._state.tick == self._observed:
             return
         self._observed = self._state.tick
         self._state, seen = self._twin.observe(self._state)
         self._seen = seen
         stamp_ns = self._epoch_ns + self._tick_ns() + self._skipped * self._period_ns
-        truth, air = self._state.arm, self._state.air.pressure_pa
-        if self._clock_publisher is not None:
-            self._clock_publisher.publish(Clock(clock=messages.to_time(stamp_ns)))
-        for pose in seen.poses:
-            self._pose.publish(messages.pose_sample(pose, self._sample_ns(pose.stamp_s)))
-        for imu in seen.imus:
-            self._imu.publish(messages.imu_sample(imu, self._sample_ns(imu.stamp_s)))
+        self._topics.publish_samples(seen, stamp_ns, self._sample_ns)
         if self._chambers is not None:
             self._chambers.publish(seen.reading_pa, stamp_ns)
-        self._true_tip.publish(messages.pose_stamped(seen.tip, stamp_ns, "world"))
-        self._true_state.publish(
-            messages.arm_state(self._true_names, truth.q, truth.qd, np.zeros_like(truth.q), stamp_ns)
-        )
-        self._true_air.publish(messages.chambers(self._names, air, stamp_ns))
+        self._topics.publish_truth(self._state, seen.tip, stamp_ns)
 
     def _sample_ns(self, stamp_s: float) -> int:
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns
 
     def diagnose(self) -> None:
-        vented = self._limiter.state.complaint if self._chambers is not None else None
+        vented = second = None
+        if self._chambers is not None:
+            vented, second = self._limiter.state.complaint, self._chambers.second_publisher
         values = {"tick": self._state.tick, "time_s": self._tick_ns() * 1e-9, "skipped_ticks": self._skipped}
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged
         if vented:
-            self.diagnostics.update(ERROR, f"vented: {vented}", values)
+            problems = filter(None, (f"vented: {vented}", second))
+            self.diagnostics.update(ERROR, "; ".join(problems), values)
+        elif second:
+            self.diagnostics.update(WARN, second, values)
         else:
             self.diagnostics.update(OK, "active" if self._running else "paused", values)
 

@@ -1,12 +1,12 @@
 """Real recordings of others are read as rosbags reads them."""
 
-import pytest
 import zstandard
 from bag_samples import random_messages, write_bag
 from rosbags.rosbag2 import Reader
 
 from soro_core.bag import BagReader, repair
 from soro_core.errors import BagError
+from tests.refused import fails
 
 FOLDER = "mcap_compat/data"
 # rosbags refuses this one: it is serialised in a format of its own.
@@ -83,7 +83,7 @@ def test_sqlite_bags_are_named_as_such(data):
     folder = data / FOLDER / "plotjuggler_rosbag2_db3"
     for path in (folder, folder / "rosbag2_test_0.db3"):
         for action in (BagReader, repair):
-            with pytest.raises(BagError, match="sqlite3; allowed: mcap"):
+            with fails(BagError, "sqlite3", "mcap", file=str(path), code="format"):
                 action(path)
 
 
@@ -104,5 +104,5 @@ def test_a_file_compressed_as_a_whole(tmp_path):
     with Reader(bag) as theirs:
         assert theirs.message_count == len(messages)
     (bag / "run_0.mcap.zstd").write_bytes(b"nonsense")
-    with pytest.raises(BagError, match="zstd data is damaged"):
+    with fails(BagError, "zstd", file=str(bag / "run_0.mcap.zstd"), code="damaged"):
         BagReader(bag)

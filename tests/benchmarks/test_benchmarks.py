@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from benchmarks import peer, report, rod
 from benchmarks.__main__ import SECTIONS, app
-from benchmarks.extremes import crushed
-from benchmarks.extremes.arms import DENSITY, Arm
-from benchmarks.extremes.measure import Release
 from benchmarks.release import LADDER, LIMIT, Reference, first_good, ours
 from benchmarks.timing import Clock, per_call
 from soro_core import SoftArm
+from tests.apparatus.extremes import crushed
+from tests.apparatus.extremes.arms import DENSITY, Arm
+from tests.apparatus.extremes.measure import Release
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def run(tmp_path):
     return call
 
 
-@pytest.mark.parametrize("name", ["forward", "terms", "realtime"])
+@pytest.mark.parametrize("name", ["forward", "derivatives", "terms", "realtime"])
 def test_a_section_is_written_with_numbers(run, name):
     result, text = run("--only", name)
     assert result.exit_code == 0, result.output

@@ -15,10 +15,10 @@ from soro_core.control.adaptive import law
 from soro_core.control.config import ADAPTABLE
 from soro_core.control.parameters import ParameterSet
 from soro_core.control.trajectory import Point
-from soro_core.errors import ConfigError
 from soro_core.estimation import Estimator, PoseSample
 from soro_core.estimation.filter import Filter
 from soro_core.robot import shape_values
+from tests.refused import refused
 
 STRAINS = ("elongation", "bending_x", "bending_y")
 CHAMBERS = [{**chamber, "area_slope": -2.0} for chamber in control_samples.CHAMBERS]
@@ -205,7 +205,7 @@ def test_values_a_strain_or_a_coordinate():
     assert np.diag(Controller(robot, config(gains={"k_p": values})).gains.k_p).tolist() == values * 2
     values = [float(i) for i in range(12)]
     assert np.diag(Controller(robot, config(gains={"k_p": values})).gains.k_p).tolist() == values
-    with pytest.raises(ConfigError, match=r"gains\.k_p: .*3 or 6 or 12 values"):
+    with refused("gains.k_p", names=("3", "6", "12")):
         Controller(robot, config(gains={"k_p": [1.0] * 4}))
 
 
@@ -219,7 +219,7 @@ def test_limits_hold_for_the_strain_along_the_link():
     control = Controller(arm_of(polynomial("legendre", 1)), config())
     names = control.robot.coordinate_names
     control.trajectory(0.0, names, [0.0], [[0.5, 0.1, 40.0, -6.0, 0.0, 0.0]])
-    with pytest.raises(ConfigError, match=r"largest elongation along link0: got 0\.7; allowed: -0\.6"):
+    with refused("largest elongation along link0", pytest.approx(0.7), ("-0.6",)):
         control.trajectory(0.0, names, [0.0], [[0.5, 0.2, 0.0, 0.0, 0.0, 0.0]])
     # A wild state does not stop the controller.
     _, command = control.step(

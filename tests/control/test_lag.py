@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from soro_core.control.lag import advance, compensate
+from soro_core.control.lag import compensate
+from soro_core.pneumatics.lag import follow
 
 LOW, HIGH = np.zeros(1), np.full(1, 90e3)
 
@@ -16,7 +17,7 @@ def run(wishes, tau=0.052, left=0.02, dt=0.005):
     for wish in wishes:
         command = compensate(np.array([wish]), model, tau, left, LOW, HIGH)
         pressure = command + (pressure - command) * math.exp(-dt / tau)
-        model = advance(model, command, tau, dt)
+        model = follow(model, command, dt, tau)
         trace.append(float(pressure[0]))
     return np.array(trace)
 
@@ -39,4 +40,4 @@ def test_the_command_stays_in_its_bounds_and_does_not_wind_up():
 
 def test_no_lag_hands_the_wish_through():
     assert compensate(np.array([47e3]), np.array([1.0]), 0.0, 1.0, LOW, HIGH).tolist() == [47e3]
-    assert advance(np.array([1.0]), np.array([47e3]), 0.0, 0.005).tolist() == [47e3]
+    assert follow(np.array([1.0]), np.array([47e3]), 0.005, 0.0).tolist() == [47e3]

@@ -10,17 +10,17 @@ import numpy as np
 import yaml
 from hardware_bench import PERIOD_NS, merged
 
+from soro_core.emulation.board.board import EmulatedBoard
+from soro_core.emulation.devices import EmulatedDevices
+from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.hardware import Exchange
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.driver import BoardRegulator
-from soro_core.hardware.board.emulated import EmulatedBoard
-from soro_core.hardware.emulation.devices import EmulatedDevices
-from soro_core.hardware.emulation.line_link import LineLink
-from soro_core.hardware.platform import parse_platform
+from soro_core.hardware.families import parse_platform
 from soro_core.hardware.port import Regulator
 from soro_core.hardware.veab.config import VeabPlatform
 from soro_core.hardware.veab.driver import VeabRegulator
-from soro_core.hardware.veab.emulated import EmulatedVeabServer
+from soro_core.testing.line_link import LineLink
 
 AIR = {
     "delay_s": 0.005,

@@ -7,8 +7,8 @@ import os
 import sys
 import time
 
+from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 from soro_core.hardware import load_platform
-from soro_core.hardware.board.emulated_i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 from soro_core.hardware.board.server import run_board
 
 

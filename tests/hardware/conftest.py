@@ -1,7 +1,25 @@
-"""Benches of emulated devices in the states that the tests start from."""
+"""Benches of emulated devices in the states that the tests start from, and which tests are in real time."""
 
 import pytest
 from hardware_bench import Bench, platform, single
+
+# Helpers by which a test module starts processes, or waits for devices, in real time.
+REAL_TIME = {
+    "cycles_in_real_time",
+    "driver_process",
+    "emulator",
+    "frames_until",
+    "served",
+    "serving",
+    "wait_for",
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests of modules that use a helper of real time."""
+    for item in items:
+        if isinstance(item, pytest.Function) and REAL_TIME & vars(item.module).keys():
+            item.add_marker(pytest.mark.real_time)
 
 
 @pytest.fixture

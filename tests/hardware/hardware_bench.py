@@ -19,16 +19,17 @@ import numpy as np
 import yaml
 
 from soro_core.config import parse
+from soro_core.emulation.canopen.world import World
+from soro_core.emulation.plant_link import PlantFrame, PlantLinkClient
 from soro_core.hardware import Exchange, Platform, open_regulator
 from soro_core.hardware.canopen import frames
 from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.emulation.inprocess import HubBus
-from soro_core.hardware.emulation.world import World
-from soro_core.hardware.plant_link import PlantFrame, PlantLinkClient
 from soro_core.hardware.port import Regulator
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.link import from_message
+from soro_core.testing.hub_bus import HubBus
+from tests.patience import LIMIT_S
 
 PERIOD_NS = 5_000_000
 TRANSCRIPTS = Path(__file__).parent / "transcripts"
@@ -66,6 +67,11 @@ def platform(**changes: Any) -> CanopenPlatform:
     return parse(merged(BASE, changes), CanopenPlatform, where="test")
 
 
+def transport(kind, **keys):
+    """The way to the bus of a platform."""
+    return platform(transport={"kind": kind, **keys}).transport
+
+
 def platform_file(folder: Path, **changes: Any) -> str:
     """The same as a file."""
     path = folder / "platform.yaml"
@@ -96,24 +102,27 @@ class RecordingBus(HubBus):
     def __init__(self, platform: CanopenPlatform, seed: int = 0) -> None:
         self.log: list[str] = []
         self.swallow: set[int] = set()  # identifiers that get lost on their way to the host
+        self.drops_questions = False  # whether those of node guarding get lost on their way to the nodes
         super().__init__(platform, seed)
-        self._frames.clear()
+        self.frames.clear()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send and record, with what it causes."""
+        if msg.is_remote_frame and self.drops_questions:
+            return
         self.log.append(f"> {from_message(msg)}")
-        before = len(self._frames)
+        before = len(self.frames)
         super().send(msg)
-        arrived = list(self._frames)[before:]
+        arrived = list(self.frames)[before:]
         kept = [frame for frame in arrived if frame.can_id not in self.swallow]
-        while len(self._frames) > before:
-            self._frames.pop()
-        self._frames.extend(kept)
+        while len(self.frames) > before:
+            self.frames.pop()
+        self.frames.extend(kept)
         self.log += [f"< {frame}" for frame in arrived]
 
     def inject(self, frame: Frame) -> None:
         """Let a frame arrive at the host."""
-        self._frames.append(frame)
+        self.frames.append(frame)
 
     def take_log(self) -> list[str]:
         """Everything since the last call."""
@@ -124,10 +133,12 @@ class RecordingBus(HubBus):
 class Bench:
     """A driver on emulated devices in this process, in lockstep."""
 
-    def __init__(self, platform: CanopenPlatform, seed: int = 0) -> None:
+    def __init__(
+        self, platform: CanopenPlatform, seed: int = 0, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.platform = platform
         self.bus = RecordingBus(platform, seed)
-        self.driver = CanopenRegulator(platform, lambda: self.bus, clock=time.monotonic, lockstep=True)
+        self.driver = CanopenRegulator(platform, lambda: self.bus, clock=clock, lockstep=True)
         self.cycle = 0
 
     @property
@@ -153,10 +164,10 @@ class Bench:
 
     def sdo(self, data: str, node: int = 1) -> str:
         """Raw SDO request and its answer, as hexadecimal bytes."""
-        self.bus._frames.clear()
+        self.bus.frames.clear()
         self.send(Frame(0x600 + node, bytes.fromhex(data)))
-        answers = [f.data.hex(" ").upper() for f in self.bus._frames if f.can_id == 0x580 + node]
-        self.bus._frames.clear()
+        answers = [f.data.hex(" ").upper() for f in self.bus.frames if f.can_id == 0x580 + node]
+        self.bus.frames.clear()
         return answers[0] if answers else ""
 
 
@@ -165,12 +176,12 @@ HOST_HEARTBEAT = frames.heartbeat(127, frames.NmtState.OPERATIONAL)
 
 def ticks(bench: Bench, count: int, *also: Frame) -> list[Frame]:
     """SYNCs past the driver, each with some frames before it; everything that the nodes sent."""
-    bench.bus._frames.clear()
+    bench.bus.frames.clear()
     for _ in range(count):
         for frame in (*also, frames.SYNC):
             bench.send(frame)
-    sent = list(bench.bus._frames)
-    bench.bus._frames.clear()
+    sent = list(bench.bus.frames)
+    bench.bus.frames.clear()
     return sent
 
 
@@ -204,7 +215,7 @@ class EmulatorProcess:
         self.plant = folder / "plant"
         arguments = ["--device-link", str(self.device), "--plant-link", str(self.plant), *options]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "soro_core.hardware.emulation", platform, *arguments],
+            [sys.executable, "-m", "soro_core.emulation", platform, *arguments],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -218,7 +229,7 @@ class EmulatorProcess:
 
     def wait(self) -> int:
         """Wait for its end."""
-        status = self.process.wait(10)
+        status = self.process.wait(LIMIT_S)
         if self.process.stdout is not None:
             self.process.stdout.close()
         return status
@@ -273,7 +284,7 @@ def driver_process(platform_path: str, endpoint: object) -> Iterator[subprocess.
         yield host
     finally:
         host.kill()
-        host.wait(10)
+        host.wait(LIMIT_S)
         host.stdout.close()
 
 
@@ -286,7 +297,7 @@ def cycles_in_real_time(regulator: Regulator, seconds: float, target: Any) -> li
     return results
 
 
-def wait_for(condition: Callable[[], Any], limit_s: float = 10.0) -> Any:
+def wait_for(condition: Callable[[], Any], limit_s: float = LIMIT_S) -> Any:
     """Poll until a condition holds; its value."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
@@ -297,7 +308,7 @@ def wait_for(condition: Callable[[], Any], limit_s: float = 10.0) -> Any:
 
 
 def frames_until(
-    link: PlantLinkClient, condition: Callable[[PlantFrame], Any], limit_s: float = 10.0
+    link: PlantLinkClient, condition: Callable[[PlantFrame], Any], limit_s: float = LIMIT_S
 ) -> list[PlantFrame]:
     """Pressures of the chambers, in order, up to the first that meets a condition.
 

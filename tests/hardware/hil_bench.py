@@ -8,14 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from hardware_bench import Bench, platform
 
+from soro_core.emulation.air import Air
+from soro_core.emulation.faults import Faults
+from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
 from soro_core.hardware import BusStatistics, Exchange, PlatformBase, Regulator
 from soro_core.hardware.canopen.config import CanopenPlatform
-from soro_core.hardware.emulation.air import Air
-from soro_core.hardware.emulation.faults import Faults, read_injection
 from soro_core.hil.judge import Bending
 from soro_core.hil.paced import PacedRegulator, Sample, small_limits
-from soro_core.hil.plan import FirstPressureConfig, Plan, State
+from soro_core.hil.plan import FirstPressureConfig, Plan, ProcedureState
 from soro_core.hil.pressurise import expectation, pressurise
 
 CONFIG = FirstPressureConfig(steps_pa=(5e3, 20e3), rest_s=0.5, hold_s=0.6, vent_s=3.0)
@@ -93,7 +94,7 @@ class Pressurised:
     true_pa: list[np.ndarray] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
 
-    def run(self) -> State:
+    def run(self) -> ProcedureState:
         """Carry it out."""
         described = platform()
         self.devices = OnCan(described) if self.can else OnAir(described, self.sensors)
@@ -109,7 +110,7 @@ class Pressurised:
             ways = Bending(np.array([way[:2] * steps for way in WAYS]), np.eye(3)[:2])
             expected = replace(expected, bending=ways)
         guarded = PacedRegulator(described, driver, limits, lockstep=True, tip=self._tip)
-        self.guarded, self._waiting = guarded, []
+        self.limited, self._waiting = guarded, []
         self.plan = Plan(config, expected, self.confirm, self.directions)
         return pressurise(
             self.plan,
@@ -133,6 +134,6 @@ class Pressurised:
             self._waiting.append(answer)
 
 
-def failed(state: State) -> dict[str, str]:
+def failed(state: ProcedureState) -> dict[str, str]:
     """What failed: name and what was found."""
     return {finding.name: finding.found for finding in state.findings if finding.level == "fail"}

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import yaml
 
+from soro_core.emulation.families import emulate
+from soro_core.emulation.serial_line.devices import SerialDevices
+from soro_core.emulation.serial_line.uart import Uart
 from soro_core.hardware import Exchange
-from soro_core.hardware.emulation.line_link import LinePort
-from soro_core.hardware.emulation.uart import Uart
-from soro_core.hardware.families import FAMILIES
-from soro_core.hardware.platform import parse_platform
+from soro_core.hardware.families import parse_platform
 from soro_core.hardware.serial_line.config import SerialPlatform
 from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
 from soro_core.hardware.serial_line.driver import SerialRegulator
-from soro_core.hardware.serial_line.emulated import SerialDevices
 from soro_core.hardware.serial_line.lockstep import MARK, START_MARK
+from soro_core.testing.line_link import LinePort
 
 AIR = {
     "delay_s": 0.005,
@@ -93,7 +93,8 @@ class LoopPort(LinePort):
         super().write(data)
 
     def close(self) -> None:
-        """Nothing to close: what has come stays."""
+        """What has come stays; who opens it again gets this one."""
+        self._is_lost = False
 
     def take_log(self) -> list[str]:
         """Lines in both directions since the last call."""
@@ -112,8 +113,7 @@ class SerialBench:
 
     def __init__(self, platform: SerialPlatform, seed: int = 0) -> None:
         self.platform = platform
-        family = FAMILIES[platform.family]
-        devices = family.emulate(platform, lockstep=True, seed=seed)
+        devices = emulate(platform, lockstep=True, seed=seed)
         assert isinstance(devices, SerialDevices)
         self.devices = devices
         self.ports = [LoopPort(line, f"port{n}") for n, line in enumerate(devices.lines)]

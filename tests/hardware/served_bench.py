@@ -8,16 +8,16 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+from soro_core.emulation.families import emulate
+from soro_core.emulation.process import Emulator
 from soro_core.hardware import Platform
-from soro_core.hardware.emulation.process import Emulator
-from soro_core.hardware.families import FAMILIES
 
 
 @contextlib.contextmanager
 def served(platform: Platform, lockstep: bool = False) -> Iterator[tuple[Any, str]]:
     """Devices in real time, or in the host's, and the address to open."""
-    devices = FAMILIES[platform.family].emulate(platform, lockstep, seed=0)
-    with Emulator(devices, lockstep) as emulator:
+    devices = emulate(platform, lockstep, seed=0)
+    with Emulator(devices) as emulator:
         thread = threading.Thread(target=emulator.run, args=(time.monotonic_ns,))
         thread.start()
         try:

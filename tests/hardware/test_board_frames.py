@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import Frame, Kind
-from soro_core.hardware.board.messages import Cause, Port, PortFlag, Refusal, State, Welcome
+from soro_core.hardware.board.frames import BoardFrame, Kind
+from soro_core.hardware.board.messages import Cause, PortFlag, PortState, Refusal, StateMessage, Welcome
 
 N = 4
-SET = Frame(Kind.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]))
+SET = BoardFrame(Kind.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]))
 
 
 def decoder():
-    return frames.Decoder(messages.lengths(N))
+    return frames.BoardFrameDecoder(messages.lengths(N))
 
 
 def test_bytes_of_a_set():
@@ -33,9 +33,11 @@ PAYLOADS = {
     ),
     "STATE": (
         Kind.STATE,
-        messages.pack_state(State(5, True, Cause.WATCHDOG, 70_000, (Port(-1, 2, PortFlag(9), 3),) * N)),
+        messages.pack_state(
+            StateMessage(5, True, Cause.WATCHDOG, 70_000, (PortState(-1, 2, PortFlag(9), 3),) * N)
+        ),
         messages.unpack_state,
-        State(5, True, Cause.WATCHDOG, 70_000 % 65_536, (Port(-1, 2, PortFlag(9), 3),) * N),
+        StateMessage(5, True, Cause.WATCHDOG, 70_000 % 65_536, (PortState(-1, 2, PortFlag(9), 3),) * N),
     ),
     "REFUSED": (
         Kind.REFUSED,
@@ -50,7 +52,7 @@ PAYLOADS = {
 def test_payloads(kind, payload, unpack, value):
     assert unpack(payload) == value
     assert len(payload) == messages.lengths(N)[kind]
-    assert decoder().feed(frames.encode(Frame(kind, 3, payload))) == [Frame(kind, 3, payload)]
+    assert decoder().feed(frames.encode(BoardFrame(kind, 3, payload))) == [BoardFrame(kind, 3, payload)]
 
 
 def test_any_split_of_the_stream():
@@ -86,7 +88,7 @@ def test_fuzz():
     taken, made, good, bad, found = decoder(), [], set(), 0, []
     for number in range(20_000):
         kind = Kind(int(rng.choice([int(k) for k in Kind])))
-        frame = Frame(kind, number, rng.bytes(messages.lengths(N)[kind]))
+        frame = BoardFrame(kind, number, rng.bytes(messages.lengths(N)[kind]))
         piece = bytearray(frames.encode(frame))
         made.append(frame)
         match int(rng.integers(4)):

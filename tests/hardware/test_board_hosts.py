@@ -13,8 +13,9 @@ from test_board_server import PATIENT, cycles, serving
 from soro_core.errors import HardwareError
 from soro_core.hardware import open_regulator
 from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.frames import BoardFrame, Kind
 from soro_core.hardware.board.messages import Refusal
+from tests.refused import fails
 
 OTHERS = ["192.168.4.0/24", "10.0.0.7"]
 
@@ -61,7 +62,7 @@ def board_with(request, tmp_path):
 
 
 def refusal(why):
-    return frames.encode(Frame(Kind.REFUSED, 0, messages.pack_refused(why)))
+    return frames.encode(BoardFrame(Kind.REFUSED, 0, messages.pack_refused(why)))
 
 
 def test_one_host_at_a_time(board_with):
@@ -71,7 +72,7 @@ def test_one_host_at_a_time(board_with):
     cycles(first, 5)
     assert board.told() == refusal(Refusal.BUSY)
     cycles(first, 5)
-    with pytest.raises(HardwareError, match="serves another host"):
+    with fails(HardwareError, "another host", device="board", code="refused"):
         second.configure()
     assert cycles(first, 5)[-1].faults == ()
     time.sleep(1.1)  # a host that has been silent for a second gives way
@@ -95,7 +96,7 @@ def test_hosts_of_the_platform_file_alone_are_admitted(board_with):
     board = board_with(hosts=OTHERS)
     assert board.told() == refusal(Refusal.STRANGER)
     stranger = board.driver()
-    with pytest.raises(HardwareError, match=r"does not admit this host: board\.hosts"):
+    with fails(HardwareError, "board.hosts", device="board", code="refused"):
         stranger.configure()
     stranger.close()
 
@@ -112,9 +113,9 @@ def test_garbage_keeps_no_host_in_and_feeds_no_watchdog(board_with):
     board = board_with(watchdog_s=0.2)
     rng = np.random.default_rng(7)
     with board.connect() as babbler:
-        babbler.sendall(frames.encode(Frame(Kind.HELLO, 0, messages.pack_hello(4))))
-        babbler.sendall(frames.encode(Frame(Kind.SET, 1, messages.pack_set([50_000] * 4))))
-        decoder, states = frames.Decoder(messages.lengths(4)), []
+        babbler.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4))))
+        babbler.sendall(frames.encode(BoardFrame(Kind.SET, 1, messages.pack_set([50_000] * 4))))
+        decoder, states = frames.BoardFrameDecoder(messages.lengths(4)), []
         until_s = time.monotonic() + 1.5
         while time.monotonic() < until_s:
             babbler.sendall(rng.bytes(200))

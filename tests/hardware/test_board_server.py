@@ -17,13 +17,14 @@ from board_process import Bus
 from hardware_bench import wait_for
 from typer.testing import CliRunner
 
+from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedMcp4725
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import open_regulator
 from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.emulated_i2c import EmulatedAds1015, EmulatedMcp4725
-from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.frames import BoardFrame, Kind
 from soro_core.hardware.board.server import run_board
 from soro_ros.commands.board import board
+from tests.refused import fails
 
 TARGET = np.array([20e3, 40e3, 60e3])
 SAFE = 2048
@@ -71,7 +72,7 @@ class Served:
 
     @property
     def server_pid(self):
-        """The guarded process."""
+        """The watched process."""
         return int(Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()[0])
 
     def codes(self):
@@ -227,8 +228,8 @@ def test_terminated(served):
 def test_a_guard_that_cannot_vent_says_so():
     """The server dies with a bus that nobody answers on: the DACs hold what they have."""
     script = (
-        "import os, sys\nfrom soro_core.hardware.board.guard import guarded\n"
-        "sys.exit(guarded(lambda beat: os.kill(os.getpid(), 9), lambda: (1, 3), 1.0))"
+        "import os, sys\nfrom soro_core.hardware.board.watcher import watched\n"
+        "sys.exit(watched(lambda beat: os.kill(os.getpid(), 9), lambda: (1, 3), 1.0))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
@@ -251,9 +252,9 @@ def test_garbage_of_a_stranger_does_not_end_it(lasting):
 def test_a_host_that_never_reads_does_not_hold_it_up(lasting):
     host, port = lasting.address.split(":")
     with socket.create_connection((host, int(port))) as deaf:
-        deaf.sendall(frames.encode(Frame(Kind.HELLO, 0, messages.pack_hello(4))))
+        deaf.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4))))
         for sequence in range(1, 60_000):  # the answers are 4 MB
-            deaf.sendall(frames.encode(Frame(Kind.SET, sequence, messages.pack_set([50_000] * 4))))
+            deaf.sendall(frames.encode(BoardFrame(Kind.SET, sequence, messages.pack_set([50_000] * 4))))
         assert wait_for(lambda: lasting.codes()[0] == 3072)
     assert wait_for(lasting.vented_ns)
 
@@ -261,7 +262,7 @@ def test_a_host_that_never_reads_does_not_hold_it_up(lasting):
 def test_needs_no_ros_no_numba_and_no_can():
     code = (
         "import sys, soro_core.hardware.board.server, soro_core.hardware.board.driver\n"
-        "import soro_core.hardware.veab.driver, soro_core.hardware.veab.emulated\n"
+        "import soro_core.hardware.veab.driver, soro_core.emulation.veab\n"
         "print(*sorted({'numba', 'rclpy', 'scipy', 'matplotlib', 'can', 'serial'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -280,8 +281,8 @@ main()
 
 def test_command_without_ros():
     done = subprocess.run([sys.executable, "-c", WITHOUT_ROS], capture_output=True, text=True, check=False)
-    assert done.stderr == "soro: I2C needs the package smbus2 (pip install smbus2)\n"
-    assert done.returncode == 1
+    assert done.stderr == "soro: the package smbus2 is not installed: pip install 'soro[board]'\n"
+    assert done.returncode == 2
 
 
 def test_command(monkeypatch):
@@ -293,7 +294,7 @@ def test_command(monkeypatch):
     for word in ("CONFIG", "--listen", "--check", "--store-safe", "ready:"):
         assert word in shown.output
     for arguments, status, text in [
-        (["soro_board"], 1, "I2C needs the package smbus2 (pip install smbus2)"),
+        (["soro_board"], 2, "the package smbus2 is not installed: pip install 'soro[board]'"),
         (["veab_tcp"], 2, "veab_tcp: family: got 'veab_tcp'; allowed: soro_board"),
         (
             ["soro_board", "--listen", "here:x"],
@@ -336,7 +337,7 @@ def test_check_and_store_safe(tmp_path):
 
 def test_bus_that_is_not_there(tmp_path):
     def open_bus(number):
-        raise HardwareError(f"/dev/i2c-{number}: cannot open")
+        raise HardwareError("cannot open", f"/dev/i2c-{number}", "open")
 
-    with pytest.raises(HardwareError, match="/dev/i2c-1: cannot open"):
+    with fails(HardwareError, device="/dev/i2c-1", code="open"):
         run_board(file_of(tmp_path, BOARD), "", print, open_bus=open_bus)

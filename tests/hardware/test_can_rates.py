@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hardware_bench import platform
 
+from soro_core.emulation.canopen.world import World
 from soro_core.hardware.canopen.budget import highest_rate_hz
 from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.emulation.world import World
 from soro_core.hardware.transport.link import from_message, to_message
 
 SINGLES = [{"chamber": f"link{n // 3}/chamber{n % 3}", "node": n + 1} for n in range(12)]

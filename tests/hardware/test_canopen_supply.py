@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hardware_bench import Bench, codes, platform, single
 
-from benchmarks.faults.cells import run
-from benchmarks.faults.rows import CHAMBER, Row
-from soro_core.hardware.emulation.faults import Injection
+from soro_core.emulation.vocabulary import Injection
+from tests.apparatus.faults.cells import run
+from tests.apparatus.faults.rows import CHAMBER, Row
 
 
 def drop(bench, supply_pa, chamber="link0/chamber1"):

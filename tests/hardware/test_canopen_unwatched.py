@@ -7,9 +7,11 @@ import pytest
 from hardware_bench import Bench, codes
 from test_canopen_mapping import analog, four
 
+from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
 from soro_core.hardware.canopen import frames, startup
 from soro_core.hardware.canopen.driver import CanopenRegulator
+from tests.refused import fails
 
 
 class Cable:
@@ -26,7 +28,7 @@ class Cable:
 
     def _open(self):
         if not self.is_in:
-            raise HardwareError("unplugged")
+            raise HardwareError("unplugged", code="open")
         return self.bench.bus
 
     def _require(self):
@@ -36,7 +38,7 @@ class Cable:
     def pull(self):
         """Take it out: the next exchange fails, and nothing goes out."""
         self.is_in = False
-        with pytest.raises(HardwareError, match="unplugged"):
+        with fails(HardwareError, "unplugged", code="gone"):
             self.bench.exchange(50e3)
 
     def plug_in(self):
@@ -88,7 +90,7 @@ def test_a_start_up_without_adapter_does_not_end_the_vent(monkeypatch):
     cable = Cable(analog(), monkeypatch)
     cable.bench.run(100, 50e3)
     cable.pull()
-    with pytest.raises(HardwareError, match="unplugged"):
+    with fails(HardwareError, "unplugged", code="open"):
         cable.bench.driver.configure()
     cable.plug_in()
     cable.bench.driver.vent()
@@ -99,9 +101,35 @@ def test_the_zero_of_a_coupler_is_known_before_its_start_up_has_got_far(monkeypa
     """0 Pa are 100 counts there, and 0 counts less than that."""
     cable = Cable(analog(), monkeypatch)
     bench = cable.bench
-    monkeypatch.setattr(startup, "wait_for_boot", lambda *_: (_ for _ in ()).throw(HardwareError("silent")))
-    with pytest.raises(HardwareError, match="silent"):
+    monkeypatch.setattr(
+        startup, "wait_for_boot", lambda *_: (_ for _ in ()).throw(HardwareError("silent", code="silent"))
+    )
+    with fails(HardwareError, "silent", code="silent"):
         bench.driver.configure()
     bench.bus.take_log()
     bench.driver.vent()
     assert "> 201 [8] 64 00 64 00 64 00 64 00" in bench.bus.take_log()
+
+
+@pytest.mark.parametrize("is_stuck", [False, True])
+def test_a_coupler_without_watchdog_is_called_empty_only_when_it_was_seen_so(is_stuck, caplog):
+    bench = Bench(analog())
+    bench.driver.configure()
+    bench.run(100, 50e3)
+    if is_stuck:
+        bench.world.faults.add(read_injection("fault: stuck_at, pressure_pa: 30e3, chamber: link0/chamber1"))
+    caplog.clear()
+    bench.driver.close()
+    assert ("has not seen the arm empty: open the dump valve" in caplog.text) is is_stuck
+
+
+def test_a_coupler_without_watchdog_gets_zeros_at_the_end_of_a_bus_that_came_back(monkeypatch, caplog):
+    cable = Cable(analog(), monkeypatch)
+    cable.bench.run(100, 50e3)
+    cable.pull()
+    cable.plug_in()
+    cable.bench.exchange(50e3)
+    cable.bench.bus.take_log()
+    cable.bench.driver.close()
+    assert "> 201 [8] 64 00 64 00 64 00 64 00" in cable.bench.bus.take_log()
+    assert "has not seen the arm empty" in caplog.text

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soro_core.hardware.canopen import frames
+from soro_core.hardware.canopen import frames, sdo_frames
 from soro_core.hardware.canopen.cia408 import (
-    State,
+    ValveState,
     counts_within,
     next_state,
     pascal_per_count,
@@ -15,7 +15,7 @@ from soro_core.hardware.canopen.cia408 import (
 from soro_core.hardware.canopen.pdo import Mapped, PdoLayout, signed
 from soro_core.hardware.transport.frame import Frame
 
-S = State
+S = ValveState
 # Control word (bits M H D) -> state that each state goes to: one step up, any number down.
 UP_AND_DOWN = {
     # control   INIT        DISABLED    HOLD        ACTIVE
@@ -132,8 +132,8 @@ def test_mapping_entry():
 def test_parsers_never_raise(data):
     frames.parse_nmt(data)
     frames.parse_emergency(data)
-    frames.parse_sdo_reply(data)
-    frames.parse_sdo_request(data)
+    sdo_frames.parse_sdo_reply(data)
+    sdo_frames.parse_sdo_request(data)
 
 
 @pytest.mark.parametrize(
@@ -141,11 +141,11 @@ def test_parsers_never_raise(data):
     [
         (frames.nmt(frames.NmtCommand.START, 0), "000 [2] 01 00"),
         (frames.heartbeat(127, frames.NmtState.OPERATIONAL), "77F [1] 05"),
-        (frames.sdo_read(1, 0x1000, 0), "601 [8] 40 00 10 00 00 00 00 00"),
-        (frames.sdo_write(1, 0x6042, 0, b"\x01"), "601 [8] 2F 42 60 00 01 00 00 00"),
-        (frames.sdo_write(1, 0x6380, 1, b"\x10\x27"), "601 [8] 2B 80 63 01 10 27 00 00"),
-        (frames.sdo_write(1, 0x1016, 1, b"\x64\x00\x7f"), "601 [8] 27 16 10 01 64 00 7F 00"),
-        (frames.sdo_write(1, 0x1016, 1, b"\x64\x00\x7f\x00"), "601 [8] 23 16 10 01 64 00 7F 00"),
+        (sdo_frames.sdo_read(1, 0x1000, 0), "601 [8] 40 00 10 00 00 00 00 00"),
+        (sdo_frames.sdo_write(1, 0x6042, 0, b"\x01"), "601 [8] 2F 42 60 00 01 00 00 00"),
+        (sdo_frames.sdo_write(1, 0x6380, 1, b"\x10\x27"), "601 [8] 2B 80 63 01 10 27 00 00"),
+        (sdo_frames.sdo_write(1, 0x1016, 1, b"\x64\x00\x7f"), "601 [8] 27 16 10 01 64 00 7F 00"),
+        (sdo_frames.sdo_write(1, 0x1016, 1, b"\x64\x00\x7f\x00"), "601 [8] 23 16 10 01 64 00 7F 00"),
         (frames.emergency(3, 0x8130, 0x11), "083 [8] 30 81 11 00 00 00 00 00"),
         (Frame(0x18FF0001, b"\x01", extended=True), "18FF0001 [1] 01"),
         (Frame(0x701, remote=True, length=1), "701 [1] R1"),
@@ -157,7 +157,7 @@ def test_frame_bytes(frame, text):
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFF), st.binary(min_size=1, max_size=4))
 def test_sdo_codecs_agree(index, sub, data):
-    request = frames.parse_sdo_request(frames.sdo_write(5, index, sub, data).data)
-    assert request == frames.SdoRequest(index, sub, data)
-    reply = frames.parse_sdo_reply(frames.sdo_read_reply(5, index, sub, data).data)
-    assert reply == frames.SdoReply(index, sub, data)
+    request = sdo_frames.parse_sdo_request(sdo_frames.sdo_write(5, index, sub, data).data)
+    assert request == sdo_frames.SdoRequest(index, sub, data)
+    reply = sdo_frames.parse_sdo_reply(sdo_frames.sdo_read_reply(5, index, sub, data).data)
+    assert reply == sdo_frames.SdoReply(index, sub, data)

@@ -16,12 +16,12 @@ from hardware_bench import PERIOD_NS, Bench, platform
 from serial_bench import AIR, COMMON, SerialBench, alicat, itv
 from vtem_bench import VtemBench, vtem_platform
 
-from examples.line_family import LinePlatform, LineRegulator, emulate
+from examples.line_family import LineDevice, LinePlatform, LineRegulator
 from soro_core.config import parse
 from soro_core.errors import HardwareError
-from soro_core.hardware.emulation.line_link import LineLink
-from soro_core.hardware.platform import load_platform, open_regulator
+from soro_core.hardware.families import load_platform, open_regulator
 from soro_core.hardware.port import FAULT_CODES, Regulator
+from soro_core.testing.line_link import LineLink
 
 
 @dataclass
@@ -158,7 +158,7 @@ def serial(platform, resolution_pa, cycles_an_update) -> Rig:
 def line() -> Rig:
     """The family that docs/adding_a_family.md explains."""
     platform = parse(LINE, LinePlatform, "test")
-    devices = emulate(platform, lockstep=True, seed=0)
+    devices = LineDevice(platform, lockstep=True, seed=0)
     driver = LineRegulator(platform, LineLink(devices.line), time.monotonic, lockstep=True)
     return Rig(driver, lambda: devices.pressure_pa, devices.reboot, 1.0)
 

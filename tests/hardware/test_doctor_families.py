@@ -9,7 +9,7 @@ from served_bench import served
 
 from soro_core.hardware import doctor, load_platform
 from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.frames import BoardFrame, Kind
 
 QUICK = {"boot_timeout_s": 0.3, "answer_timeout_s": 0.1, "check_s": 0.1}
 
@@ -22,9 +22,9 @@ def look(platform, address):
 def test_itvs_answer_and_keep_their_set_points():
     platform = itv(2, line=QUICK)
     with served(platform) as (devices, address):
-        devices.valves[1].counts = 200
+        devices.valves[1].setpoint = 200
         findings = look(platform, address)
-        assert devices.valves[1].counts == 200
+        assert devices.valves[1].setpoint == 200
     ports = address.split(",")
     first, second = (findings[f"link0/chamber{n} ({ports[n]})"] for n in (0, 1))
     assert (first.level, second.level) == ("ok", "ok")
@@ -83,7 +83,7 @@ def test_a_board_that_turns_this_host_away_says_what_to_do(options, found, do):
     with served(platform) as (_, address):
         host, port = address.split(":")
         with socket.create_connection((host, int(port))) as other:
-            other.sendall(frames.encode(Frame(Kind.HELLO, 0, messages.pack_hello(4))))
+            other.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4))))
             other.recv(1)  # it is let in, or told why not
             finding = look(platform, address)["board"]
     assert (finding.level, found in finding.found) == ("fail", True)

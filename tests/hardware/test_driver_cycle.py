@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.canopen.cia408 import ValveState
 from soro_core.hardware.canopen.frames import NmtCommand, NmtState
+from tests.refused import fails
 
 
 def test_pressures_follow(arm):
@@ -57,7 +58,7 @@ def test_configured_arm_waits_any_time_for_its_first_exchange():
     for _ in range(1000):
         bench.send(frames.SYNC)
     assert bench.world.pressure_pa.max() < 500.0
-    assert {node.valve.state for node in bench.world.nodes} == {State.HOLD}
+    assert {node.valve.state for node in bench.world.nodes} == {ValveState.HOLD}
     bench.cycle = 10_000
     assert bench.run(3, 20e3).faults == ()
 
@@ -125,7 +126,7 @@ def test_nothing_out_of_range_ever_reaches_the_wire(commands):
 
 
 def test_wrong_shape(arm):
-    with pytest.raises(HardwareError, match=r"\(2,\) set points for 3 chambers"):
+    with fails(HardwareError, "(2,)", "3", code="setting"):
         arm.driver.exchange(np.zeros(2), 0)
 
 
@@ -135,7 +136,7 @@ def test_vent_has_no_slew(arm):
     for _ in range(100):
         arm.driver.vent()
     assert arm.world.pressure_pa.max() < 500.0
-    assert {node.valve.state for node in arm.world.nodes} == {State.HOLD}
+    assert {node.valve.state for node in arm.world.nodes} == {ValveState.HOLD}
     assert arm.exchange(20e3).faults == (), "a vent alone does not latch: that is the safety's task"
 
 
@@ -152,10 +153,10 @@ def test_device_may_take_its_time_from_hold_to_active_again(arm):
     arm.world.nodes[0].dictionary.on_write[0x6040, 0] = on_control
     for _ in range(10):
         assert arm.exchange(20e3).faults == ()
-    assert valve.state is State.ACTIVE
+    assert valve.state is ValveState.ACTIVE
 
 
-@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("state", list(ValveState))
 @pytest.mark.parametrize(
     "command", [None, NmtCommand.PRE_OPERATIONAL, NmtCommand.STOP, NmtCommand.RESET_NODE]
 )
@@ -186,17 +187,17 @@ def test_close_is_idempotent_and_orderly(arm):
     assert sent[:4] == [5800, 5600, 5400, 5200], "400 kPa/s at 200 Hz"
     controls = [control for node, control, _ in set_points(log) if node == 3]
     assert controls[-4:] == [7, 3, 1, 0]
-    assert log[-1] == "> 000 [2] 02 03"
+    assert log[-2:] == ["> 000 [2] 02 03", "< 703 [1] 04"]
     assert arm.world.pressure_pa.max() < 2.5e3
     assert {node.state for node in arm.world.nodes} == {NmtState.STOPPED}
     arm.driver.close()
     assert arm.bus.take_log() == []
     for _ in range(100):
         arm.send(frames.SYNC)
-    assert {node.valve.state for node in arm.world.nodes} == {State.INIT}, "no valve reports a lost host"
-    with pytest.raises(HardwareError, match="closed"):
+    assert {node.valve.state for node in arm.world.nodes} == {ValveState.INIT}, "no valve reports a lost host"
+    with fails(HardwareError, code="order"):
         arm.driver.configure()
-    with pytest.raises(HardwareError, match="before configure"):
+    with fails(HardwareError, code="order"):
         arm.exchange(20e3)
 
 
@@ -213,7 +214,7 @@ def test_close_may_take_its_time(arm):
     arm.bus.send = slow
     arm.driver.close()
     assert arm.driver.statistics.emergencies == 0
-    assert {node.valve.state for node in arm.world.nodes} == {State.INIT}
+    assert {node.valve.state for node in arm.world.nodes} == {ValveState.INIT}
 
 
 def test_close_with_a_silent_node():
@@ -235,7 +236,7 @@ def test_close_when_the_bus_is_gone(arm, monkeypatch):
         raise can.CanOperationError("gone")
 
     monkeypatch.setattr(arm.bus, "send", gone)
-    with pytest.raises(HardwareError, match="sending failed"):
+    with fails(HardwareError, code="gone"):
         arm.exchange(20e3)
     arm.driver.vent()
     arm.driver.close()

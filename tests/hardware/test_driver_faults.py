@@ -6,7 +6,7 @@ import pytest
 from hardware_bench import Bench, codes, platform, set_points
 
 from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.canopen.cia408 import ValveState
 from soro_core.hardware.canopen.frames import NmtCommand
 from soro_core.hardware.transport.frame import Frame
 
@@ -32,11 +32,19 @@ def vents_and_latches(bench, code, source, cycles=3):
 NODE_2 = "link0/chamber1 (node 2)"
 
 
-@pytest.mark.parametrize("end", [State.FAULT_HOLD, State.FAULT_DISABLED, State.FAULT_INIT])
+@pytest.mark.parametrize("end", [ValveState.FAULT_HOLD, ValveState.FAULT_DISABLED, ValveState.FAULT_INIT])
 def test_emergency(arm, end):
     arm.world.nodes[1].fault(0x2320, 1, end)
     vents_and_latches(arm, "emergency", NODE_2)
     assert arm.driver.statistics.emergencies == 1
+
+
+def test_a_fault_that_came_between_two_cycles_is_answered_by_zeros_in_the_next(arm):
+    arm.run(20, 50e3)
+    arm.bus.take_log()
+    arm.bus.inject(Frame(0x702, b"\x00"))
+    assert not arm.exchange(50e3).sent_pa.any()
+    assert {pressure for _, _, pressure in set_points(arm.bus.take_log())} == {0}
 
 
 def test_rebooted_node(arm):
@@ -45,14 +53,14 @@ def test_rebooted_node(arm):
 
 
 def test_node_that_falls_out_of_active_without_a_word(arm):
-    arm.world.nodes[1].valve.state = State.FAULT_DISABLED
+    arm.world.nodes[1].valve.state = ValveState.FAULT_DISABLED
     vents_and_latches(arm, "not_active", NODE_2)
 
 
 def test_fault_reaction_is_not_active(arm):
     """0111 has all bits of ACTIVE but R."""
-    arm.world.nodes[1].valve.state = State.FAULT_REACTION
-    arm.world.nodes[1].valve._after_reaction = (10**18, State.FAULT_HOLD)
+    arm.world.nodes[1].valve.state = ValveState.FAULT_REACTION
+    arm.world.nodes[1].valve._after_reaction = (10**18, ValveState.FAULT_HOLD)
     assert ("not_active", NODE_2) in codes(arm.exchange(20e3))
 
 

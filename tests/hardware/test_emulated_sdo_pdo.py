@@ -4,13 +4,14 @@ import pytest
 from hardware_bench import emergencies, ticks
 
 from soro_core.config import config_folder
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.canopen import frames, sdo_frames
+from soro_core.hardware.canopen.cia408 import ValveState
 from soro_core.hardware.canopen.eds import read_eds
-from soro_core.hardware.canopen.frames import NmtCommand, NmtState, SdoAbort
+from soro_core.hardware.canopen.frames import NmtCommand, NmtState
+from soro_core.hardware.canopen.sdo_frames import SdoAbort
 from soro_core.hardware.transport.frame import Frame
 
-S = State
+S = ValveState
 
 SDO = {
     "read four bytes": ("40 00 10 00 00 00 00 00", "43 00 10 00 98 01 00 00"),
@@ -18,7 +19,9 @@ SDO = {
     "read one byte": ("40 80 63 02 00 00 00 00", "4F 80 63 02 22 00 00 00"),
     "read its serial number": ("40 18 10 04 00 00 00 00", "43 18 10 04 01 00 00 00"),
     "write": ("2B 17 10 00 64 00 00 00", "60 17 10 00 00 00 00 00"),
-    "segmented download": ("21 17 10 00 08 00 00 00", "80 17 10 00 01 00 04 05"),
+    "block download": ("C2 17 10 00 02 00 00 00", "80 17 10 00 01 00 04 05"),
+    "segment of nothing": ("0B 64 00 00 00 00 00 00", "80 64 00 00 01 00 04 05"),
+    "segmented download of a read-only object": ("21 41 60 00 02 00 00 00", "80 41 60 00 02 00 01 06"),
     "upload segment": ("60 00 00 00 00 00 00 00", "80 00 00 00 01 00 04 05"),
     "write to read-only": ("2B 41 60 00 00 00 00 00", "80 41 60 00 02 00 01 06"),
     "no object": ("40 00 20 00 00 00 00 00", "80 00 20 00 00 00 02 06"),
@@ -39,6 +42,63 @@ def test_sdo(powered, request_, answer):
     assert powered.sdo(request_) == answer
 
 
+def filled(data):
+    """Eight bytes as hexadecimal text, with zeros at the end."""
+    return f"{data}{' 00' * 8}"[:23]
+
+
+# CiA 301 allows segments for objects of any size: 1017 (two bytes) in one, 1016:1 (four) in two.
+DOWNLOADS = {
+    "one segment": ([("21 17 10 00 02", "60 17 10 00"), ("0B 64", "20")], 100),
+    "size not told": ([("20 17 10 00", "60 17 10 00"), ("0B 64", "20")], 100),
+    "two segments": (
+        [
+            ("21 16 10 01 04", "60 16 10 01"),
+            ("0A 64", "20"),
+            ("1B 7F", "30"),
+        ],
+        127 << 16 | 100,
+    ),
+    "toggle": ([("21 17 10 00 02", "60 17 10 00"), ("1B 64 00", "80 17 10 00 00 00 03 05")], 0),
+    "too long": ([("21 17 10 00 02", "60 17 10 00"), ("09 64 00 00", "80 17 10 00 10 00 07 06")], 0),
+    "too long at last": ([("20 17 10 00", "60 17 10 00"), ("09 64", "80 17 10 00 10 00 07 06")], 0),
+    "without end": (
+        [
+            ("20 17 10 00", "60 17 10 00"),
+            ("00 64", "80 17 10 00 10 00 07 06"),
+            ("40 17 10 00", "4B 17 10 00"),
+        ],
+        0,
+    ),
+    "another request between": (
+        [("21 17 10 00 02", "60 17 10 00"), ("40 17 10 00", "80 17 10 00 01 00 04 05")],
+        0,
+    ),
+    "client's abort between": (
+        [
+            ("21 17 10 00 02", "60 17 10 00"),
+            ("80 17 10 00 00 00 04 05", ""),
+            ("40 17 10 00", "4B 17 10 00"),
+        ],
+        0,
+    ),
+}
+
+
+@pytest.mark.parametrize(("exchanged", "value"), DOWNLOADS.values(), ids=DOWNLOADS.keys())
+def test_segmented_download(powered, exchanged, value):
+    for request, answer in exchanged:
+        assert powered.sdo(filled(request)) == (filled(answer) if answer else ""), request
+    key = (0x1016, 1) if "16 10 01" in exchanged[0][0] else (0x1017, 0)
+    assert powered.world.nodes[0].dictionary.values[key] == value
+
+
+def test_a_client_that_has_gone_blocks_nobody(powered):
+    powered.sdo(filled("21 17 10 00 02"))
+    ticks(powered, 201)
+    assert powered.sdo("40 17 10 00 00 00 00 00") == "4B 17 10 00 00 00 00 00"
+
+
 def test_write_only_object_cannot_be_read(powered):
     dictionary = powered.world.nodes[0].dictionary
     entry = dictionary.entries[0x6040, 0]
@@ -55,8 +115,8 @@ def test_parameters_are_settable_in_init_only(running, index):
 
 
 def test_every_abort_code_has_a_name():
-    assert frames.abort_text(SdoAbort.NO_OBJECT) == "0x06020000 no object"
-    assert frames.abort_text(0x08000020) == "0x08000020"
+    assert sdo_frames.abort_text(SdoAbort.NO_OBJECT) == "0x06020000 no object"
+    assert sdo_frames.abort_text(0x08000020) == "0x08000020"
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,13 @@
 import pytest
 from hardware_bench import HOST_HEARTBEAT, emergencies, single, ticks
 
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import State
+from soro_core.emulation.canopen.world import World
+from soro_core.hardware.canopen import frames, sdo_frames
+from soro_core.hardware.canopen.cia408 import ValveState
 from soro_core.hardware.canopen.frames import NmtCommand, NmtState
-from soro_core.hardware.emulation.world import World
 from soro_core.hardware.transport.frame import Frame
 
-S = State
+S = ValveState
 
 DEMANDS = dict.fromkeys(S) | {S.ACTIVE: 50e3, S.HOLD: 3e3, S.FAULT_HOLD: 3e3}
 
@@ -56,6 +56,7 @@ def test_heartbeat_consumer_starts_with_the_first_heartbeat(powered):
 
 
 def test_heartbeat_consumer_starts_again_with_the_next_heartbeat(running):
+    running.sdo("2F 29 10 01 01 00 00 00")  # it stays operational
     ticks(running, 60)
     running.send(Frame(0x201, b"\x08\x00\x00\x00"))
     assert emergencies(ticks(running, 5)) == ["0000"]
@@ -120,9 +121,9 @@ def test_heartbeats_are_on_their_grid(powered):
     ("command", "setpoint"), [(NmtCommand.RESET_NODE, 0), (NmtCommand.RESET_COMMUNICATION, 5000)]
 )
 def test_reset_boots_and_forgets(running, command, setpoint):
-    running.bus._frames.clear()
+    running.bus.frames.clear()
     running.send(frames.nmt(command, 1))
-    assert [str(f) for f in running.bus._frames] == ["701 [1] 00"]
+    assert [str(f) for f in running.bus.frames] == ["701 [1] 00"]
     node = running.world.nodes[0]
     assert node.state is NmtState.PRE_OPERATIONAL
     assert node.valve.state is S.INIT
@@ -137,7 +138,7 @@ def test_boot_takes_its_time_in_real_time():
     world = World(single(emulation={"boot_delay_s": 0.1}), heard.append, lockstep=False)
     for time_ms in range(0, 99, 3):
         world.run(time_ms * 1_000_000)
-    world.host_sends(frames.sdo_read(1, 0x1000, 0))
+    world.host_sends(sdo_frames.sdo_read(1, 0x1000, 0))
     assert heard == []
     world.run(110_000_000)
     assert [str(f) for f in heard] == ["701 [1] 00"]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from benchmarks.faults.matrix import FOUR, MATRIX
-from benchmarks.faults.pairs import HEALTHY, Watched, drawn, run
-from benchmarks.faults.rigs import rig_of
-from soro_core.hardware.emulation.faults import Injection
+from soro_core.emulation.vocabulary import Injection
+from tests.apparatus.faults.matrix import FOUR, MATRIX
+from tests.apparatus.faults.pairs import HEALTHY, Watched, drawn, run
+from tests.apparatus.faults.rigs import rig_of
 
 TRIPS = 1  # seed of a pair that does
 SEEDS = [(family, seed) for family in MATRIX for seed in range(1 if family == FOUR else 2)]
@@ -49,10 +49,10 @@ def test_a_refused_reset_does_not_end_the_vent(arm):
 
 
 @pytest.mark.parametrize("family", ["itv_rs232", "alicat"])
-def test_a_device_that_does_not_start_leaves_no_pressure_in_the_others(arm):
+def test_a_device_that_does_not_start_leaves_no_pressure(arm):
+    """Not in the others, nor in itself: it is not heard, but it may hear."""
     arm.rig.devices.faults.clear()
     arm.inject((Injection(fault="mute", chamber="link0/chamber0"),))
     assert "link0/chamber0" in arm.reset()
     arm.spin(1.0, pressed=False)
-    assert arm.rig.devices.pressure_pa[0] > 30e3  # not heard, so not spoken to
-    assert np.abs(arm.rig.devices.pressure_pa[1:]).max() < 1e3
+    assert np.abs(arm.rig.devices.pressure_pa).max() < 1e3

@@ -6,15 +6,17 @@ from hardware_bench import Bench, codes, platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from soro_core.emulation.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
+from soro_core.emulation.canopen.hub import Hub
+from soro_core.emulation.control import answer_to
+from soro_core.emulation.faults import Faults
+from soro_core.emulation.line import Line
+from soro_core.emulation.line_faults import ON_BYTES, LineFaults
+from soro_core.emulation.vocabulary import KINDS, Injection, read_injection
 from soro_core.errors import ConfigError
-from soro_core.hardware.emulation.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
-from soro_core.hardware.emulation.control import answer_to
-from soro_core.hardware.emulation.devices import Line
-from soro_core.hardware.emulation.faults import KINDS, Faults, Injection, read_injection
-from soro_core.hardware.emulation.hub import Hub
-from soro_core.hardware.emulation.line_faults import ON_BYTES, LineFaults
 from soro_core.hardware.transport.frame import Frame
 from soro_core.pneumatics.regulator import RegulatorModel
+from tests.refused import fails
 
 S = 1_000_000_000
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -57,39 +59,38 @@ def test_defaults_of_parameters_are_within_their_bounds():
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "found"),
     [
-        ("fault: jam", "one of drop, corrupt_bits"),
-        ("fault: leak", "a chamber, link0/chamber0 or so"),
-        ("fault: drop, chamber: link0/chamber0", "no chamber"),
-        ("fault: reboot, chamber: link0/chamber0, value: 1", "no value"),
-        ("fault: drop, p: 2", "p from 0 to 1"),
-        ("fault: drop, at: -1", "greater than or equal to 0"),
-        ("fault: drop, p: .nan", "finite"),
-        ("fault: drop, rate_1_s: 1", "drop: p from 0 to 1, not rate_1_s"),
-        ("fault: leak, chamber: link0/chamber0, p: 1", "leak: rate_1_s from 0 to 1000, not p"),
-        ("fault: reboot, chamber: link0/chamber0, p: 1", "reboot: no parameter, not p"),
-        ("fault: drop, p: much", "drop: p is a number"),
-        ("fault: drop, p: true", "drop: p is a number"),
-        ("at: 1", "got 'at: 1'; allowed: 'fault: leak, chamber: link0/chamber0' or so; words: drop, "),
-        ("drop", "got 'drop'; allowed: 'fault: leak, "),
-        ("[1]", "no name"),
-        ("fault: [drop]", "string"),
-        ("{", "YAML"),
+        ("fault: jam", ("", "fault:", "drop", "corrupt_bits")),
+        ("fault: leak", ("", "leak:", "link0/chamber0")),
+        ("fault: drop, chamber: link0/chamber0", ("", "drop:", "chamber")),
+        ("fault: reboot, chamber: link0/chamber0, value: 1", ("", "reboot:", "value")),
+        ("fault: drop, p: 2", ("", "drop:", "0", "1")),
+        ("fault: drop, at: -1", ("at", "0")),
+        ("fault: drop, p: .nan", ("value", "finite")),
+        ("fault: drop, rate_1_s: 1", ("", "drop:", "0", "1", "rate_1_s")),
+        ("fault: leak, chamber: link0/chamber0, p: 1", ("", "leak:", "rate_1_s", "1000", "not p")),
+        ("fault: reboot, chamber: link0/chamber0, p: 1", ("", "reboot:", "not p")),
+        ("fault: drop, p: much", ("", "drop:", "number")),
+        ("fault: drop, p: true", ("", "drop:", "number")),
+        ("at: 1", ("", "'at: 1'", "'fault: leak, chamber: link0/chamber0'")),
+        ("drop", ("", "'drop'", "'fault: leak, ")),
+        ("[1]", ("", "name")),
+        ("fault: [drop]", ("fault", "string")),
+        ("{", ("", "YAML")),
     ],
 )
-def test_a_wrong_one_is_refused_in_one_line(text, says):
-    with pytest.raises(ConfigError, match=says.replace("/", ".")) as refused:
+def test_a_wrong_one_is_refused_in_one_line(text, found):
+    with fails(ConfigError, *found[1:], key=found[0]):
         read_injection(text)
-    assert len(str(refused.value).splitlines()) == 1
 
 
 def test_what_a_family_or_a_platform_has_not_is_refused():
     it = Faults(supported={"leak"})
     it.chambers = CHAMBERS
-    with pytest.raises(ConfigError, match="allowed: on these devices one of leak"):
+    with fails(ConfigError, "leak"):
         it.add(Injection(fault="drop"))
-    with pytest.raises(ConfigError, match="one of link0/chamber0, "):
+    with fails(ConfigError, "link0/chamber0, "):
         it.add(Injection(fault="leak", chamber="link4/chamber0"))
 
 
@@ -333,7 +334,7 @@ def test_who_is_never_heard_goes_off_the_bus():
     wire.send(0, 0x201, now_ns=S)
     wire.send(1, 0x181, now_ns=S)
     wire.hub.run(2 * S)
-    assert (wire.ids(0), wire.ids(2)) == ([0x181], [0x181, 0x201])
+    assert (wire.ids(0), wire.ids(2)) == ([0x181], [0x201, 0x181])
 
 
 def test_bus_off_lasts_until_it_is_cleared_and_the_bus_reopened():
@@ -387,6 +388,15 @@ def test_lost_doubled_late_and_swapped_frames():
         assert wire.ids(0) == ids, text
 
 
+def test_a_frame_that_is_held_back_and_stays_the_last_one_still_comes():
+    wire = Wire("fault: reorder, p: 1.0")
+    wire.send(1, 0x181)
+    wire.hub.run(S // 100)
+    assert wire.ids(0) == []
+    wire.hub.run(S // 20)
+    assert wire.ids(0) == [0x181]
+
+
 def test_a_node_with_another_address_is_not_heard_under_its_own():
     bench = Bench(platform())
     bench.driver.configure()
@@ -426,5 +436,5 @@ def test_a_schedule_in_lockstep_is_the_same_every_time():
 
 
 def test_injections_are_frozen():
-    with pytest.raises(ConfigError, match="no change"):
+    with fails(ConfigError):
         Injection(fault="drop").fault = "delay"

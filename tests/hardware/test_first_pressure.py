@@ -9,17 +9,18 @@ from hil_bench import CONFIG, NAMES, OnAir, Pressurised, failed, platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import ConfigError
-from soro_core.hardware.emulation.faults import read_injection
 from soro_core.hil import report
 from soro_core.hil.first_pressure import advance
 from soro_core.hil.judge import Expectation, judge_holds
 from soro_core.hil.measured import Hold
 from soro_core.hil.paced import PacedRegulator, Sample, small_limits
-from soro_core.hil.plan import FirstPressureConfig, Plan, State
+from soro_core.hil.plan import FirstPressureConfig, Plan, ProcedureState
 from soro_core.hil.pressurise import directions, expectation
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import load_robot
+from tests.refused import fails
 
 TOP_PA = CONFIG.steps_pa[-1]
 
@@ -48,7 +49,7 @@ def test_one_chamber_at_a_time_in_small_steps_within_slew(healthy):
     sent = np.array([sample.sent_pa for sample in rig.samples])
     assert (np.count_nonzero(sent, axis=1) <= 1).all()
     assert sent.max() == TOP_PA
-    assert np.diff(sent, axis=0).max() <= CONFIG.rise_pa_s * rig.guarded.period_s + 1e-6
+    assert np.diff(sent, axis=0).max() <= CONFIG.rise_pa_s * rig.limited.period_s + 1e-6
     assert np.array(rig.true_pa).max() < TOP_PA
     assert rig.true_pa[-1].max() < 1e3
 
@@ -133,7 +134,7 @@ def test_nothing_is_pressurised_before_the_answer():
     rig = Pressurised(confirm=True, answer=lambda q: None, stop_at=600)
     state = rig.run()
     assert not np.array([sample.sent_pa for sample in rig.samples]).any()
-    assert rig.guarded.cause == "interrupted"
+    assert rig.limited.cause == "interrupted"
     assert state.findings[-1].found == f"{', '.join(NAMES)}: interrupted"
 
 
@@ -144,7 +145,8 @@ def test_a_wrong_direction_seen_by_the_person_fails():
         answer=lambda q: "n" if "towards right" in q else "y",
     )
     found = failed(rig.run())
-    assert found == {"link0/chamber1: bends": "not towards right, says the person who watches"}
+    assert list(found) == ["link0/chamber1: bends"]
+    assert "right" in found["link0/chamber1: bends"]
 
 
 @pytest.mark.parametrize("chamber", [0, 2])
@@ -163,9 +165,9 @@ def test_an_interrupt_vents_at_once():
     assert rig.samples[-1].sent_pa.any()
     assert rig.devices.vents == 1
     # The chamber that was not taken to its end is named as well.
-    assert state.findings[-1][2:] == (f"{', '.join(NAMES)}: interrupted", "begin again")
+    assert state.findings[-1].found == f"{', '.join(NAMES)}: interrupted"
     for _ in range(60):
-        rig.guarded.cycle(np.full(3, TOP_PA))  # nothing gets past the latch
+        rig.limited.cycle(np.full(3, TOP_PA))  # nothing gets past the latch
     assert rig.devices.pressure_pa.max() < 1e3
 
 
@@ -213,9 +215,9 @@ def test_the_limits_end_above_the_highest_step_and_within_the_rating():
     assert (limits.maximum_pa, limits.over_pressure_pa, limits.burst_pressure_pa) == (20e3, 30e3, 40e3)
     near = small_limits(platform(), 90e3, 50e3)
     assert (near.over_pressure_pa, near.burst_pressure_pa) == (100e3, 110e3)
-    with pytest.raises(ConfigError, match="steps_pa"):
+    with fails(ConfigError, "steps_pa"):
         expectation(platform(), 200.0, FirstPressureConfig(steps_pa=(5e3, 91e3)))
-    with pytest.raises(ConfigError, match="each higher than"):
+    with fails(ConfigError, "steps_pa", "higher"):
         FirstPressureConfig(steps_pa=(10e3, 5e3))
 
 
@@ -235,9 +237,11 @@ READINGS = st.lists(st.sampled_from([0.0, 4.6e3, 9.6e3, 19.6e3, -5e3, np.nan]), 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(READINGS, st.sampled_from([None] * 30 + ["leak: x"])), min_size=1, max_size=80))
 def test_whatever_is_read_one_chamber_is_asked_for_at_most_and_none_after_a_trip(readings):
-    state, tripped = State(), False
+    state, tripped = ProcedureState(), False
     for n, (reading, cause) in enumerate(readings):
-        sample = Sample(0.3 * n, np.zeros(3), np.array(reading), np.ones(3, dtype=bool), 0.0, cause)
+        sample = Sample(
+            0.3 * n, np.zeros(3), np.zeros(3), np.array(reading), np.ones(3, dtype=bool), 0.0, cause
+        )
         state, order = advance(PLAN, state, sample)
         tripped = tripped or cause is not None
         assert np.count_nonzero(order.setpoint_pa) <= 1

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import fuzz as fuzzing
-from benchmarks.fuzz import FAMILIES, fuzz
-from benchmarks.fuzz.pieces import Counted
 from benchmarks.options import Options
 from soro_core.hardware.families import FAMILIES as ALL
+from tests.apparatus import fuzz as fuzzing
+from tests.apparatus.fuzz import FAMILIES, fuzz
+from tests.apparatus.fuzz.pieces import Counted
 
 TARGETS = [
     pytest.param(family, name, id=f"{family}-{name}") for family, names in FAMILIES.items() for name in names

@@ -10,10 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from soro_core.emulation.plant_link import PlantLinkClient
+from soro_core.emulation.plant_server import PlantLinkServer
 from soro_core.errors import HardwareError
-from soro_core.hardware.emulation.plant_server import PlantLinkServer
-from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.pneumatics import ValveAction, ValveCondition, healthy
+from tests.refused import fails
 
 
 class Served(PlantLinkServer):
@@ -109,7 +110,7 @@ def test_latest(server, client):
 
 
 def test_silence_is_an_error(client):
-    with pytest.raises(HardwareError, match=r"no pressures from the emulator for 0\.01 s"):
+    with fails(HardwareError, "0.01 s", code="silent"):
         client.receive(0.01)
 
 
@@ -117,7 +118,7 @@ def test_server_that_goes(server, client):
     publish(server, 0, np.zeros(2))
     server.close()
     assert client.receive(1.0).sequence == 1, "what was sent is still read"
-    with pytest.raises(HardwareError, match="gone"):
+    with fails(HardwareError, code="gone"):
         client.receive(1.0)
 
 
@@ -146,7 +147,7 @@ def test_slow_client_loses_whole_frames_and_holds_nobody_up(server, client):
 
 
 def test_no_server(tmp_path):
-    with pytest.raises(HardwareError, match="no emulator serves this plant link"):
+    with fails(HardwareError, device=str(tmp_path / "nothing"), code="open"):
         PlantLinkClient(tmp_path / "nothing")
 
 
@@ -160,7 +161,7 @@ def test_socket_left_by_a_killed_server_is_replaced(tmp_path):
 
 def test_file_in_the_way_is_kept(tmp_path):
     (tmp_path / "plant").write_text("mine")
-    with pytest.raises(HardwareError, match="a file of that name is in the way"):
+    with fails(HardwareError, "in the way", device=str(tmp_path / "plant"), code="open"):
         Served(tmp_path / "plant")
     assert (tmp_path / "plant").read_text() == "mine"
 
@@ -172,16 +173,14 @@ def test_something_else_on_the_socket(tmp_path):
     client = PlantLinkClient(tmp_path / "plant")
     other, _ = listener.accept()
     other.send(b"HTTP/1.1 200 OK, and more than a header")
-    with pytest.raises(HardwareError, match="this is no plant link"):
+    with fails(HardwareError, device=str(tmp_path / "plant"), code="refused"):
         client.receive(1.0)
     for sock in (client, other, listener):
         sock.close()
 
 
 def test_a_second_server_leaves_a_living_one_alone(server, tmp_path):
-    with pytest.raises(
-        HardwareError, match=r"plant: cannot listen for a twin \(another emulator listens there\)"
-    ):
+    with fails(HardwareError, "another emulator", device=str(server.path), code="open"):
         Served(server.path)
     client = connected(server)
     publish(server, 0, np.zeros(3))
@@ -199,7 +198,9 @@ def test_one_that_ends_takes_only_its_own_file_away(server):
 
 
 def test_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(HardwareError, match=f"there is no folder {tmp_path / 'no'}"):
+    with fails(
+        HardwareError, f"no folder {tmp_path / 'no'}", device=str(tmp_path / "no" / "plant"), code="open"
+    ):
         Served(tmp_path / "no" / "plant")
 
 
@@ -269,14 +270,14 @@ def test_pressures_that_are_none_never_reach_the_devices(server, client, pressur
     server.join(client)
     answer(server, client, pressures)
     assert server.pressures() is None, "the last frame has no answer"
-    with pytest.raises(HardwareError, match="gone"):
+    with fails(HardwareError, code="gone"):
         client.receive(1.0)
 
 
 def test_only_one_moves_the_air(server, client):
     second = connected(server)
     server.join(client)
-    with pytest.raises(HardwareError, match="another twin moves the air of these valves"):
+    with fails(HardwareError, code="refused"):
         server.join(second)
     answer(server, client, np.ones(3))
     np.testing.assert_array_equal(server.pressures(), np.ones(3))
@@ -317,7 +318,7 @@ def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
     np.testing.assert_array_equal(in_lockstep.pressures(), np.full(3, 5.0))
     thread.join()
     publish(in_lockstep, 1, np.zeros(3))
-    with pytest.raises(HardwareError, match=r"the twin, which moves the air, has not answered for 0\.1 s"):
+    with fails(HardwareError, "0.1 s", code="silent"):
         in_lockstep.pressures()
     client.close()
     assert in_lockstep.pressures() is None

@@ -8,18 +8,18 @@ import time
 
 import pytest
 
+from soro_core.emulation.control import ControlClient
+from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_core.hardware.emulation.control import ControlClient
-from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.hardware.reason import reason
 from soro_core.hardware.serial_line.port import SerialPort
 from soro_core.hardware.transport.slcan import SlcanBus
 from soro_core.hardware.transport.socketcand import SocketcandBus
 from soro_core.hardware.transport.tcp import TcpLink
 
-NOT_THERE = "No such file or directory; plug it in or start what makes it, or mend the path"
-NO_PORT = "Inappropriate ioctl for device; it is no serial port, so mend the path"
-REFUSED = "Connection refused; start what serves it, or mend the address"
+NOT_THERE = "No such file or directory; plug it in or start what makes it, or correct the path"
+NO_PORT = "Inappropriate ioctl for device; it is no serial port, so correct the path"
+REFUSED = "Connection refused; start what serves it, or correct the address"
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_a_connection_that_is_reset():
 @pytest.mark.parametrize(
     ("error", "text"),
     [
-        (TimeoutError("timed out"), "Connection timed out; look at its cable and supply, and at the address"),
+        (TimeoutError("timed out"), "Connection timed out; check its cable and supply, and the address"),
         (socket.gaierror(-2, "Name or service not known"), "Name or service not known"),
         (OSError(errno.ENOBUFS, "[Errno 105] twice"), "No buffer space available"),
         (OSError("what a library says"), "what a library says"),

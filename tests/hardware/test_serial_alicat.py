@@ -16,6 +16,7 @@ from soro_core.hardware.serial_line.alicat_codec import (
     parse_setpoint,
     parse_version,
 )
+from tests.refused import fails
 
 NEW, LATE_8, OLD = "10v20.0-R24", "8v17.0-R23", "5v12.0-R22"
 
@@ -116,10 +117,10 @@ def test_devices_of_different_firmware_on_one_line():
     np.testing.assert_allclose(bench.devices.pressure_pa, [20e3, 40e3, 60e3], atol=100)
 
 
-def test_device_that_does_not_tell_its_version():
+def test_device_that_does_not_report_its_version():
     bench = bench_of(1)
     bench.valves[0].firmware = "unknown"
-    with pytest.raises(HardwareError, match=r"link0/chamber0 \(unit A on port0\): firmware: does not tell"):
+    with fails(HardwareError, device="link0/chamber0 (unit A on port0)", step="firmware", code="refused"):
         bench.driver.configure()
     assert not [entry for entry in bench.log() if entry.startswith("> AL")]
 
@@ -128,14 +129,14 @@ def test_device_that_does_not_tell_its_version():
 def test_wrong_source_is_found_at_start_up(source):
     bench = bench_of(1)
     bench.valves[0].source = source
-    with pytest.raises(HardwareError, match=f"set point source: answers 'A {source}'"):
+    with fails(HardwareError, f"'A {source}'", step="set point source", code="refused"):
         bench.driver.configure()
 
 
 def test_wrong_source_of_old_firmware_is_found_by_its_set_point():
     bench = bench_of(1, OLD)
     bench.valves[0].setpoint, bench.valves[0].source = 30.0, "A"
-    with pytest.raises(HardwareError, match="set point 0: keeps 30000 Pa; is its source the serial line"):
+    with fails(HardwareError, "30000 Pa", step="set point 0", code="refused"):
         bench.driver.configure()
 
 
@@ -276,7 +277,7 @@ def test_restart_of_a_unit(three):
 def test_vent_after_a_failed_start_up_never_raises():
     bench = bench_of(2, line={"boot_timeout_s": 0.1})
     bench.valves[1].muted = True
-    with pytest.raises(HardwareError, match=r"link0/chamber1 \(unit B on port0\): boot: no answer for 0.1 s"):
+    with fails(HardwareError, "0.1 s", device="link0/chamber1 (unit B on port0)", step="boot", code="silent"):
         bench.driver.configure()
     bench.driver.vent()
     bench.driver.close()
@@ -343,7 +344,6 @@ def test_reading_far_beyond_is_no_reading(three):
 def test_stream_is_stopped_at_start_up(streaming, baud):
     bench = bench_of(3, baud=baud)
     port = bench.ports[0]
-    bench.driver._ports = []
     port.write(f"{'ABC'[streaming]}@ @\r\x16".encode())
     for _ in range(20):
         port.write(b"\x16")
@@ -358,13 +358,13 @@ def test_stream_is_stopped_at_start_up(streaming, baud):
 def test_stream_of_a_stranger_cannot_be_stopped():
     bench = bench_of(2)
     stranger = bench_of(1).valves[0]
-    stranger.unit, stranger.streaming, stranger._reading_pa = "@", True, lambda: 0.0
+    stranger.unit, stranger.streaming, stranger.reading_pa = "@", True, lambda: 0.0
     bus = bench.devices.lines[0].station
     bus._obey = lambda line, now_ns, obey=bus._obey: None if line.startswith(b"@@") else obey(line, now_ns)
     bus.units.append(stranger)
     bus._stream_ns = 0
     bus._plan()
-    with pytest.raises(HardwareError, match="port0: streaming: a device sends without being asked"):
+    with fails(HardwareError, device="port0", step="streaming", code="flood"):
         bench.driver.configure()
 
 
@@ -395,7 +395,7 @@ def test_device_needs_an_idle_line_before_it_acts():
 
 def test_emulated_commands():
     valve = bench_of(1).valves[0]
-    valve._reading_pa = lambda: 12.3e3
+    valve.reading_pa = lambda: 12.3e3
     assert valve.command("") == [b"A +012.30 +000.00"]
     assert valve.command("S15") == [b"A +012.30 +015.00"]
     assert valve.command("LS 20.5") == [b"A +012.30 +020.50 14 kPaG"]
@@ -415,11 +415,42 @@ def test_emulated_commands():
     assert valve.command("NCS 20") == [b"A +012.30 +103.40"]
     assert valve.interval_ns == 20_000_000
     old = bench_of(1, OLD).valves[0]
-    old._reading_pa = lambda: 0.0
+    old.reading_pa = lambda: 0.0
     assert old.command("LS 5") == [b"A +000.00 +000.00 LCK"]
     assert old.command("U") == [b"A +000.00 +000.00"]
     assert old.command("W91=30") == [b"A +000.00 +000.00"]
-    assert bench_of(1, LATE_8).valves[0].command("LS 5") == [b"?"]
+    late = bench_of(1, LATE_8).valves[0]
+    late.reading_pa = lambda: 0.0
+    assert late.command("LS 5") == [b"A +000.00 +000.00"], "its data frame, and nothing is set"
+
+
+@pytest.mark.parametrize(
+    ("firmware", "answers"),
+    [("5v12", True), ("6v21", True), ("7v09", True), ("8v17", False), ("8v30", True), ("10v20", True)],
+)
+def test_which_firmware_answers_ve_as_captured(firmware, answers):
+    """8v17 alone is silent; the driver then reads its version from the manufacturer's table."""
+    bench = bench_of(1, f"{firmware}.0-R23")
+    assert bool(bench.valves[0].command("VE")) is answers
+    bench.driver.configure()
+    log = bench.log()
+    assert ("> A??M*" in log) is not answers
+    assert any(entry.startswith("> ALS") for entry in log) is (int(firmware.split("v")[0]) >= 9)
+
+
+def test_identification_of_the_emulated_device():
+    new, old = bench_of(1).valves[0], bench_of(1, OLD).valves[0]
+    assert new.command("??M*")[4] == b"A  M04 Model Number PC-103KPAG-D"
+    assert new.command("??M9") == [b"A  M09 Software Revision 10v20.0-R24"]
+    assert new.command("FPF 6") == [b"A +103.40 14 kPaG"]
+    assert new.command("FPF 15") == [b"A +000.00 1 ---"]
+    assert old.command("FPF 6") == [b"?"]
+    assert new.command("LV") == [b"A 38"]
+    assert old.command("R122") == [b"A   122 = 38"]
+    new.reading_pa = old.reading_pa = lambda: 0.0
+    assert old.command("LV") == [b"A +000.00 +000.00 LCK"]
+    assert old.command("$$U") == [b"A +000.00 +000.00"]
+    assert new.command("$$S12") == [b"A +000.00 +012.00"]
 
 
 def test_case_does_not_matter():
@@ -429,18 +460,17 @@ def test_case_does_not_matter():
 
 
 @pytest.mark.parametrize(
-    ("changes", "text"),
+    ("changes", "found"),
     [
         (
             {"valves": [{"chamber": f"link0/chamber{n}", "unit": "A"} for n in range(2)]},
-            "each unit once, not A twice",
+            ("", "valves:", "unit", "A"),
         ),
-        ({"valves": [{"chamber": "link0/chamber0", "unit": "a"}]}, "valves[0].unit: got 'a'"),
-        ({"valves": [{"chamber": "link0/chamber0", "unit": "AB"}]}, "valves[0].unit: got 'AB'"),
-        ({"setpoint_command": "LS"}, "setpoint_command: got 'LS'"),
+        ({"valves": [{"chamber": "link0/chamber0", "unit": "a"}]}, ("valves[0].unit", "'a'")),
+        ({"valves": [{"chamber": "link0/chamber0", "unit": "AB"}]}, ("valves[0].unit", "'AB'")),
+        ({"setpoint_command": "LS"}, ("setpoint_command", "'LS'")),
     ],
 )
-def test_bad_platform(changes, text):
-    with pytest.raises(ConfigError) as caught:
+def test_bad_platform(changes, found):
+    with fails(ConfigError, *found[1:], key=found[0]):
         alicat(**changes)
-    assert text in str(caught.value)

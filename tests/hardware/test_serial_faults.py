@@ -1,10 +1,12 @@
 """The vocabulary of faults on serial lines: what is tolerated, what latches, and that the others vent."""
 
+import re
+
 import numpy as np
 import pytest
 from serial_bench import SerialBench, alicat, itv, quiet
 
-from soro_core.hardware.emulation.faults import Injection
+from soro_core.emulation.vocabulary import Injection
 
 MAKE = {
     "itv": lambda: SerialBench(itv(emulation=quiet())),
@@ -122,3 +124,31 @@ def test_an_answer_that_is_lost_or_late_does_not_end_the_start_up(make, late):
         if number >= count():
             break
     assert number >= 8
+
+
+@pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
+def test_a_set_point_that_the_line_has_changed_is_sent_again_at_once(make):
+    """One bit of a digit: the device takes 60 kPa for 20 and says so; nobody has restarted it."""
+    bench = SerialBench(make(1, emulation=quiet()))
+    bench.driver.configure()
+    bench.run(80, 18e3)
+    line, changed = bench.devices.lines[0], []
+
+    def change(chunk):
+        spoilt = re.sub(rb"(SET |LS )[12](?=\d)", lambda found: found[1] + b"6", chunk)
+        if changed or spoilt == chunk:
+            return chunk
+        changed.append(spoilt)
+        return spoilt
+
+    line.to_devices = change
+    highest = 0.0
+    for _ in range(80):
+        assert bench.exchange(20e3).faults == ()
+        highest = max(highest, float(bench.devices.pressure_pa[0]))
+    assert changed
+    # The valve goes the wrong way for two rounds of set point and reading at most, each asked in a cycle.
+    model = bench.platform.emulation.regulator
+    wrong_s = 2 * max(1 / bench.driver.update_hz, 2e-9 * bench.period_ns)
+    assert highest < 60e3 - (60e3 - 18e3) * np.exp(-wrong_s / model.tau_s)
+    assert bench.devices.pressure_pa[0] == pytest.approx(20e3, abs=500.0)

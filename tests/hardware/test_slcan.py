@@ -7,13 +7,18 @@ import tty
 from concurrent.futures import ThreadPoolExecutor
 
 import can
+import numpy as np
 import pytest
+from hardware_bench import cycles_in_real_time, driver, emulator, platform, platform_file
 
+from soro_core.emulation.canopen.slcan_server import SilentSlcanServer, SlcanServer
 from soro_core.errors import HardwareError
-from soro_core.hardware.emulation.slcan_server import SlcanServer
+from soro_core.hardware.doctor import examine
+from soro_core.hardware.transport.config import SlcanTransport
 from soro_core.hardware.transport.frame import Frame, frame_bits
 from soro_core.hardware.transport.slcan import SlcanBus
-from soro_core.hardware.transport.slcan_codec import BusErrors, Decoder, Health, Reply, encode
+from soro_core.hardware.transport.slcan_codec import BusErrors, Health, Reply, SlcanDecoder, encode
+from tests.refused import fails
 
 GOOD = [
     (b"t1812AABB\r", Frame(0x181, b"\xaa\xbb")),
@@ -65,7 +70,7 @@ GARBLED = {
 
 @pytest.mark.parametrize(("line", "event"), GOOD, ids=[repr(line) for line, _ in GOOD])
 def test_good_line(line, event):
-    decoder = Decoder()
+    decoder = SlcanDecoder()
     assert decoder.feed(line) == [event]
     assert decoder.garbled == 0
 
@@ -80,7 +85,7 @@ def test_encoding_is_the_reverse(frame, line):
 
 @pytest.mark.parametrize("line", GARBLED.values(), ids=GARBLED.keys())
 def test_garbled_line_is_counted_and_dropped(line):
-    decoder = Decoder()
+    decoder = SlcanDecoder()
     events = decoder.feed(line)
     assert not [event for event in events if not isinstance(event, Reply)]
     assert decoder.garbled == 1
@@ -90,14 +95,14 @@ def test_garbled_line_is_counted_and_dropped(line):
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 64])
 def test_any_cut_into_chunks_gives_the_same(size):
     stream = b"".join(line for line, _ in GOOD) + GARBLED["overlong line"] + b"t1812AABB\r"
-    whole, cut = Decoder(), Decoder()
+    whole, cut = SlcanDecoder(), SlcanDecoder()
     expected = whole.feed(stream)
     found = [event for at in range(0, len(stream), size) for event in cut.feed(stream[at : at + size])]
     assert (found, cut.garbled) == (expected, whole.garbled)
 
 
 def test_line_that_never_ends():
-    decoder = Decoder()
+    decoder = SlcanDecoder()
     for _ in range(1000):
         assert decoder.feed(b"t1812AABB" * 10) == []
         assert len(decoder._rest) <= 64
@@ -108,7 +113,7 @@ def test_line_that_never_ends():
 def test_noise():
     """Nothing raises, nothing is stored without bound, and good frames come through between the noise."""
     noise = random.Random(408)
-    decoder = Decoder()
+    decoder = SlcanDecoder()
     good = 0
     for _ in range(20_000):
         kind = noise.random()
@@ -168,7 +173,7 @@ class Adapter:
         self.answer(b"\r")
         opening += self.read(2)
         self.answer(b"\r")
-        assert opening == b"\r\rC\rS8\rO\r"
+        assert opening == b"C\rC\rS8\rO\r"
 
     def close(self):
         for descriptor in (self.master, self.slave):
@@ -232,34 +237,127 @@ def test_bus_health(bus, adapter):
 
 def test_unplugged_adapter_raises_at_once(bus, adapter):
     adapter.close()
-    with pytest.raises(HardwareError, match="gone"):
+    with fails(HardwareError, code="gone"):
         bus.recv(1.0)
-    with pytest.raises(HardwareError, match="gone"):
+    with fails(HardwareError, code="gone"):
         bus.send(can.Message(arbitration_id=1, is_extended_id=False))
 
 
 def test_frames_before_the_plug_was_pulled_are_still_read(bus, adapter):
     adapter.answer(b"t1810\r")
     adapter.close()
-    with pytest.raises(HardwareError, match="gone"):
+    with fails(HardwareError, code="gone"):
         [bus.recv(1.0) for _ in range(3)]
 
 
 def test_no_port():
-    with pytest.raises(HardwareError, match="/dev/none: cannot open"):
+    with fails(HardwareError, device="/dev/none", code="open"):
         SlcanBus("/dev/none", 1_000_000)
 
 
 def test_adapter_that_refuses_to_open(adapter):
     with ThreadPoolExecutor() as pool:
         pool.submit(lambda: adapter.read(7) and adapter.answer(b"\x07"))
-        with pytest.raises(HardwareError, match=r"refused b'S8\\r' \(set the bit rate\)"):
+        with fails(HardwareError, "S8", device=adapter.path, code="refused"):
             SlcanBus(adapter.path, 1_000_000)
 
 
 def test_port_without_adapter(adapter):
-    with pytest.raises(HardwareError, match=r"did not answer b'S8\\r' \(set the bit rate\)"):
+    with fails(HardwareError, "S8", "transport.acknowledges: false", device=adapter.path, code="silent"):
         SlcanBus(adapter.path, 1_000_000, timeout_s=0.1)
+
+
+# -- adapters that never acknowledge ---------------------------------------------------------------
+
+STOCK = b"b158aa7 https://github.com/normaldotcom/canable-fw.git\r"
+
+
+def test_an_adapter_that_answers_only_v_is_recognised(adapter):
+    with ThreadPoolExecutor() as pool:
+        played = pool.submit(lambda: (adapter.read(9), adapter.answer(STOCK), adapter.read(2)))
+        bus = SlcanBus(adapter.path, 1_000_000)
+        assert played.result()[0] == b"C\rC\rS8\rV\r"
+        assert played.result()[2] == b"O\r"
+    assert not bus.acknowledges
+    bus.send(can.Message(arbitration_id=0x123, is_extended_id=False))
+    assert adapter.read(6) == b"t1230\r"
+    adapter.answer(b"t1810\r")
+    assert bus.recv(1.0).arbitration_id == 0x181
+    assert bus.frames_garbled == 0
+    bus.shutdown()
+
+
+@pytest.mark.parametrize("late", [b"\r", b"\rV1013\r", b"\r\x07"])
+def test_an_adapter_that_acknowledges_late_is_not_taken_for_a_silent_one(adapter, late):
+    with ThreadPoolExecutor() as pool:
+        pool.submit(lambda: (adapter.read(9), adapter.answer(late), adapter.read(2), adapter.answer(b"\r")))
+        bus = SlcanBus(adapter.path, 1_000_000)
+    assert bus.acknowledges
+    bus.shutdown()
+
+
+def test_refusals_of_a_late_adapter_are_errors(adapter):
+    with ThreadPoolExecutor() as pool:
+        pool.submit(lambda: (adapter.read(9), adapter.answer(b"\x07")))
+        with fails(HardwareError, "S8", code="refused"):
+            SlcanBus(adapter.path, 1_000_000)
+
+
+def test_told_to_be_silent_it_is_asked_nothing(adapter):
+    bus = SlcanBus.from_transport(
+        SlcanTransport(kind="slcan", device=adapter.path, acknowledges=False, open_timeout_s=0.1)
+    )
+    assert adapter.read(9) == b"C\rC\rS8\rO\r"
+    assert not bus.acknowledges
+    bus.shutdown()
+
+
+def test_told_to_acknowledge_it_is_not_asked_for_a_version(adapter):
+    with fails(HardwareError, "S8", code="silent"):
+        SlcanBus(adapter.path, 1_000_000, timeout_s=0.4, acknowledges=True)
+    assert adapter.read(7) == b"C\rC\rS8\r"
+
+
+def test_lockstep_needs_acknowledgements(tmp_path):
+    path = platform_file(tmp_path, emulation={"adapters": ["slcan_silent"]})
+    with (
+        emulator(tmp_path, "--lockstep", platform=path) as served,
+        fails(HardwareError, "lockstep", device=str(served.device), code="setting"),
+        driver(platform(), served.device),
+    ):
+        pass
+
+
+def test_valves_behind_a_silent_adapter(tmp_path):
+    """Start-up, cycles and shutdown, and what the doctor says of it."""
+    path = platform_file(tmp_path, emulation={"adapters": ["slcan_silent"]})
+    with emulator(tmp_path, platform=path) as served:
+        with driver(platform(), served.device, lockstep=False) as regulator:
+            results = cycles_in_real_time(regulator, 0.5, np.array([20e3, 40e3, 60e3]))
+            assert not [fault for result in results for fault in result.faults if fault.latched]
+            np.testing.assert_allclose(results[-1].pressure_pa, [20e3, 40e3, 60e3], atol=2e3)
+            assert regulator.statistics.frames_refused == regulator.statistics.frames_garbled == 0
+        findings = {f.name: f for f in examine(platform(), str(served.device), run_s=0.0)}
+    assert findings["acknowledgement"].level == "warn"
+    assert findings["node 1"].level == "ok"
+
+
+SILENT = [
+    (b"S8\rO\rt1230\r", b"", 1),
+    (b"O\rt1230\r\r\r", b"", 3),  # an empty line repeats the last command
+    (b"V\r", STOCK, 0),
+    (b"t1230\r", b"", 0),
+    (b"O\rt123\r", b"", 0),
+]
+
+
+@pytest.mark.parametrize(("command", "answer", "frames"), SILENT, ids=[repr(c[0]) for c in SILENT])
+def test_emulated_silent_adapter(command, answer, frames):
+    sent = []
+    server = SilentSlcanServer(lambda frame: sent.append(frame) is None)
+    server.feed(command)
+    assert bytes(server.output) == answer
+    assert len(sent) == frames
 
 
 COMMANDS = [

@@ -6,6 +6,7 @@ import signal
 import socket
 import struct
 import subprocess
+import threading
 import time
 import tty
 from functools import partial
@@ -16,13 +17,16 @@ from hardware_bench import cycles_in_real_time, driver_process, emulator, frames
 from serial_bench import alicat, itv, platform_file
 from served_bench import served
 
+from soro_core.emulation.plant_link import PlantLinkClient
+from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
 from soro_core.hardware import load_platform, open_regulator, supervisor
 from soro_core.hardware.doctor import examine
 from soro_core.hardware.families import FAMILIES
-from soro_core.hardware.plant_link import PlantLinkClient
 from soro_core.hardware.serial_line.port import SerialPort
-from soro_core.hardware.supervisor_client import Supervisor, VentPlan
+from soro_core.hardware.supervisor_client import Supervisor, VentPlan, running
+from tests.patience import LIMIT_S
+from tests.refused import fails
 
 SHIPPED = {
     "canopen_408": "canopen_socketcan",
@@ -54,7 +58,7 @@ def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_p
             lambda: cycles_in_real_time(regulator, 0.1, [30e3] * 3) and link.latest().pressures.max() > 25e3
         )
         frames_until(link, lambda frame: frame.pressures.max() < 5e3)
-        wait_for(lambda: not regulator._supervisor.is_alive)
+        wait_for(lambda: not regulator.supervisor.is_alive)
         faults = {fault.code for fault in cycles_in_real_time(regulator, 0.1, [30e3] * 3)[-1].faults}
         assert "supervisor_lost" in faults
         assert link.latest().pressures.max() < 5e3
@@ -97,7 +101,7 @@ def test_orderly_end_leaves_nothing_to_do(tmp_path):
     with emulator(tmp_path, platform=platform_file(tmp_path, itv())) as served:
         regulator = open_regulator(itv(), str(served.device))
         regulator.configure()
-        process = regulator._supervisor._process
+        process = regulator.supervisor.process
         regulator.close()
         assert process.returncode == 0
 
@@ -126,12 +130,50 @@ def test_an_orderly_end_after_the_devices_have_gone_tells_what_is_known(make, pr
     assert ("NOT ALL VENTED: open the dump valve" in said) == bool(said) == (pressure_pa > 0.0)
 
 
+@pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
+def test_a_valve_that_takes_zero_and_keeps_its_pressure_is_not_called_vented(make, capfd):
+    """The echo of a set point shows no empty chamber; what is read back does."""
+    with served(make()) as (devices, address):
+        regulator = open_regulator(make(), address)
+        regulator.configure()
+        devices.faults.add(read_injection("fault: stuck_at, pressure_pa: 30e3, chamber: link0/chamber1"))
+        wait_for(lambda: cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].pressure_pa[1] > 20e3)
+        process = regulator.supervisor.process
+        started_s = time.monotonic()
+        regulator.close()
+        assert time.monotonic() - started_s < 5.0
+        assert process.wait(LIMIT_S) == 1
+    said = capfd.readouterr().err
+    assert NOT_EMPTY in said
+    assert "MON" in said or "B" in said, "what was not confirmed is named"
+
+
+@pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
+def test_a_set_point_that_comes_at_rest_is_gone_before_the_end(make, capfd):
+    """In real time, by its front panel or its power-up set point: sent zero again, latched, seen empty."""
+    with served(make()) as (devices, address):
+        regulator = open_regulator(make(), address)
+        regulator.configure()
+        cycles_in_real_time(regulator, 0.3, [0.0] * 3)
+        devices.valves[1].give(60e3)
+        wait_for(lambda: cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].faults)
+        codes = {(fault.code, fault.source.split()[0]) for fault in regulator.latched}
+        assert codes == {("rebooted", "link0/chamber1")}
+        wait_for(lambda: cycles_in_real_time(regulator, 0.1, [0.0] * 3) and devices.pressure_pa.max() < 2e3)
+        devices.valves[0].give(60e3)  # and once more, now that it is latched
+        wait_for(lambda: devices.pressure_pa.max() > 5e3)
+        regulator.close()
+        assert devices.valves[0].demand_pa() == 0.0
+        assert devices.pressure_pa.max() < 2.5e3
+    assert capfd.readouterr().err == ""
+
+
 def test_its_death_is_a_fault(tmp_path):
     with emulator(tmp_path, platform=platform_file(tmp_path, itv())) as served:
         regulator = open_regulator(itv(), str(served.device))
         regulator.configure()
-        os.kill(regulator._supervisor.pid, signal.SIGKILL)
-        regulator._supervisor._process.wait(5)
+        regulator.supervisor.process.kill()
+        regulator.supervisor.process.wait(LIMIT_S)
         result = regulator.exchange([0.0, 0.0, 0.0], time.monotonic_ns())
         assert {fault.code for fault in result.faults} == {"supervisor_lost"}
         regulator.configure()  # a reset starts another one
@@ -170,8 +212,8 @@ def held(plan, descriptor, monkeypatch):
 
 def end_of(process):
     """Exit status and messages of a supervisor whose driver has gone."""
-    status = process._process.wait(10)
-    with process._process.stderr as messages:
+    status = process.process.wait(LIMIT_S)
+    with process.process.stderr as messages:
         return status, messages.read().decode()
 
 
@@ -189,7 +231,7 @@ def plan_of(timeout_s=0.02, **step):
 
 def test_repeats_until_it_is_confirmed(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n", timeout_s=0.5), line.slave, monkeypatch)
-    process._control.close()
+    process.control.close()
     heard = heard_by(line, b"SET 0\r\n", 1)
     os.write(line.master, b"512\r\nUNKNOWN COMMAND\r\n0")  # not the answer, or not all of it
     heard += heard_by(line, b"SET 0\r\n", 1)
@@ -202,7 +244,7 @@ def test_repeats_until_it_is_confirmed(line, monkeypatch):
 
 def test_says_what_it_could_not_vent(line, monkeypatch):
     process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
-    process._control.close()
+    process.control.close()
     status, text = end_of(process)
     assert status == 1
     assert "/dev/test: not confirmed: 'AS0\\r'" in text
@@ -229,10 +271,26 @@ def test_tells_silence_from_death(line, monkeypatch):
     assert "died" not in text
 
 
+def test_one_that_vents_is_not_taken_again(line, monkeypatch):
+    """It shares the connection with the driver that comes back, and would end with it."""
+    first = held(plan_of(send="SET 0\r\n", timeout_s=5.0), line.slave, monkeypatch)
+    first.watches(pressed=True)
+    heard_by(line, b"SET 0\r\n", 1)  # after 0.3 s of silence
+    assert first.process.poll() is None, "it still waits for the answer"
+    second = running(first)
+    assert first.process.poll() is not None
+    assert second is not first
+    second.hold([plan_of(send="SET 0\r\n")], [line.slave])
+    assert second.watches(pressed=True)
+    second.dismiss()
+    assert end_of(second) == (0, "")
+    first.process.stderr.close()
+
+
 def test_a_port_that_has_gone_is_named(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
     os.close(line.master)
-    process._control.close()
+    process.control.close()
     status, text = end_of(process)
     line.master = os.open("/dev/null", os.O_RDONLY)
     assert status == 1
@@ -246,10 +304,12 @@ def test_keeps_the_drivers_lock_until_it_has_vented(line, monkeypatch):
     port.close()
     port = SerialPort(line.path, 9600)
     process.hold([plan_of(send="SET 0\r\n", timeout_s=5.0)], [port.fileno()])
-    process._control.close()
-    os.close(port.fileno())  # as by a kill: without a word to the lock
+    process.control.close()
+    # As by a kill, without a word to the lock; the number stays the port's, which closes it once more.
+    with open(os.devnull) as nothing:
+        os.dup2(nothing.fileno(), port.fileno())
     heard_by(line, b"SET 0\r\n", 1)
-    with pytest.raises(HardwareError, match="cannot open"):
+    with fails(HardwareError, device=line.path, code="open"):
         SerialPort(line.path, 9600)
     os.write(line.master, b"0\r\n")
     assert end_of(process)[0] == 0
@@ -259,20 +319,31 @@ def test_keeps_the_drivers_lock_until_it_has_vented(line, monkeypatch):
 def test_a_plan_that_cannot_be_handed_over_is_an_error_not_a_hope(line, monkeypatch):
     """Without it the process waits with nothing in its hands, and is alive all the same."""
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
-    with pytest.raises(HardwareError, match="supervisor: cannot be given the ports"):
+    with fails(HardwareError, device="supervisor", code="open"):
         process.hold([plan_of(send="x" * 2_000_000)], [line.slave])
     process.dismiss()
-    process._process.stderr.close()
+    process.process.stderr.close()
 
 
 def test_lets_go_and_has_nothing_to_do(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
-    process.let_go()
-    process._control.close()
+    process.release()
+    process.control.close()
     assert end_of(process) == (0, "")
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
+def test_an_arm_that_was_not_seen_empty_and_that_no_line_reaches_is_named(line, monkeypatch):
+    """The lines have gone before the driver's end, or a start-up has failed."""
+    process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
+    process.release()
+    process._say(b"left")
+    process.control.close()
+    code, said = end_of(process)
+    assert code == 1
+    assert "has not seen the arm empty; NOT ALL VENTED: open the dump valve" in said
+
+
 def test_a_device_that_never_stops_sending_does_not_keep_it_from_venting(monkeypatch):
     ours, theirs = socket.socketpair()
     step = {"send": "\x00", "doubles": 12, "low": 4.75, "high": 5.25}
@@ -280,7 +351,7 @@ def test_a_device_that_never_stops_sending_does_not_keep_it_from_venting(monkeyp
     with monkeypatch.context() as flood, ours, theirs:
         flood.setattr(supervisor.os, "read", lambda descriptor, size: b"x" * size)
         theirs.sendall(b"x")  # readable
-        assert not supervisor._vent_line(entry, ours.fileno())
+        assert not supervisor.vent_line(entry, ours.fileno())
         assert len(theirs.recv(1000)) > 5, "sent again and again"
 
 
@@ -298,7 +369,7 @@ def test_a_line_that_takes_no_more_is_tried_again(line, monkeypatch):
     write(line.master, b"0\r\n" * 3)
     monkeypatch.setattr(supervisor.os, "write", full_at_first)
     entry = {"name": "x", "begin": "\r\n", "least_s": 0.0, "longest_s": 0.3, "timeout_s": 0.02}
-    supervisor._vent_line({**entry, "steps": [{"send": "SET 0\r\n", "line": "0+"}]}, line.slave)
+    supervisor.vent_line({**entry, "steps": [{"send": "SET 0\r\n", "line": "0+"}]}, line.slave)
     assert b"SET 0\r\n" in os.read(line.master, 4096)
 
 
@@ -307,15 +378,43 @@ def test_readings_of_numbers_count_wherever_they_begin(lost):
     """A VEAB server's stream has no frames, and the driver may have read a part of a message."""
     step = {"doubles": 3, "low": 4.75, "high": 5.25}
     empty, full = struct.pack("<3d", 5.0, 5.05, 4.95), struct.pack("<3d", 8.0, 8.0, 8.0)
-    assert supervisor._confirms(step, full[lost:] + empty)
-    assert not supervisor._confirms(step, full[lost:] + empty[:-1])
-    assert not supervisor._confirms(step, full[lost:] + full)
+    assert supervisor.confirms(step, full[lost:] + empty)
+    assert not supervisor.confirms(step, full[lost:] + empty[:-1])
+    assert not supervisor.confirms(step, full[lost:] + full)
+
+
+def test_numbers_of_a_line_must_be_within_bounds():
+    step = {"line": r"A +(\S+) +[+]?0+(?:\.0+)?", "low": -2.0, "high": 2.0}
+    assert supervisor.confirms(step, b"A +001.90 +000.00\r")
+    assert supervisor.confirms(step, b"A +030.00 +000.00\rA -001.90 +000.00\r")
+    assert not supervisor.confirms(step, b"A +002.10 +000.00\r")
+    assert not supervisor.confirms(step, b"A +001.90 +015.00\r")
+
+
+def test_a_device_is_done_when_zero_and_an_empty_chamber_are_confirmed_in_one_round(line):
+    """Its set point may be changed by another one while its chamber is still on its way down."""
+    answers = iter([b"0\r\n", b"300\r\n", b"7\r\n", b"5\r\n", b"0\r\n", b"5\r\n"])
+    sent = []
+
+    def device():
+        for answer in answers:
+            sent.append(os.read(line.master, 100))
+            os.write(line.master, answer)
+
+    zero = {"send": "SET 0\r\n", "line": "0+", "of": "one"}
+    reading = {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"}
+    entry = {"name": "x", "begin": "", "least_s": 0.0, "longest_s": 5.0, "timeout_s": 0.3}
+    thread = threading.Thread(target=device)
+    thread.start()
+    assert supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
+    thread.join()
+    assert sent == [b"SET 0\r\n", b"MON\r\n"] * 3
 
 
 def test_an_answer_of_bytes_counts_whole_and_between_others():
-    step = {"bytes": "\xff\xff\x00\x10"}
-    assert supervisor._confirms(step, b"late\xff\xff\x00\x10and more")
-    assert not supervisor._confirms(step, b"\xff\xff\x00")
+    step = {"bytes": "\xff\xff\x00[\x00-\x10]"}
+    assert supervisor.confirms(step, b"late\xff\xff\x00\x10and more")
+    assert not supervisor.confirms(step, b"\xff\xff\x00")
 
 
 def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
@@ -325,7 +424,7 @@ def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
     step = {"send": "\x00\xe0\x3f", "doubles": 1, "low": 4.75, "high": 5.25}
     process = held(VentPlan("server", (step,), 0.01, 10.0, least_s=0.1), ours.fileno(), monkeypatch)
     ours.close()
-    process._control.close()
+    process.control.close()
     sent = []
     with theirs, contextlib.suppress(ConnectionResetError, BrokenPipeError):
         while chunk := theirs.recv(3):
@@ -339,22 +438,31 @@ def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
 def test_client_survives_a_dead_process():
     process = Supervisor()
     process.wait_until_ready()
-    os.kill(process.pid, signal.SIGKILL)
-    process._process.wait(5)
+    process.process.kill()
+    process.process.wait(LIMIT_S)
     assert not process.is_alive
     process.hold([], [])
-    process.let_go()
+    process.release()
     process.dismiss()
     process.dismiss()
 
 
 def test_client_names_a_process_that_never_was_ready():
     process = Supervisor()
-    os.kill(process.pid, signal.SIGKILL)
-    process._process.wait(5)
+    process.process.kill()
+    process.process.wait(LIMIT_S)
     with contextlib.suppress(OSError):
-        process._control.recv(16)  # it may have been quicker
-    with pytest.raises(HardwareError, match="supervisor: not ready"):
+        process.control.recv(16)  # it may have been quicker
+    with fails(HardwareError, device="supervisor", code="gone"):
+        process.hold([], [])
+    process.dismiss()
+
+
+def test_client_names_a_process_that_is_not_ready_in_time():
+    process = Supervisor()
+    assert process.control.recv(16)  # which the client then misses
+    process.control.settimeout(0.05)
+    with fails(HardwareError, device="supervisor", code="silent"):
         process.hold([], [])
     process.dismiss()
 

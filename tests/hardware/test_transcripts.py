@@ -14,7 +14,7 @@ from hardware_bench import (
 )
 
 from soro_core.hardware import open_regulator
-from soro_core.hardware.canopen.cia408 import State
+from soro_core.hardware.canopen.cia408 import ValveState
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.slcan_codec import encode
 
@@ -41,7 +41,7 @@ def test_cycle(bench):
 def test_fault_and_reset(bench):
     bench.run(12, 20e3)
     bench.bus.take_log()
-    bench.world.nodes[0].fault(0x8302, 1, State.FAULT_HOLD)
+    bench.world.nodes[0].fault(0x8302, 1, ValveState.FAULT_HOLD)
     bench.run(3, 20e3)
     assert bench.bus.take_log() == transcript("fault")
     bench.driver.configure()
@@ -82,7 +82,7 @@ def test_bytes_over_a_pseudo_terminal(tmp_path):
     with emulator(tmp_path, "--lockstep", platform=path) as served, Tap(served.device) as tap:
         _start_up_and_two_cycles(served, tap)
         sent, received = tap.sent, tap.received
-    assert sent == b"\r\rC\rS8\rO\r" + b"".join(_line(entry) for entry in log if entry[0] == ">")
+    assert sent == b"C\rC\rS8\rO\r" + b"".join(_line(entry) for entry in log if entry[0] == ">")
     # Every frame sent is acknowledged by "z"; C, S8 and O by an empty line.
     answers = [b"z\r" if entry[0] == ">" else _line(entry) for entry in log]
     lines = [line for line in received.split(b"\r") if line]
@@ -96,4 +96,4 @@ def _start_up_and_two_cycles(served: EmulatorProcess, tap: Tap) -> None:
     regulator.configure()
     regulator.exchange(np.array([20e3]), 0)
     regulator.exchange(np.array([20e3]), 5_000_000)
-    regulator._link._bus._port.close()  # without a word, so that nothing but the transcript is sent
+    regulator.link.bus._port.close()  # without a word, so that nothing but the transcript is sent

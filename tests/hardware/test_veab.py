@@ -9,14 +9,15 @@ from board_bench import QUIET, VEAB, VeabBench, file_of, veab_platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware import load_platform
-from soro_core.hardware.emulation.line_link import LineLink
-from soro_core.hardware.guarded import GuardedRegulator
+from soro_core.hardware.limited import LimitedRegulator
 from soro_core.hardware.port import FAULT_CODES
 from soro_core.hardware.veab import protocol
-from soro_core.hardware.veab.emulated import EmulatedVeabServer
 from soro_core.safety import Limits
+from soro_core.testing.line_link import LineLink
+from tests.refused import fails
 
 HELD = 50e3
 
@@ -46,7 +47,7 @@ def run_alone(bench, seconds):
 def test_bytes():
     assert protocol.encode([0.0, 50e3, -100e3, 100e3]) == struct.pack("<4d", 0.5, 0.75, 0.0, 1.0)
     assert protocol.encode([0.0]) == bytes.fromhex("000000000000E03F")
-    taken = protocol.Decoder(2)
+    taken = protocol.ReadingDecoder(2)
     assert taken.feed(struct.pack("<2d", 5.0, 7.5)) == [(0.0, 50e3)]
 
 
@@ -64,7 +65,7 @@ def test_any_split_of_the_stream():
     rows = [(0.0, 20e3, 40e3), (100.0, -5e3, 90e3)] * 3
     stream = b"".join(struct.pack("<3d", *map(protocol.volts, row)) for row in rows)
     for step in range(1, len(stream)):
-        taken = protocol.Decoder(3)
+        taken = protocol.ReadingDecoder(3)
         found = [r for at in range(0, len(stream), step) for r in taken.feed(stream[at : at + step])]
         np.testing.assert_allclose(found, rows, atol=1e-9)
         assert taken.broken is None
@@ -76,7 +77,7 @@ def test_a_stream_off_its_beat_is_noticed_in_the_first_reading(lost):
     rng = np.random.default_rng(lost)
     for _ in range(200):
         counts = rng.integers(1, 2001, 12) * 0.005
-        taken = protocol.Decoder(4)
+        taken = protocol.ReadingDecoder(4)
         assert taken.feed(counts.tobytes()[lost:]) == []
         assert taken.broken is not None
         assert taken.feed(counts.tobytes()) == [], "nothing is decoded until the connection is new"
@@ -86,7 +87,7 @@ def test_a_stream_off_its_beat_is_noticed_in_the_first_reading(lost):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -1.0, 10.6, 1e-200, -1e300])
 def test_impossible_voltages(value):
-    taken = protocol.Decoder(2)
+    taken = protocol.ReadingDecoder(2)
     assert taken.feed(struct.pack("<4d", 5.0, 5.0, 5.0, value)) == [(0.0, 0.0)]
     assert taken.broken.endswith("V on port 1")
 
@@ -94,7 +95,7 @@ def test_impossible_voltages(value):
 def test_fuzz():
     """20 000 pieces of readings and garbage: no crash, and nothing impossible gets through."""
     rng = np.random.default_rng(12)
-    taken = protocol.Decoder(4)
+    taken = protocol.ReadingDecoder(4)
     breaks = 0
     for _ in range(20_000):
         piece = (rng.integers(0, 2048, 4) * 0.005).astype("<f8").tobytes()
@@ -136,7 +137,7 @@ def test_the_published_vent_does_nothing(end):
     assert bench.devices.ended is not None
     run_alone(bench, 10.0)
     np.testing.assert_allclose(bench.devices.pressure_pa, HELD, atol=600.0)
-    with pytest.raises(HardwareError, match="cannot connect"):
+    with fails(HardwareError, code="open"):
         link.open()
 
 
@@ -158,7 +159,7 @@ def test_the_published_server_ends_after_half_a_second_of_silence():
 def test_our_close_empties_the_arm_before_it_leaves(bench):
     """The regression test: leaving is what makes that server hold the pressure."""
     bench.driver.close()
-    assert bench.driver.vent_confirmed
+    assert bench.driver.seen_empty
     assert bench.devices.ended == "the client has left"
     run_alone(bench, 10.0)
     assert np.abs(bench.devices.pressure_pa).max() < 500.0
@@ -167,26 +168,24 @@ def test_our_close_empties_the_arm_before_it_leaves(bench):
 def test_our_vent_is_sent_and_confirmed(bench):
     bench.driver.vent()
     assert [dac.normalized_value for dac in bench.devices.dacs] == [0.5] * 4
-    assert not bench.driver.vent_confirmed
+    assert not bench.driver.seen_empty
     assert bench.run(60, 0.0).faults == ()
-    assert bench.driver.vent_confirmed
+    assert bench.driver.seen_empty
 
 
 def test_a_vent_that_does_not_empty_the_arm_is_told_and_no_start_up_goes_past_it(bench):
     for dac in bench.devices.dacs[1:2]:
         dac.__class__ = type("Stuck", (type(dac),), {"__setattr__": lambda *_: None})
-    loop = GuardedRegulator(bench.driver.platform, bench.driver, Limits())
+    loop = LimitedRegulator(bench.driver.platform, bench.driver, Limits())
     loop.vent("asked for")
     for cycle in range(403):
         loop.cycle(cycle * 5_000_000)
         assert (loop.not_vented is None) == (cycle < 400)
     assert loop.not_vented.startswith("link0/chamber1 still at ")
-    with pytest.raises(
-        HardwareError, match=r"link0/chamber1 \(port 1\): start-up: (40.0|39.\d) kPa after 2 s"
-    ):
+    with fails(HardwareError, "2 s", device="link0/chamber1 (port 1)", step="start-up", code="pressure"):
         bench.driver.configure()
     bench.driver.close()
-    assert not bench.driver.vent_confirmed
+    assert not bench.driver.seen_empty
 
 
 def test_start_up_vents_what_a_dead_server_has_held():
@@ -213,7 +212,7 @@ def test_server_gone(bench):
     result = bench.run(10, 20e3)
     assert codes(result, latched=False) == {"stale_reading"}
     assert not result.sent_pa.any()
-    with pytest.raises(HardwareError, match="cannot connect"):
+    with fails(HardwareError, code="open"):
         bench.driver.configure()
     bench.driver.vent()
     bench.driver.close()
@@ -223,7 +222,7 @@ def test_an_arm_that_was_seen_empty_stays_so_when_the_server_goes_before_the_dri
     assert bench.run(60, 0.0).faults == ()
     bench.devices.end("killed")
     bench.driver.close()
-    assert bench.driver.vent_confirmed
+    assert bench.driver.seen_empty
 
 
 def test_restarted_server_is_given_zeros_until_the_start_up(bench):
@@ -259,7 +258,7 @@ def test_out_of_sync_vents_before_the_connection_is_given_up(bench):
     assert bench.run(10, 60e3).faults == ()
 
 
-@pytest.mark.timeout(20)
+@pytest.mark.timeout(120)
 def test_a_server_that_never_stops_sending_holds_nothing_up(bench, monkeypatch):
     """Whoever sends faster than it can be read would keep the vent waiting for the end of it."""
     reading = struct.pack("<12d", *[5.0] * 12)
@@ -309,7 +308,7 @@ def test_lost_readings_are_stale_after_some_cycles(bench):
 def test_a_server_that_sends_nothing_is_named():
     bench = VeabBench(veab_platform(host={"vent_timeout_s": 0.05}))
     bench.devices.line.to_host = lambda chunk: b""
-    with pytest.raises(HardwareError, match="the server sends no readings"):
+    with fails(HardwareError, step="start-up", code="silent"):
         bench.driver.configure()
 
 
@@ -322,7 +321,7 @@ def test_configure_keeps_a_connection_that_is_in_order(bench):
 def test_configure_notices_that_the_server_has_gone(bench):
     bench.run(200, 0.0)
     bench.devices.end("killed")
-    with pytest.raises(HardwareError, match="cannot connect"):
+    with fails(HardwareError, code="open"):
         bench.driver.configure()
 
 
@@ -347,21 +346,21 @@ def test_what_goes_over_the_wire_is_within_range_for_any_set_points(sequence):
 
 
 BAD = {
-    "port that is not there": ({"ports": 2}, "ports 0 to 1, not 2"),
+    "port that is not there": ({"ports": 2}, ("", "valves:", "0", "1", "2")),
     "port twice": (
         {"valves": [{"chamber": f"link0/chamber{n}", "port": 1} for n in (0, 1)]},
-        "port once, not 1",
+        ("", "valves:", "once", "1"),
     ),
-    "range": ({"range": {"maximum_pa": 125e3}}, "within the platform's rating"),
-    "keep alive too slow": ({"host": {"keep_alive_s": 0.6}}, r"host\.keep_alive_s: got 0\.6"),
-    "no server": ({"transport": {"kind": "slcan"}}, r"transport\.kind: got 'slcan'"),
+    "range": ({"range": {"maximum_pa": 125e3}}, ("", "range:", "rating")),
+    "keep alive too slow": ({"host": {"keep_alive_s": 0.6}}, ("host.keep_alive_s", "0.6")),
+    "no server": ({"transport": {"kind": "slcan"}}, ("transport.kind", "'slcan'")),
 }
 
 
-@pytest.mark.parametrize(("change", "text"), BAD.values(), ids=BAD.keys())
-def test_bad_platform(change, text, tmp_path):
+@pytest.mark.parametrize(("change", "found"), BAD.values(), ids=BAD.keys())
+def test_bad_platform(change, found, tmp_path):
     """The thesis simulates 125 kPa; its valves end at 100 kPa."""
-    with pytest.raises(ConfigError, match=text):
+    with fails(ConfigError, *found[1:], key=found[0]):
         load_platform(file_of(tmp_path, VEAB, **change))
 
 

@@ -9,9 +9,9 @@ from board_bench import COMMON, Bench, RecordingLink
 from hardware_bench import merged
 
 from soro_core.config import parse
+from soro_core.emulation.vtem import EmulatedTerminal
 from soro_core.hardware.vtem.config import VtemPlatform
 from soro_core.hardware.vtem.driver import VtemRegulator
-from soro_core.hardware.vtem.emulated import EmulatedTerminal
 
 PLACES = ((0, 0), (0, 1), (2, 1))
 # Slot 1 feeds nothing, and of slot 2 only the second valve is used.
@@ -41,6 +41,5 @@ class VtemBench(Bench):
 
     def __init__(self, platform: VtemPlatform, seed: int = 0) -> None:
         self.devices = EmulatedTerminal(platform, lockstep=True, seed=seed)
-        self.devices.connect_faults(platform.chamber_names, seed)
         super().__init__(RecordingLink(self.devices.line))
         self.driver = VtemRegulator(platform, self.link, time.monotonic, lockstep=True)

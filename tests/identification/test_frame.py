@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soro_core.identification import Frame, curvature_errors, fit_frame
+from soro_core.identification import MeasurementFrame, curvature_errors, fit_frame
 
 ANGLES = st.floats(-3.1, 3.1)
 OFFSETS = st.floats(-2, 2)
@@ -18,7 +18,7 @@ def spiral(n: int = 200) -> np.ndarray:
 
 @given(rotation=ANGLES, x=OFFSETS, y=OFFSETS)
 def test_fit_frame_recovers_rotation_and_offset(rotation: float, x: float, y: float) -> None:
-    found = fit_frame(Frame(rotation, (x, y)).apply(spiral()), spiral())
+    found = fit_frame(MeasurementFrame(rotation, (x, y)).apply(spiral()), spiral())
     assert found.rotation == pytest.approx(rotation, abs=1e-9)
     assert found.offset == pytest.approx((x, y), abs=1e-9)
 
@@ -32,11 +32,13 @@ def test_no_other_frame_is_closer(rotation: float, x: float, y: float) -> None:
 
 
 def test_rotation_is_counter_clockwise() -> None:
-    np.testing.assert_allclose(Frame(np.pi / 2, (0.5, 0.0)).apply([[1.0, 0.0]]), [[0.5, 1.0]], atol=1e-15)
+    np.testing.assert_allclose(
+        MeasurementFrame(np.pi / 2, (0.5, 0.0)).apply([[1.0, 0.0]]), [[0.5, 1.0]], atol=1e-15
+    )
 
 
 def test_one_outlier_moves_the_robust_frame_hardly() -> None:
-    measured = Frame(-0.5, (0.4, 0.1)).apply(spiral())
+    measured = MeasurementFrame(-0.5, (0.4, 0.1)).apply(spiral())
     measured[50:55] += [0.0, 40.0]
     plain, robust = fit_frame(measured, spiral()), fit_frame(measured, spiral(), outlier_scale=0.05)
     assert abs(plain.offset[1] - 0.1) > 0.5

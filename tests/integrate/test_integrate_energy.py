@@ -76,7 +76,7 @@ def test_links_let_go_nearly_crushed_gain_no_energy(name, n_links, youngs_modulu
     turns=st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4),
     rate=st.floats(-1.0, 1.0),
 )
-@settings(max_examples=25, deadline=None, derandomize=True, database=None)
+@settings(max_examples=25)
 def test_no_release_gains_energy(name, log_modulus, log_step, elongation, turns, rate):
     """From any shape and motion, of two links."""
     arm = rod(2, 10.0**log_modulus, viscosity=0.0)

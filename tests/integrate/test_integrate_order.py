@@ -9,6 +9,7 @@ from soro_core.errors import ModelError
 from soro_core.integrate import STEPPERS, stepper
 from soro_core.integrate.scheme import Scheme
 from soro_core.integrate.stepper import DISSIPATIVE, run_of, stepping
+from tests.refused import fails
 
 T_END = 0.2
 # Where each is in its asymptotic range: for rk4 and dopri5 before round-off, for dopri5 one step of its own
@@ -131,14 +132,14 @@ def test_error_control_saves_steps_where_they_are_not_needed(release):
 
 
 @pytest.mark.parametrize(
-    ("keys", "words"),
+    ("keys", "names"),
     [
-        ({"integrator": "rk4", "rtol": 1e-6}, "allowed is none"),
-        ({"integrator": "trapezoidal", "rtol": 1e-6}, "allowed is none"),
-        ({"integrator": "dopri5", "rtol": 0.0}, "1e-14 to 0.1"),
-        ({"integrator": "dopri5", "rtol": float("nan")}, "1e-14 to 0.1"),
+        ({"integrator": "rk4", "rtol": 1e-6}, ("1e-06", "rk4")),
+        ({"integrator": "trapezoidal", "rtol": 1e-6}, ("trapezoidal",)),
+        ({"integrator": "dopri5", "rtol": 0.0}, ("1e-14", "0.1")),
+        ({"integrator": "dopri5", "rtol": float("nan")}, ("1e-14", "0.1")),
     ],
 )
-def test_a_tolerance_that_means_nothing_is_refused(keys, words):
-    with pytest.raises(ModelError, match=words):
+def test_a_tolerance_that_means_nothing_is_refused(keys, names):
+    with fails(ModelError, *names, key="rtol"):
         simulate(bellows(), t_end=0.01, **keys)

@@ -8,11 +8,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm
+from soro_core.config import changed
 from soro_core.control import Controller, ControllerConfig
 from soro_core.estimation import Estimator, EstimatorConfig, PoseSample
-from soro_core.integrate import State, make_stepper
+from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.loop import Loop
-from soro_core.pneumatics import RegulatorModel, initial_state, reading, step
+from soro_core.pneumatics import RegulatorModel, RegulatorState, initial_state, reading, step
+from soro_core.twin import Observation
 
 
 @dataclass(frozen=True)
@@ -80,90 +82,97 @@ def scaled(robot, stiffness=1.0, damping=1.0, gain=1.0):
 
 
 def without_adaptation(config: ControllerConfig) -> ControllerConfig:
-    return config.model_copy(update={"adapt": False})
+    return changed(config, adapt=False)
+
+
+@dataclass(frozen=True)
+class World:
+    """State of the plant at one tick: arm, air, and pose samples on their way."""
+
+    tick: int
+    body: State
+    air: RegulatorState
+    on_the_way: tuple[tuple[int, PoseSample], ...] = ()
+    last: PoseSample | None = None
+    status: Status = OK
+
+
+class Harness:
+    """The plant that the loop does not know: the true arm, regulators of the loop's lag, one pose sensor."""
+
+    def __init__(self, robot, setup: Setup) -> None:
+        true = scaled(setup.plant or robot, setup.stiffness, setup.damping, setup.gain)
+        true = true.replace(tip_mass=robot.tip_mass + setup.payload_kg)
+        self.setup, self.arm = setup, SoftArm(true.refine(setup.refine))
+        self.stepper, self.length = make_stepper("trapezoidal", self.arm), robot.length
+        self.rng = np.random.default_rng(setup.seed)
+
+    def initial(self) -> World:
+        """One tick after the arm hangs at rest, vented."""
+        rest = World(0, settle(self.arm, self.stepper), initial_state(self.setup.regulator, self.arm.n_u))
+        return self.step_setpoints(rest, np.zeros(self.arm.n_u))
+
+    def observe(self, world: World) -> tuple[World, Observation]:
+        setup, k = self.setup, world.tick
+        pose = self.arm.pose(world.body.q, self.length)
+        last, on_the_way = world.last, world.on_the_way
+        if k % setup.pose_every == 0:
+            sample = self.sample(k * setup.dt, pose)
+            if last is not None and self.rng.random() < setup.drop:
+                sample = last
+            last, on_the_way = sample, (*on_the_way, (k + setup.pose_delay, sample))
+        poses = tuple(sample for due, sample in on_the_way if due <= k)
+        on_the_way = tuple(item for item in on_the_way if item[0] > k)
+        measured = reading(setup.regulator, world.air, self.rng)
+        return replace(world, last=last, on_the_way=on_the_way), Observation(measured, poses, (), pose)
+
+    def sample(self, t: float, pose: np.ndarray) -> PoseSample:
+        setup, rng = self.setup, self.rng
+        far = 60.0 if rng.random() < setup.outlier else 1.0
+        return PoseSample(
+            stamp_s=t,
+            position=pose[:3, 3] + far * setup.position_noise_m * rng.standard_normal(3),
+            quaternion=(
+                Rotation.from_matrix(pose[:3, :3])
+                * Rotation.from_rotvec(far * setup.rotation_noise_rad * rng.standard_normal(3))
+            ).as_quat(),
+            s=self.length,
+        )
+
+    def step_setpoints(self, world: World, setpoint: np.ndarray) -> World:
+        body, air, h = world.body, world.air, self.setup.dt / self.setup.substeps
+        for _ in range(self.setup.substeps):
+            before = air.pressure_pa
+            air = step(self.setup.regulator, air, setpoint, h)
+            body, status = self.stepper.step(body, 0.5 * (before + air.pressure_pa), h)
+            assert status.ok, status.message
+        return replace(world, tick=world.tick + 1, body=body, air=air)
 
 
 def run(robot, setup: Setup) -> Record:
-    rng = np.random.default_rng(setup.seed)
-    true = scaled(setup.plant or robot, setup.stiffness, setup.damping, setup.gain).replace(
-        tip_mass=robot.tip_mass + setup.payload_kg
-    )
-    plant = SoftArm(true.refine(setup.refine))
-    stepper = make_stepper("trapezoidal", plant)
-    length = robot.length
-    dt = setup.dt
-    loop = Loop(Estimator(robot, setup.estimation, dt), Controller(robot, setup.control))
-
-    body = settle(plant, stepper)
-    air = initial_state(setup.regulator, plant.n_u)
-    loop_state = loop.initial_state(0.0)
-    commands = [np.zeros(plant.n_u)] * (1 + setup.command_delay)
-    on_the_way: list[tuple[int, PoseSample]] = []
-    last = None
-    rows = {
-        key: []
-        for key in (
-            "t",
-            "tip",
-            "reference",
-            "estimated",
-            "pressure",
-            "command",
-            "q",
-            "q_d",
-            "qd",
-            "estimates",
-            "saturated",
-        )
-    }
-    names: tuple = ()
-    for k in range(1, round(setup.duration_s / dt) + 1):
-        setpoint = commands[-1 - setup.command_delay]
-        for _ in range(setup.substeps):
-            h = dt / setup.substeps
-            before = air.pressure_pa
-            air = step(setup.regulator, air, setpoint, h)
-            body, status = stepper.step(body, 0.5 * (before + air.pressure_pa), h)
-            assert status.ok, status.message
-        t = k * dt
-        pose = plant.pose(body.q, length)
-        if k % setup.pose_every == 0:
-            far = 60.0 if rng.random() < setup.outlier else 1.0
-            sample = PoseSample(
-                stamp_s=t,
-                position=pose[:3, 3] + far * setup.position_noise_m * rng.standard_normal(3),
-                quaternion=(
-                    Rotation.from_matrix(pose[:3, :3])
-                    * Rotation.from_rotvec(far * setup.rotation_noise_rad * rng.standard_normal(3))
-                ).as_quat(),
-                s=length,
-            )
-            if last is not None and rng.random() < setup.drop:
-                sample = last
-            last = sample
-            on_the_way.append((k + setup.pose_delay, sample))
-        poses = [sample for due, sample in on_the_way if due <= k]
-        on_the_way = [item for item in on_the_way if item[0] > k]
-        measured = reading(setup.regulator, air, rng)
-        loop_state, estimate, command = loop.step(loop_state, measured, poses, [], dt)
-        commands = [*commands[-(setup.command_delay + 1) :], command.setpoint_pa]
-        names = tuple(command.estimates)
-        for key, value in {
-            "t": t,
-            "tip": pose[:3, 3],
-            "reference": command.tip_reference[:3, 3],
-            "estimated": estimate.tip_pose[:3, 3],
-            "pressure": air.pressure_pa,
-            "command": command.setpoint_pa,
-            "q": estimate.q,
-            "qd": estimate.qd,
-            "q_d": command.reference.q,
-            "estimates": list(command.estimates.values()),
-            "saturated": command.saturated,
-        }.items():
-            rows[key].append(value)
+    loop = Loop(Estimator(robot, setup.estimation, setup.dt), Controller(robot, setup.control))
+    n = round(setup.duration_s / setup.dt)
+    ticks = list(loop.run(Harness(robot, setup), n, setup.dt, delay=setup.command_delay))
+    rows = [
+        {
+            "t": tick.plant.tick * setup.dt,
+            "tip": tick.seen.tip[:3, 3],
+            "reference": tick.command.tip_reference[:3, 3],
+            "estimated": tick.estimate.tip_pose[:3, 3],
+            "pressure": tick.plant.air.pressure_pa,
+            "command": tick.command.setpoint_pa,
+            "q": tick.estimate.q,
+            "qd": tick.estimate.qd,
+            "q_d": tick.command.reference.q,
+            "estimates": list(tick.command.estimates.values()),
+            "saturated": tick.command.saturated,
+        }
+        for tick in ticks
+    ]
     return Record(
-        **{key: np.array(value) for key, value in rows.items()}, names=names, counts=estimate.status.counts
+        **{key: np.array([row[key] for row in rows]) for key in rows[0]},
+        names=tuple(ticks[-1].command.estimates),
+        counts=ticks[-1].estimate.status.counts,
     )
 
 

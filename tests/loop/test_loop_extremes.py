@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.extremes.loop_cells import loop_cells
+from tests.apparatus.extremes.loop_cells import loop_cells
 
 
 @pytest.mark.parametrize("cell", [cell for cell in loop_cells() if cell.quick], ids=str)

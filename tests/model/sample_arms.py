@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from soro_core.robot import Robot, robot_from_dict
 
 # Deterministic: the same examples in every run; compiling in the first example is no reason to fail.
-SETTINGS = settings(max_examples=25, derandomize=True, deadline=None)
+SETTINGS = settings(max_examples=25)
 
 SIX = ("torsion", "bending_x", "bending_y", "elongation", "shear_x", "shear_y")
 SETS = (

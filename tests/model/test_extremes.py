@@ -1,8 +1,8 @@
-"""Every cell of the table of extremes ends as was stated for it; the longest only in the benchmark."""
+"""Every cell of the table of extremes ends as stated for it; the longest run in `tests.apparatus` alone."""
 
 import pytest
 
-from benchmarks.extremes.cells import cells
+from tests.apparatus.extremes.cells import cells
 
 CELLS = [pytest.param(cell, id=str(cell)) for cell in cells() if cell.quick]
 

@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -37,14 +39,97 @@ def test_it_is_in_the_cache_of_the_user_and_named_by_the_version(root):
     assert (root / "kernels-abc").is_dir()
 
 
-def test_it_falls_back_where_it_may_not_write(tmp_path, monkeypatch):
-    blocked = tmp_path / "file"
-    blocked.write_text("")  # no folder can be made below a file
-    monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    monkeypatch.setattr(folders.tempfile, "gettempdir", lambda: str(tmp_path / "temp"))
+@pytest.fixture
+def temp(tmp_path, monkeypatch):
+    """Folder of this user in a temp folder that others share; the home cannot be written."""
+    (tmp_path / "file").write_text("")  # no folder can be made below a file
+    (tmp_path / "temp").mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(folders.tempfile, "tempdir", str(tmp_path / "temp"))
+    return tmp_path / "temp" / f"soro-{os.getuid()}"
+
+
+def mode(path: Path) -> int:
+    return path.stat().st_mode & 0o777
+
+
+def is_refused(found: Path, temp: Path, caplog) -> bool:
+    """Whether a folder of this process alone was taken, and one line said so."""
+    lines = [record.getMessage() for record in caplog.records]
+    assert len(lines) == 1
+    assert f"{temp}: " in lines[0]
+    assert "set XDG_CACHE_HOME" in lines[0]
+    assert mode(found) == 0o700
+    return temp not in found.parents and not any(found.iterdir())
+
+
+def test_it_falls_back_where_it_may_not_write(temp, caplog):
     folder = kernel_folder("abc")
-    assert folder.is_dir()
-    assert (tmp_path / "temp") in folder.parents
+    assert folder == temp / "kernels-abc"
+    assert mode(temp) == mode(folder) == 0o700
+    assert kernel_folder("abc") == folder
+    assert caplog.records == []
+
+
+def test_a_link_in_the_temp_folder_is_not_followed(temp, tmp_path, caplog):
+    old(tmp_path / "theirs" / "kernels-abc", 0.0)
+    temp.symlink_to(tmp_path / "theirs")
+    assert is_refused(kernel_folder("abc"), temp, caplog)
+
+
+def test_a_folder_of_another_user_is_not_used(temp, monkeypatch, caplog):
+    old(temp / "kernels-abc", 0.0)
+    theirs = temp.lstat()
+    lstat = Path.lstat
+    other = os.stat_result((*theirs[:4], theirs.st_uid + 1, *theirs[5:10]))
+    monkeypatch.setattr(Path, "lstat", lambda path: other if path == temp else lstat(path))
+    assert is_refused(kernel_folder("abc"), temp, caplog)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a folder to another user")
+def test_a_folder_that_another_user_has_made_is_not_used(temp, caplog):
+    os.chown(old(temp / "kernels-abc", 0.0).parent, 65534, 65534)
+    assert is_refused(kernel_folder("abc"), temp, caplog)
+
+
+@pytest.mark.parametrize("bits", [0o777, 0o775, 0o1777])
+def test_kernels_that_others_could_write_are_not_used(temp, bits, caplog):
+    old(temp / "kernels-abc", 0.0).chmod(bits)
+    assert is_refused(kernel_folder("abc"), temp, caplog)
+
+
+def test_a_folder_that_others_could_replace_is_not_used(temp, caplog):
+    temp.parent.chmod(0o777)
+    assert is_refused(kernel_folder("abc"), temp, caplog)
+    temp.parent.chmod(0o1777)
+    assert kernel_folder("abc") == temp / "kernels-abc"
+
+
+def test_a_root_that_others_could_write_is_closed_to_them(root):
+    root.mkdir()
+    root.chmod(0o777)
+    kernel_folder("abc")
+    assert mode(root) == 0o755
+    assert mode(root / "kernels-abc") == 0o700
+
+
+def test_a_lock_that_is_a_link_empties_nothing(temp, tmp_path, caplog):
+    (tmp_path / "precious").write_text("kept")
+    temp.mkdir(mode=0o700)
+    (temp / "kernels.lock").symlink_to(tmp_path / "precious")
+    assert is_refused(kernel_folder("abc"), temp, caplog)
+    assert (tmp_path / "precious").read_text() == "kept"
+
+
+def test_a_folder_of_one_process_goes_with_it(temp, tmp_path):
+    temp.write_text("in the way")
+    code = "import soro_core.kernel_folder as f; print(f.kernel_folder('abc'))"
+    environment = {**os.environ, "TMPDIR": str(temp.parent), "PYTHONPATH": str(Path.cwd())}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert not Path(done.stdout.strip()).exists()
+    assert done.stderr.startswith("soro: compiled kernels are not kept, each start compiles them again (")
+    assert done.stderr.count("\n") == 1
 
 
 def test_what_was_long_unused_goes_and_nothing_else(root):

@@ -9,6 +9,7 @@ from soro_core.integrate import make_stepper
 from soro_core.model.statics import equilibrium
 from soro_core.pneumatics.chamber import ValveModel
 from soro_core.robot import Discretisation, Robot
+from tests.refused import fails, refused
 
 LINK = {
     "length": 0.1,
@@ -31,95 +32,75 @@ def arm():
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "where", "key", "names"),
     [
-        (lambda: robot_from_dict(5), "robot: got 5; allowed: a dictionary with the keys of a robot file"),
-        (lambda: robot_from_dict(None), "robot: got None; allowed: a dictionary"),
-        (lambda: robot_from_dict([LINK]), "allowed: a dictionary"),
-        (lambda: robot_from_dict({1: 2}), "robot: "),
-        (lambda: robot_from_dict({"links": LINK}), "links: got {'length'"),
-        (
-            lambda: robot_from_dict({"links": ["x"]}),
-            "links[0]: got 'x'; allowed: a mapping of keys to values",
-        ),
-        (lambda: load_robot(None), "robots: got None; allowed: a path ending in .yaml, or the name"),
-        (lambda: load_robot(5), "robots: got 5; allowed: a path"),
-        (lambda: load_robot(b"x"), "robots: got b'x'; allowed: a path"),
-        (lambda: load_robot("\0.yaml"), "allowed: a readable UTF-8 file"),
-        (lambda: load_robot("/"), "no robots file of that name"),
-        (lambda: Robot(5), "Robot: got 5; allowed: values by name: links, name"),
-        (lambda: Robot(), "Robot: links: got 'nothing'"),
-        (lambda: Robot(links=[]), "Robot: links: got []"),
-        (
-            lambda: ValveModel(fill=1e-9),
-            "ValveModel: fill: got 'an unknown key'; allowed: fill_m3_s_pa, vent_m3",
-        ),
-        (
-            lambda: ValveModel(supply_pa="x"),
-            "ValveModel: supply_pa: got 'x'; allowed: input should be a valid",
-        ),
-        (lambda: ValveModel(supply_pa=-1.0), "ValveModel: supply_pa: got -1.0"),
-        (lambda: ValveModel(band_pa=float("nan")), "ValveModel: band_pa: got nan"),
-        (lambda: ValveModel(1e-9), "ValveModel: got 1e-09; allowed: values by name: fill_m3_s_pa"),
-        (lambda: setattr(ValveModel(), "band_pa", 1.0), "ValveModel: band_pa: got 1.0; allowed: no change"),
-        (lambda: setattr(ROBOT, "tip_mass", 1.0), "Robot: tip_mass: got 1.0; allowed: no change"),
-        (lambda: Discretisation(nodes=1), "Discretisation: got {'nodes': 1}; allowed: nodes: 0 or a number"),
-        (lambda: ROBOT.replace(tip_mass="x"), "sample: tip_mass: got 'x'"),
-        (lambda: ROBOT.refine("x"), "sample: refine: got 'x'; allowed: a whole number of 1 or more"),
-        (lambda: ROBOT.refine(True), "sample: refine: got True"),
-        (lambda: ROBOT.scaled(stiffness="x"), "sample: scaled: stiffness: got 'x'; allowed: a number"),
+        (lambda: robot_from_dict(5), "robot", "", ("5", "dictionary")),
+        (lambda: robot_from_dict(None), "robot", "", ("None", "dictionary")),
+        (lambda: robot_from_dict([LINK]), "robot", "", ("dictionary",)),
+        (lambda: robot_from_dict({1: 2}), "robot", "links", ()),
+        (lambda: robot_from_dict({"links": LINK}), "robot", "links", ("{'length'",)),
+        (lambda: robot_from_dict({"links": ["x"]}), "robot", "links[0]", ("'x'", "mapping")),
+        (lambda: load_robot(None), "robots", "", ("None", ".yaml")),
+        (lambda: load_robot(5), "robots", "", ("5", ".yaml")),
+        (lambda: load_robot(b"x"), "robots", "", ("b'x'", ".yaml")),
+        (lambda: load_robot("\0.yaml"), "\0.yaml", "", ("UTF-8",)),
+        (lambda: load_robot("/"), "/", "", ("robots",)),
+        (lambda: Robot(5), "Robot", "", ("5", "links, name")),
+        (lambda: Robot(), "Robot", "links", ("'nothing'",)),
+        (lambda: Robot(links=[]), "Robot", "links", ("[]",)),
+        (lambda: ValveModel(fill=1e-9), "ValveModel", "fill", ("'an unknown key'", "fill_m3_s_pa, vent_m3")),
+        (lambda: ValveModel(supply_pa="x"), "ValveModel", "supply_pa", ("'x'",)),
+        (lambda: ValveModel(supply_pa=-1.0), "ValveModel", "supply_pa", ("-1.0",)),
+        (lambda: ValveModel(band_pa=float("nan")), "ValveModel", "band_pa", ("nan",)),
+        (lambda: ValveModel(1e-9), "ValveModel", "", ("1e-09", "fill_m3_s_pa")),
+        (lambda: setattr(ValveModel(), "band_pa", 1.0), "ValveModel", "band_pa", ("1.0",)),
+        (lambda: setattr(ROBOT, "tip_mass", 1.0), "Robot", "tip_mass", ("1.0",)),
+        (lambda: Discretisation(nodes=1), "Discretisation", "", ("{'nodes': 1}", "nodes")),
+        (lambda: ROBOT.replace(tip_mass="x"), "sample", "tip_mass", ("'x'",)),
+        (lambda: ROBOT.refine("x"), "sample", "refine", ("'x'", "1")),
+        (lambda: ROBOT.refine(True), "sample", "refine", ("True",)),
+        (lambda: ROBOT.scaled(stiffness="x"), "sample", "scaled: stiffness", ("'x'",)),
     ],
 )
-def test_descriptions(call, words):
-    with pytest.raises(ConfigError) as error:
+def test_descriptions(call, where, key, names):
+    with fails(ConfigError, *names, where=where, key=key):
         call()
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("? [1, 2]\n: 3\n", "valid YAML"),
-        ("day: 2020-13-45\n", "valid YAML"),
-        ("length: !!int x\n", "valid YAML"),
-        ("a: " + "[" * 3000, "valid YAML"),
-    ],
+    "text", ["? [1, 2]\n: 3\n", "day: 2020-13-45\n", "length: !!int x\n", "a: " + "[" * 3000]
 )
-def test_files_that_trip_the_reader(tmp_path, text, words):
+def test_files_that_trip_the_reader(tmp_path, text):
     file = tmp_path / "wrong.yaml"
     file.write_text(text)
-    with pytest.raises(ConfigError, match=words) as error:
+    with fails(ConfigError, "YAML", where=str(file), key=""):
         load_robot(file)
-    assert str(error.value).startswith(f"{file}: got ")
-    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "key", "names"),
     [
-        (lambda: SoftArm("x"), "robot: got 'x'; allowed: a Robot, from load_robot or robot_from_dict"),
-        (lambda: SoftArm(None), "robot: got None"),
-        (lambda: SoftArm(ROBOT, method=["exact"]), "method ['exact']: allowed are exact, mde"),
-        (lambda: SoftArm(ROBOT, method=np.zeros(2)), "method array([0., 0.]): allowed are"),
-        (lambda: SoftArm(ROBOT, method="exact", steps=5), "steps 5: allowed with method 'mde' only"),
-        (lambda: SoftArm(ROBOT, method="mde", nodes=5), "nodes 5: allowed with method 'exact' only"),
-        (lambda: SoftArm(ROBOT, nodes=1), "nodes 1: allowed is a whole number of 2 or more"),
-        (lambda: SoftArm(ROBOT, nodes=True), "nodes True: allowed is a whole number"),
-        (lambda: SoftArm(ROBOT, nodes=4.0), "nodes 4.0: allowed is a whole number"),
-        (lambda: SoftArm(ROBOT, nodes="4"), "nodes '4': allowed is a whole number"),
+        (lambda: SoftArm("x"), "robot", ("'x'", "load_robot", "robot_from_dict")),
+        (lambda: SoftArm(None), "robot", ("None",)),
+        (lambda: SoftArm(ROBOT, method=["exact"]), "method", ("['exact']", "exact", "mde")),
+        (lambda: SoftArm(ROBOT, method=np.zeros(2)), "method", ("array([0., 0.])",)),
+        (lambda: SoftArm(ROBOT, method="exact", steps=5), "steps", ("5", "'mde'")),
+        (lambda: SoftArm(ROBOT, method="mde", nodes=5), "nodes", ("5", "'exact'")),
+        (lambda: SoftArm(ROBOT, nodes=1), "nodes", ("1", "2")),
+        (lambda: SoftArm(ROBOT, nodes=True), "nodes", ("True",)),
+        (lambda: SoftArm(ROBOT, nodes=4.0), "nodes", ("4.0",)),
+        (lambda: SoftArm(ROBOT, nodes="4"), "nodes", ("'4'",)),
         (
             lambda: SoftArm(ROBOT, nodes=10**9),
-            "nodes 1000000000: allowed is a whole number of 2 or more, up to",
+            "nodes",
+            ("1000000000", "2"),
         ),
-        (lambda: SoftArm(ROBOT, method="mde", steps=HUGE), "allowed is a whole number of 1 or more, up to"),
+        (lambda: SoftArm(ROBOT, method="mde", steps=HUGE), "steps", ("100000", "1")),
     ],
 )
-def test_arms(call, words):
-    with pytest.raises(ModelError) as error:
+def test_arms(call, key, names):
+    with fails(ModelError, *names, key=key):
         call()
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_whole_numbers_of_numpy_are_whole_numbers():
@@ -130,81 +111,82 @@ def test_whole_numbers_of_numpy_are_whole_numbers():
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "key", "names"),
     [
-        (lambda arm: arm.pose(Q, "tip"), "s = 'tip' m: allowed is 0 to 0.1 m"),
-        (lambda arm: arm.pose(Q, None), "s = None m: allowed is 0 to"),
-        (lambda arm: arm.pose(Q, [0.1]), "s = [0.1] m: allowed is 0 to"),
-        (lambda arm: arm.pose(Q, "0.1"), "s = '0.1' m"),
-        (lambda arm: arm.pose(Q, 1j), "s = 1j m"),
-        (lambda arm: arm.pose(Q, HUGE), "allowed is 0 to"),
-        (lambda arm: arm.jacobian(Q, "tip"), "s = 'tip' m: allowed is 0 to"),
-        (lambda arm: arm.jacobian(None, 0.1), "q has shape (), allowed is (3,)"),
-        (lambda arm: arm.inertia_matrix({}), "q: got {}, allowed are 3 numbers for sample"),
-        (lambda arm: arm.inertia_matrix([[1, 2], [3]]), "q: got [[1, 2], [3]], allowed are 3 numbers"),
-        (lambda arm: arm.inertia_matrix([HUGE, 0, 0]), "allowed are 3 numbers"),
-        (lambda arm: arm.inertia_matrix(np.array(["a" * 40] * 20)), "allowed are 3 numbers"),
-        (lambda arm: arm.coriolis_matrix(Q, "x"), "qd: got 'x', allowed are 3 numbers"),
-        (lambda arm: arm.gravity_force("x"), "q: got 'x'"),
-        (lambda arm: arm.elastic_force("x"), "q: got 'x'"),
-        (lambda arm: arm.damping_force(Q, "x"), "qd: got 'x'"),
-        (lambda arm: arm.actuation_matrix("x"), "q: got 'x'"),
-        (lambda arm: arm.energy(Q, "x"), "qd: got 'x'"),
-        (lambda arm: arm.inverse_dynamics(Q, Q, "x", Q), "v: got 'x'"),
-        (lambda arm: arm.inverse_dynamics(Q, Q, Q, [np.nan, 0, 0]), "a is not finite: [nan, 0.0, 0.0]"),
-        (lambda arm: arm.forward_dynamics(Q, Q, "x"), "p: got 'x'"),
-        (lambda arm: arm.forward_dynamics(Q, Q, Q, wrench="x"), "wrench: got 'x', allowed are 6 numbers"),
-        (lambda arm: arm.forward_dynamics(Q, Q, Q, internal=[1.0]), "internal has shape (1,)"),
-        (lambda arm: arm.external_forces(Q, Q, "x"), "wrench: got 'x'"),
-        (lambda arm: arm.internal_force(Q, "x"), "internal: got 'x'"),
-        (lambda arm: equilibrium(arm, "x"), "pressure: got 'x', allowed are 3 numbers"),
-        (lambda arm: equilibrium(arm, [0.0]), "pressure has shape (1,)"),
-        (lambda arm: equilibrium(arm, [np.inf, 0, 0]), "pressure is not finite"),
-        (lambda arm: equilibrium(arm, Q, start="x"), "start: got 'x'"),
-        (lambda arm: equilibrium("x", Q), "arm: got 'x'; allowed: a SoftArm"),
-        (lambda arm: simulate("x"), "arm: got 'x'; allowed: a SoftArm"),
-        (lambda arm: simulate(arm, "x"), "q0: got 'x'"),
-        (lambda arm: simulate(arm, Q, [1.0]), "qd0 has shape (1,)"),
-        (lambda arm: simulate(arm, dt="x"), "dt = 'x' s: allowed is a number above 0"),
-        (lambda arm: simulate(arm, dt=True), "dt = True s: allowed is a number above 0"),
-        (lambda arm: simulate(arm, dt=0), "dt = 0 s: allowed is a number above 0"),
-        (lambda arm: simulate(arm, t_end=None), "t_end = None s: allowed is a number of 0 or more"),
-        (lambda arm: simulate(arm, t_end=HUGE), "allowed is a number of 0 or more"),
-        (lambda arm: simulate(arm, dt=1e-12), "are 1e+12 steps: allowed are"),
-        (lambda arm: simulate(arm, dt=1.1e-8), "steps: allowed are"),  # 11 GB
-        (lambda arm: simulate(arm, dt=5e-324), "steps: allowed are"),
-        (lambda arm: simulate(arm, integrator=["rk4"]), "integrator ['rk4']: allowed are trapezoidal"),
-        (lambda arm: simulate(arm, integrator=None), "integrator None: allowed are trapezoidal"),
+        (lambda arm: arm.pose(Q, "tip"), "s", ("'tip'", "0", "0.1")),
+        (lambda arm: arm.pose(Q, None), "s", ("None", "0")),
+        (lambda arm: arm.pose(Q, [0.1]), "s", ("[0.1]", "0")),
+        (lambda arm: arm.pose(Q, "0.1"), "s", ("'0.1'",)),
+        (lambda arm: arm.pose(Q, 1j), "s", ("1j",)),
+        (lambda arm: arm.pose(Q, HUGE), "s", ("100000", "0.1")),
+        (lambda arm: arm.jacobian(Q, "tip"), "s", ("'tip'", "0")),
+        (lambda arm: arm.jacobian(None, 0.1), "q", ("()", "(3,)")),
+        (lambda arm: arm.inertia_matrix({}), "q", ("{}", "3")),
+        (lambda arm: arm.inertia_matrix([[1, 2], [3]]), "q", ("[[1, 2], [3]]", "3")),
+        (lambda arm: arm.inertia_matrix([HUGE, 0, 0]), "q", ("3",)),
+        (lambda arm: arm.inertia_matrix(np.array(["a" * 40] * 20)), "q", ("3",)),
+        (lambda arm: arm.coriolis_matrix(Q, "x"), "qd", ("'x'", "3")),
+        (lambda arm: arm.gravity_force("x"), "q", ("'x'",)),
+        (lambda arm: arm.elastic_force("x"), "q", ("'x'",)),
+        (lambda arm: arm.damping_force(Q, "x"), "qd", ("'x'",)),
+        (lambda arm: arm.actuation_matrix("x"), "q", ("'x'",)),
+        (lambda arm: arm.energy(Q, "x"), "qd", ("'x'",)),
+        (lambda arm: arm.inverse_dynamics(Q, Q, "x", Q), "v", ("'x'",)),
+        (lambda arm: arm.inverse_dynamics(Q, Q, Q, [np.nan, 0, 0]), "a", ("[nan, 0.0, 0.0]",)),
+        (lambda arm: arm.forward_dynamics(Q, Q, "x"), "p", ("'x'",)),
+        (lambda arm: arm.forward_dynamics(Q, Q, Q, wrench="x"), "wrench", ("'x'", "6")),
+        (lambda arm: arm.forward_dynamics(Q, Q, Q, internal=[1.0]), "internal", ("(1,)",)),
+        (lambda arm: arm.external_forces(Q, Q, "x"), "wrench", ("'x'",)),
+        (lambda arm: arm.internal_force(Q, "x"), "internal", ("'x'",)),
+        (lambda arm: equilibrium(arm, "x"), "pressure", ("'x'", "3")),
+        (lambda arm: equilibrium(arm, [0.0]), "pressure", ("(1,)",)),
+        (lambda arm: equilibrium(arm, [np.inf, 0, 0]), "pressure", ("[inf",)),
+        (lambda arm: equilibrium(arm, Q, start="x"), "start", ("'x'",)),
+        (lambda arm: equilibrium("x", Q), "arm", ("'x'", "SoftArm")),
+        (lambda arm: simulate("x"), "arm", ("'x'", "SoftArm")),
+        (lambda arm: simulate(arm, "x"), "q0", ("'x'",)),
+        (lambda arm: simulate(arm, Q, [1.0]), "qd0", ("(1,)",)),
+        (lambda arm: simulate(arm, dt="x"), "dt", ("'x'", "0")),
+        (lambda arm: simulate(arm, dt=True), "dt", ("True", "0")),
+        (lambda arm: simulate(arm, dt=0), "dt", ("0",)),
+        (lambda arm: simulate(arm, t_end=None), "t_end", ("None", "0")),
+        (lambda arm: simulate(arm, t_end=HUGE), "t_end", ("100000",)),
+        (lambda arm: simulate(arm, dt=1e-12), "dt", ("1e+12", "t_end")),
+        (lambda arm: simulate(arm, dt=1.1e-8), "dt", ("t_end",)),  # 11 GB
+        (lambda arm: simulate(arm, dt=5e-324), "dt", ("t_end",)),
+        (lambda arm: simulate(arm, integrator=["rk4"]), "integrator", ("['rk4']", "trapezoidal")),
+        (lambda arm: simulate(arm, integrator=None), "integrator", ("None", "trapezoidal")),
         (
             lambda arm: simulate(arm, integrator="dopri5", rtol="x"),
-            "rtol = 'x': allowed is a number from 1e-14",
+            "rtol",
+            ("'x'", "1e-14"),
         ),
-        (lambda arm: simulate(arm, integrator="dopri5", rtol=[1]), "rtol = [1]: allowed is a number"),
-        (lambda arm: simulate(arm, pressure="x"), "pressure: got 'x'"),
-        (lambda arm: simulate(arm, pressure=[[1], [1, 2]]), "pressure: got [[1], [1, 2]]"),
+        (lambda arm: simulate(arm, integrator="dopri5", rtol=[1]), "rtol", ("[1]",)),
+        (lambda arm: simulate(arm, pressure="x"), "pressure", ("'x'",)),
+        (lambda arm: simulate(arm, pressure=[[1], [1, 2]]), "pressure", ("[[1], [1, 2]]",)),
         (
             lambda arm: simulate(arm, pressure=np.zeros((4, 3, 3))),
-            "pressure has shape (4, 3, 3), allowed is (501,",
+            "pressure",
+            ("(4, 3, 3)", "(501,"),
         ),
-        (lambda arm: simulate(arm, t_end=0.0, pressure=np.full((1, 3, 3), "x")), "pressure: got array("),
-        (lambda arm: simulate(arm, pressure=lambda t: "x"), "pressure(t): got 'x'"),
-        (lambda arm: simulate(arm, wrench="x"), "wrench: got 'x'"),
+        (lambda arm: simulate(arm, t_end=0.0, pressure=np.full((1, 3, 3), "x")), "pressure", ("array(",)),
+        (lambda arm: simulate(arm, pressure=lambda t: "x"), "pressure(t)", ("'x'",)),
+        (lambda arm: simulate(arm, wrench="x"), "wrench", ("'x'",)),
         (
             lambda arm: simulate(arm, valves={"band_pa": 1.0}),
-            "valves: got {'band_pa': 1.0}; allowed: a ValveModel",
+            "valves",
+            ("{'band_pa': 1.0}", "ValveModel"),
         ),
-        (lambda arm: simulate(arm, internal0="x"), "internal0: got 'x'"),
-        (lambda arm: make_stepper("rk4", "x"), "arm: got 'x'; allowed: a SoftArm"),
-        (lambda arm: make_stepper("rk4", arm).initial_state("x"), "q: got 'x'"),
-        (lambda arm: make_stepper("rk4", arm).step(None, Q, 1e-3), "state: got None; allowed: a State"),
-        (lambda arm: (s := make_stepper("rk4", arm)).step(s.initial_state(), Q, "x"), "dt = 'x' s: allowed"),
+        (lambda arm: simulate(arm, internal0="x"), "internal0", ("'x'",)),
+        (lambda arm: make_stepper("rk4", "x"), "arm", ("'x'", "SoftArm")),
+        (lambda arm: make_stepper("rk4", arm).initial_state("x"), "q", ("'x'",)),
+        (lambda arm: make_stepper("rk4", arm).step(None, Q, 1e-3), "state", ("None",)),
+        (lambda arm: (s := make_stepper("rk4", arm)).step(s.initial_state(), Q, "x"), "dt", ("'x'",)),
     ],
 )
-def test_calls(arm, call, words):
-    with pytest.raises(SoroError) as error:
+def test_calls(arm, call, key, names):
+    with fails(SoroError, *names, key=key):
         call(arm)
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_a_long_state_is_told_on_one_line():
@@ -214,9 +196,8 @@ def test_a_long_state_is_told_on_one_line():
     q[30] = -1.5
     calls = (lambda: long.gravity_force(q), lambda: long.forward_dynamics(q, q, np.zeros(36)))
     for call in calls:
-        with pytest.raises(ModelError, match="elongation is -1 or less") as error:
+        with fails(ModelError, "-1", key="elongation") as error:
             call()
-        assert "\n" not in str(error.value)
         assert len(str(error.value)) < 300
 
 
@@ -241,11 +222,8 @@ def test_numbers_of_other_kinds_are_numbers(arm):
 def test_hysteresis_acts_on_constant_strain_only(strains, stiffness, named):
     element = {"stiffness": stiffness, "range": [1.0] * len(stiffness)}
     plain = {key: value for key, value in LINK.items() if key != "damping"}
-    with pytest.raises(ConfigError) as error:
+    with refused("links[0].hysteresis", names=("stiffness 0", named)):
         robot_from_dict({"links": [{**plain, "strains": strains, "hysteresis": [element]}]})
-    line = str(error.value)
-    assert line.startswith("robot: links[0].hysteresis: got ")
-    assert line.endswith(f"allowed: stiffness 0 for {named}: hysteresis acts on constant strain only")
 
 
 def test_hysteresis_of_the_constant_strains_beside_varying_ones():

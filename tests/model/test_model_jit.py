@@ -29,6 +29,12 @@ for how in ({"method": "exact", "nodes": 4}, {"method": "mde", "steps": 4}):
         run = simulate(arm, q, qd, t_end=2e-3, dt=1e-3, integrator=name, pressure=[1e4, 2e4])
         assert run.status.ok, run.status
         out += [*run.q[-1], *run.qd[-1], *run.internal[-1]]
+strains = {"elongation": {}, "bending_x": {"basis": "legendre", "order": 1}, "bending_y": {}}
+varying = {**link, "strains": strains, "damping": [0.1, 1e-6, 1e-6, 1e-6], "creep": [], "hysteresis": []}
+arm = SoftArm(robot_from_dict({"links": [link, varying, link]}), nodes=3)
+q, qd = np.linspace(0.05, 0.1, 10), np.linspace(-0.2, 0.3, 10)
+for part in arm.derivatives(q, qd, np.full(arm.n_u, 1e3)):
+    out += part.ravel().tolist()
 print(json.dumps(out))
 """
 

@@ -6,6 +6,7 @@ from sample_arms import chambers, law_link, random_robot, random_state
 
 from soro_core import SoftArm, robot_from_dict
 from soro_core.errors import ModelError
+from tests.refused import fails
 
 
 @pytest.mark.parametrize("term", ["inertia_matrix", "coriolis_matrix", "gravity_force", "pose"])
@@ -101,35 +102,34 @@ def test_chamber_force_is_the_gradient_of_its_volume():
 
 
 @pytest.mark.parametrize(
-    ("call", "words"),
+    ("call", "key", "names"),
     [
-        (lambda arm: arm.inertia_matrix(np.zeros(2)), "shape (2,), allowed is (3,)"),
-        (lambda arm: arm.inertia_matrix([0, np.nan, 0]), "not finite"),
-        (lambda arm: arm.coriolis_force(np.zeros(3), [0, np.inf, 0]), "not finite"),
-        (lambda arm: arm.gravity_force([-1.0, 0, 0]), "elongation is -1 or less"),
+        (lambda arm: arm.inertia_matrix(np.zeros(2)), "q", ("(2,)", "(3,)")),
+        (lambda arm: arm.inertia_matrix([0, np.nan, 0]), "q", ("nan",)),
+        (lambda arm: arm.coriolis_force(np.zeros(3), [0, np.inf, 0]), "qd", ("inf",)),
+        (lambda arm: arm.gravity_force([-1.0, 0, 0]), "elongation", ("-1",)),
         (
             lambda arm: arm.forward_dynamics([-1.5, 0, 0], np.zeros(3), np.zeros(3)),
-            "elongation is -1 or less",
+            "elongation",
+            ("-1",),
         ),
-        (lambda arm: arm.forward_dynamics(np.zeros(3), np.zeros(3), [0, np.nan, 0]), "p is not finite"),
-        (lambda arm: arm.forward_dynamics(np.zeros(3), np.zeros(3), np.zeros(2)), "p has shape (2,)"),
-        (lambda arm: arm.forward_dynamics(np.zeros(3), [np.nan, 0, 0], np.zeros(3)), "not finite"),
-        (lambda arm: arm.pose(np.zeros(3), -1e-3), "allowed is 0 to"),
-        (lambda arm: arm.jacobian(np.zeros(3), arm.length + 1e-6), "allowed is 0 to"),
-        (lambda arm: arm.pose(np.zeros(3), float("nan")), "allowed is 0 to"),
-        (lambda arm: arm.inertia_matrix("abc"), "allowed are 3 numbers"),
-        (lambda arm: SoftArm(arm.robot, method="magic"), "allowed are exact, mde"),
-        (lambda arm: SoftArm(arm.robot, nodes=0), "nodes 0"),
-        (lambda arm: SoftArm(arm.robot, method="mde", steps=2.5), "steps 2.5"),
+        (lambda arm: arm.forward_dynamics(np.zeros(3), np.zeros(3), [0, np.nan, 0]), "p", ("nan",)),
+        (lambda arm: arm.forward_dynamics(np.zeros(3), np.zeros(3), np.zeros(2)), "p", ("(2,)",)),
+        (lambda arm: arm.forward_dynamics(np.zeros(3), [np.nan, 0, 0], np.zeros(3)), "qd", ("nan",)),
+        (lambda arm: arm.pose(np.zeros(3), -1e-3), "s", ("0",)),
+        (lambda arm: arm.jacobian(np.zeros(3), arm.length + 1e-6), "s", ("0",)),
+        (lambda arm: arm.pose(np.zeros(3), float("nan")), "s", ("0",)),
+        (lambda arm: arm.inertia_matrix("abc"), "q", ("3",)),
+        (lambda arm: SoftArm(arm.robot, method="magic"), "method", ("exact", "mde")),
+        (lambda arm: SoftArm(arm.robot, nodes=0), "nodes", ("0",)),
+        (lambda arm: SoftArm(arm.robot, method="mde", steps=2.5), "steps", ("2.5",)),
     ],
 )
-def test_wrong_use_is_refused(call, words):
+def test_wrong_use_is_refused(call, key, names):
     rng = np.random.default_rng(0)
     arm = SoftArm(robot_from_dict({"links": [law_link(rng, chambers=chambers(rng))]}))
-    with pytest.raises(ModelError) as error:
+    with fails(ModelError, *names, key=key):
         call(arm)
-    assert words in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_ends_are_clamped_within_round_off():

@@ -1,4 +1,4 @@
-"""Accuracy of few coordinates against converged trajectories of a linear-elastic rod (shared reference)."""
+"""Accuracy of few coordinates against converged trajectories of a linear-elastic rod (tests/reference)."""
 
 import json
 
@@ -17,9 +17,9 @@ PLANAR_16 = strains(bending_x=5, elongation=4, shear_x=4)
 SPATIAL_10 = strains(bending_x=3, bending_y=2, elongation=2)
 
 
-def tip_error(shared, case, fields):
+def tip_error(reference, case, fields):
     """RMS distance of the tip over 1 s from the reference [% of the length], and n_q."""
-    with np.load(shared / "reference" / f"ref_{case}.npz") as data:
+    with np.load(reference / f"ref_{case}.npz") as data:
         p, right = json.loads(str(data["params"])), data["tip"]
     root = np.sqrt(0.5)
     link = {
@@ -46,8 +46,8 @@ def tip_error(shared, case, fields):
     [(PLANAR_10, 10, 0.15), (PLANAR_16, 16, 0.03), (SPATIAL_10, 10, 1.0)],
     ids=["planar-10", "planar-16", "spatial-10"],
 )
-def test_few_coordinates_follow_the_rod(shared, figure, case, fields, coordinates, bound):
-    error, n_q = tip_error(shared, case, fields)
+def test_few_coordinates_follow_the_rod(reference, figure, case, fields, coordinates, bound):
+    error, n_q = tip_error(reference, case, fields)
     figure(f"{case}, {n_q} coordinates: tip RMSE {error:.4f} % of the length (bound {bound} %)")
     assert n_q == coordinates
     assert error <= bound

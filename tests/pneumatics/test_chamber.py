@@ -13,7 +13,7 @@ from soro_core.pneumatics import ValveModel, chamber_pressures, healthy, inflows
 from soro_core.pneumatics.chamber import AMBIENT_PA, GAS_CONSTANT
 from soro_core.pneumatics.flow import REFERENCE_DENSITY, mass_flow
 
-SETTINGS = settings(max_examples=200, derandomize=True, deadline=None)
+SETTINGS = settings(max_examples=200)
 CLOSED = ValveModel(fill_m3_s_pa=0.0, vent_m3_s_pa=0.0)
 # Opens fully at any deviation: a valve that is open or shut.
 OPEN = ValveModel(band_pa=1.0)

@@ -79,7 +79,7 @@ def test_set_points_outside_its_range_saturate():
     assert after(IDEAL, -50e3, 5.0).pressure_pa[0] == 0.0
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.integers(1, 40),
     st.floats(0, 0.03),
@@ -97,7 +97,7 @@ def test_the_result_does_not_depend_on_the_step(splits, delay, rate, width, setp
     assert 0.0 <= fine.pressure_pa[0] <= 90e3
 
 
-@settings(max_examples=50, derandomize=True, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(0, 0.03), st.lists(st.floats(-10e3, 120e3), min_size=1, max_size=6))
 def test_the_targets_of_a_tick_fill_it_and_come_after_the_dead_time(delay, setpoints):
     """What a valve in place of the lag moves to: each set point for its tick, later by the dead time."""

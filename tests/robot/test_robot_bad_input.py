@@ -8,6 +8,7 @@ import yaml
 
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot, robot_from_dict
+from tests.refused import refused
 
 GOOD = {
     "tip_mass": 0.01,
@@ -284,14 +285,12 @@ def test_files_that_are_no_robot(tmp_path, text, got, allowed):
 
 
 def test_an_unknown_name_lists_the_shipped_robots():
-    with pytest.raises(ConfigError, match="six_link"):
+    with refused("", names=("six_link",)):
         load_robot("no_such_robot")
 
 
 def test_material_with_wrong_value():
     data = changed(("links", 0, "material"), {**MATERIAL, "viscosity": -1.0})
     del data["links"][0]["k_e"], data["links"][0]["k_b"]
-    with pytest.raises(
-        ConfigError, match=r"links\[0\]\.material\.viscosity: got -1\.0; allowed: input should be greater"
-    ):
+    with refused("links[0].material.viscosity", -1.0):
         robot_from_dict(data)

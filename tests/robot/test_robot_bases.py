@@ -2,6 +2,7 @@
 
 import json
 import math
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import yaml
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
-from soro_core.errors import ConfigError, ModelError
+from soro_core.errors import ModelError
 from soro_core.robot import (
     StrainField,
     link_damping,
@@ -20,6 +21,7 @@ from soro_core.robot import (
     shape_values,
     strain_rows,
 )
+from tests.refused import refused
 
 LENGTH, RADIUS = 0.2, 0.015
 MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 1.6e5, "viscosity": 300.0, "shear_factor": 0.9}
@@ -121,7 +123,7 @@ def test_shape_functions_meet_the_samples_and_the_ends():
 
 @pytest.mark.parametrize("sigma", [[-0.01], [0.1, LENGTH * 1.001], [np.nan], [np.inf], [[0.1]]])
 def test_shape_functions_outside_of_the_link_are_refused(sigma):
-    with pytest.raises(ModelError, match=r"shape_values: sigma: got .* allowed: values from 0 to 0\.2 m"):
+    with pytest.raises(ModelError, match=r"sigma.*0\.2"):
         shape_values(one(MIXED).links[0], sigma)
 
 
@@ -228,7 +230,7 @@ def test_modes_from_a_file_beside_the_robot(tmp_path, ending):
     (tmp_path / name).unlink()
     assert robot_from_dict(robot.model_dump()) == robot
     assert robot.replace(tip_mass=0.01).n_q == 4
-    with pytest.raises(ConfigError, match="no such file"):
+    with refused("links[0].strains.bending_x.file"):
         robot_from_dict(data)
 
 
@@ -243,7 +245,7 @@ def test_a_file_in_a_dictionary_is_relative_to_the_working_directory(tmp_path, m
 def test_a_file_that_nothing_read_is_refused():
     robot = one({"bending_x": {}})
     links = [{**LINK, "strains": {"bending_x": {"basis": "pod", "file": "modes.npy"}}}]
-    with pytest.raises(ConfigError, match=r"strains\.bending_x\.file: got 'modes\.npy'; allowed: samples"):
+    with refused("links[0].strains.bending_x.file", "modes.npy", ("samples",)):
         robot.replace(links=links)
 
 
@@ -270,32 +272,33 @@ def test_refined_polynomials_keep_energy_and_losses_of_a_uniform_strain():
 @pytest.mark.parametrize(
     ("strains", "keys", "key", "got"),
     [
-        (MIXED, {}, r"strains\.shear_x\.basis", "'pod'"),
+        (MIXED, {}, "strains.shear_x.basis", "pod"),
         (
             {"bending_x": {"basis": "legendre", "order": 1}},
             {"damping": [0.1, 0.2]},
             "damping",
-            r"\[0\.1, 0\.2\]",
+            [0.1, 0.2],
         ),
         (
             {"bending_x": {"basis": "legendre", "order": 0}, "elongation": {}},
             {"creep": [{"tau": 0.1, "stiffness": [1.0, 1.0]}]},
             "creep",
-            "",
+            ANY,
         ),
         (
             {"bending_x": {"basis": "chebyshev", "order": 1}, "elongation": {}},
             {"hysteresis": [{"stiffness": [0.0, 0.0, 1.0], "range": [1.0] * 3}]},
             "hysteresis",
-            "",
+            ANY,
         ),
     ],
 )
 def test_links_that_cannot_be_split(strains, keys, key, got):
     robot = one(strains, **keys)
     assert robot.refine(1) is robot
-    with pytest.raises(ConfigError, match=rf"^robot: refine\(2\): links\[0\]\.{key}: got {got}.*; allowed: "):
+    with refused(f"links[0].{key}", got) as caught:
         robot.refine(2)
+    assert "refine(2)" in caught.value.where
 
 
 def test_laws_may_vary_along_the_link():
@@ -305,9 +308,7 @@ def test_laws_may_vary_along_the_link():
     fine = robot_from_dict({"links": [link]}).refine(2)
     assert fine.n_q == 18
     assert fine.links[0].k_e == (600.0, 200.0, 40.0)
-    with pytest.raises(
-        ConfigError, match=r"links\[0\]\.k_e: .* a material instead of k_e and k_b where shear_x"
-    ):
+    with refused("links[0].k_e", names=("material", "k_b", "shear_x")):
         robot_from_dict({"links": [{**link, "strains": {"shear_x": field}}]})
 
 

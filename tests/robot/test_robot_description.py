@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, simulate
-from soro_core.errors import ConfigError
 from soro_core.robot import load_robot, robot_from_dict
+from tests.refused import refused
 
 ROD = {
     "length": 0.2,
@@ -48,11 +48,11 @@ def test_changed_copies_are_checked():
     assert (robot.tip_mass, heavier.tip_mass) == (0.01, 0.02)
     assert heavier.links == robot.links
     assert robot.replace(links=[*robot.links, *robot.links]).n_q == 6
-    with pytest.raises(ConfigError, match="tip_mass"):
+    with refused("tip_mass", -1.0):
         robot.replace(tip_mass=-1.0)
-    with pytest.raises(ConfigError, match="payload: got 'an unknown key'"):
+    with refused("payload"):
         robot.replace(payload=1.0)
-    with pytest.raises(ConfigError, match=r"tip_mass: got 3\.0; allowed: no change"):
+    with refused("tip_mass", 3.0, ("replace",)):
         robot.tip_mass = 3.0
 
 
@@ -84,9 +84,9 @@ def test_material_gives_section_stiffness_and_damping():
 
 
 @pytest.mark.parametrize(("strains", "limit"), [(3, 0.9), (6, 0.6)])
-def test_silicone_rod_follows_the_reference_rod(shared, strains, limit):
+def test_silicone_rod_follows_the_reference_rod(reference, strains, limit):
     """RMS of the tip error over the whole run, in per cent of the length."""
-    reference = np.load(shared / "reference" / "ref_cantilever_kv.npz")
+    right = np.load(reference / "ref_cantilever_kv.npz")
     robot = load_robot("silicone_rod")
     if strains == 6:
         names = ("bending_x", "bending_y", "elongation", "torsion", "shear_x", "shear_y")
@@ -95,10 +95,10 @@ def test_silicone_rod_follows_the_reference_rod(shared, strains, limit):
             links=[{**link, "strains": {n: {"basis": "constant"} for n in names}} for link in links]
         )
     arm = SoftArm(robot)
-    result = simulate(arm, t_end=float(reference["t"][-1]), dt=2e-3)
+    result = simulate(arm, t_end=float(right["t"][-1]), dt=2e-3)
     tip = np.array([arm.pose(q, arm.length)[:3, 3] for q in result.q])
-    at = np.array([np.interp(reference["t"], result.t, tip[:, k]) for k in range(3)]).T
-    error = 100 * np.linalg.norm(at - reference["tip"], axis=1) / arm.length
+    at = np.array([np.interp(right["t"], result.t, tip[:, k]) for k in range(3)]).T
+    error = 100 * np.linalg.norm(at - right["tip"], axis=1) / arm.length
     assert np.sqrt((error**2).mean()) < limit
 
 

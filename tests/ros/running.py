@@ -12,13 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
-import yaml
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from soro_core.bag import BagReader
-from soro_core.config import find_config, read_yaml
 from soro_ros import messages, middleware, qos
+from tests.patience import LIMIT_S
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]
 SCENE = "track_circle"
@@ -63,8 +62,10 @@ def payloads(bag: Path, without: tuple[str, ...] = ()) -> dict[str, list[bytes]]
     return found
 
 
-def wait_until(condition: Callable[[], bool], limit_s: float, what: str, every_s: float = 0.02) -> None:
-    """Poll with a limit."""
+def wait_until(
+    condition: Callable[[], object], what: str, limit_s: float = LIMIT_S, every_s: float = 0.02
+) -> None:
+    """Poll with a limit, which is one of the tests and none of the product."""
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline, f"{what} not within {limit_s} s"
@@ -82,12 +83,14 @@ class ClockListener:
     def _hear(self, tick: Clock) -> None:
         self._now_ns = messages.to_ns(tick.clock)
 
-    def wait(self, time_s: float, limit_s: float) -> None:
+    def wait(self, time_s: float, limit_s: float = LIMIT_S) -> None:
         """Wait until it has come to a time."""
-        deadline = time.monotonic() + limit_s
-        while self._now_ns < time_s * 1e9:
-            assert time.monotonic() < deadline, f"/clock not at {time_s} s within {limit_s} s"
+
+        def reached() -> bool:
             rclpy.spin_once(self._node, timeout_sec=0.1)
+            return self._now_ns >= time_s * 1e9
+
+        wait_until(reached, f"/clock at {time_s} s", limit_s, every_s=0.0)
 
     def close(self) -> None:
         """Leave the domain."""
@@ -108,7 +111,7 @@ def child(parent: int, word: str) -> int | None:
 
 
 def end(
-    process: subprocess.Popen[str], number: int = signal.SIGINT, limit_s: float = 30
+    process: subprocess.Popen[str], number: int = signal.SIGINT, limit_s: float = 2 * LIMIT_S
 ) -> tuple[int, str, str]:
     """Send a signal and wait for the end."""
     if process.poll() is None:
@@ -127,17 +130,3 @@ def alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
-
-
-def patient_platform(folder: Path) -> Path:
-    """The emulated platform with time limits that a machine busy with other tests does not break."""
-    platform = read_yaml(find_config("emulated_canopen", "platforms"))
-    platform["canopen"] |= {
-        "heartbeat_consumer_s": 0.5,
-        "rpdo_deadline_s": 0.5,
-        "stale_cycles": 100,
-        "stale_s": 0.5,
-    }
-    file = folder / "patient.yaml"
-    file.write_text(yaml.safe_dump(platform))
-    return file

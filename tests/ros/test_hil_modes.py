@@ -6,12 +6,10 @@ import sys
 import numpy as np
 import pytest
 
-from soro_core.errors import SoroError
-from soro_core.scene import load_scene
-from soro_ros import compose, processes
+from soro_ros import processes
 from soro_ros.recording import read
-from soro_ros.supervisor import Supervisor
-from tests.ros.running import patient_platform, run, summary, wait_until
+from tests.patience import LIMIT_S, patient_platform
+from tests.ros.running import run, summary, wait_until
 
 PATIENT = ("limits.command_age_s=0.5", "limits.reading_age_s=0.5", "twin.payload_kg=0.0")
 
@@ -22,14 +20,14 @@ def valves(tmp_path):
     (tmp_path / "devices").mkdir()
     platform = patient_platform(tmp_path / "devices")
     device, plant = tmp_path / "devices" / "adapter", tmp_path / "devices" / "plant"
-    command = [sys.executable, "-m", "soro_core.hardware.emulation", str(platform)]
+    command = [sys.executable, "-m", "soro_core.emulation", str(platform)]
     command += ["--device-link", str(device), "--plant-link", str(plant)]
     child = processes.start("valves", command, tmp_path / "devices", priority=40)
     try:
-        wait_until(lambda: "ready:" in child.log.read_text(), 30, "ready")
+        wait_until(lambda: "ready:" in child.log.read_text(), "ready")
         yield platform, device, plant
     finally:
-        processes.stop(child, 5.0)
+        processes.stop(child, LIMIT_S)
 
 
 def real(valves, *changes):
@@ -37,7 +35,7 @@ def real(valves, *changes):
     return (f"platform={platform}", f"device={device}", "valves=real", "duration_s=1.5", *PATIENT, *changes)
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.real_time
 def test_real_valves_with_a_simulated_arm(domain, alone, tmp_path, valves):
     status, output, folder = run(tmp_path / "runs", *real(valves))
     assert status == 0, output
@@ -51,7 +49,7 @@ def test_real_valves_with_a_simulated_arm(domain, alone, tmp_path, valves):
     assert recording.true_tip.t[-1] == pytest.approx(recording.reading.t[-1], abs=0.1)
 
 
-@pytest.mark.timeout(120)
+@pytest.mark.real_time
 def test_a_real_arm_with_its_shadow(domain, alone, tmp_path, valves, figure):
     _, _, plant = valves
     # The real arm is a twin of its own that nobody else knows of, stiffer than the model.
@@ -62,7 +60,7 @@ def test_a_real_arm_with_its_shadow(domain, alone, tmp_path, valves, figure):
         status, output, folder = run(tmp_path / "runs", *real(valves, "arm=real"))
     finally:
         arm.process.send_signal(signal.SIGINT)
-        arm.process.wait(20)
+        arm.process.wait(LIMIT_S)
     assert status == 0, output
     assert "shadow: measured" in output
     assert "tip, measured to shadow, RMS / max" in output
@@ -78,20 +76,3 @@ def test_a_real_arm_with_its_shadow(domain, alone, tmp_path, valves, figure):
     told = np.interp(shadow.t, recording.shadow.t, recording.shadow.value[:, 0])
     moving = shadow.t > 0.5
     assert np.abs(told - far)[moving].mean() < 1e-3
-
-
-def test_without_a_pose_of_the_real_arm_nothing_begins(tmp_path, monkeypatch):
-    monkeypatch.setattr(compose, "POSE_LIMIT_S", 0.0)
-    started = compose.Run(load_scene("track_circle", {"valves": "real", "arm": "real"}), tmp_path, print)
-
-    class Silent(Supervisor):
-        def __init__(self):
-            self.status = {}
-
-        def spin(self, seconds):
-            """Nothing comes."""
-
-    with pytest.raises(SoroError, match="no pose of the arm on sensors/pose0 within"):
-        started._hear_arm(Silent(), lambda: False)
-    started.end()
-    assert started.outcome() == "ended before control began"

@@ -23,7 +23,7 @@ def test_a_note_is_of_one_device_until_it_is_cleared():
     assert note.cause() is None
 
 
-def test_a_note_that_says_nothing_is_one(folder):
+def test_an_empty_note_counts(folder):
     note = LatchFile("can0")
     note.write("vent requested")
     (file,) = folder.iterdir()

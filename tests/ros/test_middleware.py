@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from statistics import median
 
 import pytest
 
@@ -25,8 +26,10 @@ publisher = node.create_publisher(String, "words", 10)
 while not publisher.get_subscription_count():
     time.sleep(0.02)
 for _ in range(6):
+    begun = time.monotonic()
     publisher.publish(String(data="word"))
-    print(publisher.wait_for_all_acked(Duration(seconds=1.0)), flush=True)
+    assert publisher.wait_for_all_acked(Duration(seconds=60.0))
+    print(time.monotonic() - begun, flush=True)
 """
 
 
@@ -40,7 +43,7 @@ def reader(domain):
 
 def test_a_reader_acknowledges_at_once_and_not_after_three_seconds(reader):
     """By the period that Fast DDS has by default, each would take up to 3 s."""
-    writer = subprocess.run(
-        [sys.executable, "-c", _NODE + _WRITER], capture_output=True, text=True, timeout=60
-    )
-    assert writer.stdout.split() == ["True"] * 6, writer.stderr
+    writer = subprocess.run([sys.executable, "-c", _NODE + _WRITER], capture_output=True, text=True)
+    took_s = [float(line) for line in writer.stdout.split()]
+    assert len(took_s) == 6, writer.stderr
+    assert median(took_s) < 1.0  # a machine that stands still once holds up one of them

@@ -15,6 +15,7 @@ from soro_core.identification import curvature_errors, fit_frame, read_forced
 from soro_ros import messages
 from soro_ros.interfaces import definition
 from soro_ros.supervisor import Supervisor
+from tests.patience import LIMIT_S
 from tests.ros.running import end
 
 STATE, TRUTH = "/replay/chambers/state", "/replay/truth/state"
@@ -40,7 +41,6 @@ def node(name: str, *parameters: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.timeout(240)
 def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures(
     domain, data, tmp_path, figure
 ):
@@ -72,7 +72,7 @@ def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures
                 120,
             )
             bridged = int(supervisor.values("twin")["bridged_ticks"])
-        output = player.communicate(timeout=30)
+        output = player.communicate(timeout=LIMIT_S)
         assert player.returncode == 0, output
     finally:
         results = [end(process) for process in (recorder, twin)]

@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from matplotlib.figure import Figure
 
+from soro_core.config import find_config, read_yaml
 from soro_core.scene import load_scene
-from soro_ros import recording, report
+from soro_ros import picture, recording, report
 from soro_ros.recording import EMPTY, Recording, Series
 
 
@@ -43,7 +46,7 @@ def test_legends_of_the_picture_lie_over_no_data(monkeypatch, tmp_path, ends_s):
     monkeypatch.setattr(report, "read", lambda bag, name: recorded(t, tip, tip))
     pages = []
     monkeypatch.setattr("matplotlib.pyplot.close", pages.append)
-    report.draw("", load_scene("track_circle"), tmp_path / "run.png")
+    picture.draw("", load_scene("track_circle"), tmp_path / "run.png")
     legends = [axis.get_legend() for axis in pages[0].axes]
     assert len(legends) == 6
     for axis, legend in zip(pages[0].axes, legends, strict=True):
@@ -54,6 +57,28 @@ def test_legends_of_the_picture_lie_over_no_data(monkeypatch, tmp_path, ends_s):
         assert inside.x0 <= legend.get_window_extent().x0 < legend.get_window_extent().x1 <= inside.x1
     names = [text.get_text() for text in legends[0].get_texts()]
     assert ("true tip, last 5 s" in names) == (ends_s == 20.0)
+
+
+@pytest.mark.parametrize(
+    ("highest_pa", "changes"),
+    [
+        (90e3, {}),
+        (60e3, {"limits.maximum_pa": 60e3}),
+        (40e3, {"controller.pressures.maximum_pa": 40e3}),
+        (50e3, {"platform": "narrow"}),
+    ],
+)
+def test_a_bound_is_the_one_that_the_controller_keeps(monkeypatch, tmp_path, highest_pa, changes):
+    narrow = {**read_yaml(find_config("emulated_canopen", "platforms")), "range": {"maximum_pa": 50e3}}
+    (tmp_path / "narrow.yaml").write_text(yaml.safe_dump(narrow))
+    if "platform" in changes:
+        changes = {"platform": str(tmp_path / "narrow.yaml")}
+    t = np.arange(0.0, 20.0, 0.005)
+    tip = Series(t, np.zeros((t.size, 3)))
+    command = Series(t, np.full((t.size, 3), [highest_pa, 0.5 * highest_pa, 0.0]))
+    bag = Recording(tip, tip, tip, command, command, EMPTY, {}, ())
+    monkeypatch.setattr(report, "read", lambda bag_folder, name: bag)
+    assert report.summarise("", load_scene("track_circle", changes)).saturated_part == pytest.approx(2 / 3)
 
 
 FIRST, LAST = "tip error RMS, 3 to 8 s", "tip error RMS, last 5 s"
@@ -96,18 +121,16 @@ def test_faults_of_another_arm_are_not_this_one_s():
         DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message="vented: stuck")
         for name in ("/other/regulator", "/regulator", "/arm/regulator")
     ]
-    diagnostics, faults = {}, []
-    recording._take_diagnostics(DiagnosticArray(status=status), "/arm/", diagnostics, faults)
-    assert faults == ["regulator: vented: stuck"]
-    assert list(diagnostics) == ["regulator"]
+    found = recording.statuses(DiagnosticArray(status=status), "/arm/")
+    assert list(found) == [("regulator", {}, "regulator: vented: stuck")]
 
 
-def test_without_adaptation_nothing_is_said_of_it(monkeypatch):
+def test_without_adaptation_the_report_leaves_it_out(monkeypatch):
     found = rows(monkeypatch, 20.0, controller__adapt=False)
     assert found[FIRST] == "2.00 mm"
 
 
-def test_what_the_scene_injected_is_told_apart_from_what_tripped(monkeypatch):
+def test_injected_faults_and_trips_are_separate_rows(monkeypatch):
     leak = {"fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0}
     injected = [{"at": 5.0, **leak}, {"at": 6.5, "fault": "drop"}]
     found = rows(monkeypatch, 20.0, platform="emulated_canopen", faults=injected)
@@ -125,9 +148,23 @@ def test_what_was_not_measured_is_a_dash(monkeypatch):
     assert rows(monkeypatch, 20.0, known)["loop lateness p50 / p99"] == "0.10 / 0.50 ms"
 
 
-def test_of_a_real_arm_the_measured_tip_is_told_and_its_distance_from_the_shadow(monkeypatch):
+def test_of_a_real_arm_the_report_has_the_measured_tip_and_its_distance_from_the_shadow(monkeypatch):
     found = rows(monkeypatch, 20.0, valves="real", arm="real", controller__adapt=False)
     assert found[LAST] == "1.00 mm"
     assert found["tip, measured to shadow, RMS / max"] == "3.00 / 3.00 mm"
     assert found["bending, measured less shadow, mean / RMS"] == "-0.57 / 0.57 deg"
     assert not any("shadow" in name for name in rows(monkeypatch, 20.0))
+
+
+def test_the_legend_of_the_estimates_gives_units():
+    t = np.linspace(0.0, 1.0, 5)
+    values = np.stack([0.02 * t, 0.5 + t], axis=1)
+    drawn = replace(
+        recorded(t, EMPTY, EMPTY), estimates=Series(t, values, ("tip_mass", "link0/bend_x/damping"))
+    )
+    axis = Figure().subplots()
+    picture.draw_estimates(axis, drawn)
+    assert axis.get_legend_handles_labels()[1] == [
+        "tip_mass / 0.02 kg (largest), end 0.02 kg",
+        "link0/bend_x/damping / 0.5 (start), end 1.5",
+    ]

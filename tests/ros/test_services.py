@@ -2,23 +2,25 @@
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
 import textwrap
-import time
+from pathlib import Path
 
 import pytest
 import typer
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from soro_core.errors import ConfigError, HardwareError, SoroError
+from soro_core.errors import HardwareError, SoroError
 from soro_ros import qos, services
 from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
-from soro_ros.diagnostics import Diagnostics
+from soro_ros.diagnostics import ERROR, Diagnostics
 from soro_ros.supervisor import Supervisor
+from tests.refused import refused, refused_keys
 from tests.ros.running import SORO, end, wait_until
 from tests.ros.test_fault_injection import Served
 
@@ -38,7 +40,7 @@ NODES = textwrap.dedent(
 
     NAMES = ("link0/chamber0",)
     middleware.init()
-    executor, ended = EventsExecutor(), []
+    executor, ended, gone = EventsExecutor(), [], []
 
     def holder(namespace):
         node = Node("regulator", namespace=namespace)
@@ -48,16 +50,25 @@ NODES = textwrap.dedent(
         diagnostics = Diagnostics(node)
 
         def cycle():
+            limiter.slew(time.monotonic_ns())
             limiter.judge(np.zeros(1), True, time.monotonic_ns())
-            if limiter.cause and namespace == "passing":  # as in a run, which ends with its arm
-                ended.append(node)
-            elif limiter.cause:
+            if limiter.cause:
                 diagnostics.update(ERROR, f"vented: {limiter.cause}")
             else:
                 diagnostics.update(OK, "active")
 
+        vented = []
+
+        def report():
+            if node in gone:  # this was due as it ended
+                return
+            diagnostics.publish()
+            vented.extend([True] if limiter.cause else [])
+            if namespace == "passing" and len(vented) == 2:  # as in a run, which ends with its arm
+                ended.append(node)
+
         node.create_timer(0.02, cycle)
-        node.create_timer(0.3, diagnostics.publish)
+        node.create_timer(0.3, report)
         executor.add_node(node)
 
     def controller(namespace):
@@ -90,6 +101,7 @@ NODES = textwrap.dedent(
         executor.spin_once(timeout_sec=1.0)
         while ended:
             node = ended.pop()
+            gone.append(node)
             executor.remove_node(node)
             node.destroy_node()
     """
@@ -97,7 +109,7 @@ NODES = textwrap.dedent(
 
 
 class Nodes:
-    """The nodes in a process of their own, and a visitor who knows them: to be found takes time."""
+    """The nodes in a process of their own, and a caller that has discovered them, which takes time."""
 
     def __init__(self, folder, holders) -> None:
         self.socket = folder / "faults"
@@ -119,13 +131,12 @@ def nodes(request, domain, tmp_path, monkeypatch):
     holders = getattr(request, "param", ("left", "right"))
     nodes = Nodes(tmp_path, holders)
     try:
-        with commands._visiting() as visitor:
-            monkeypatch.setattr(commands, "_visiting", lambda: contextlib.nullcontext(visitor))
+        with commands.service_caller() as caller:
+            monkeypatch.setattr(commands, "service_caller", lambda: contextlib.nullcontext(caller))
             # As long as it takes here, and then as long as it takes at once.
-            wait_until(
-                lambda: visitor.spin(0.1) or len(visitor.offering("vent")) > len(holders), 20, "discovery"
-            )
+            wait_until(lambda: caller.spin(0.1) or len(caller.offering("vent")) > len(holders), "discovery")
             monkeypatch.setattr(services, "FIND_S", 0.2)
+            nodes.caller = caller
             yield nodes
     finally:
         nodes.close()
@@ -136,8 +147,7 @@ def test_vent_reset_and_enable_say_what_they_do(nodes, capfd):
         command(*arguments)
         return capfd.readouterr().out.splitlines()
 
-    both = r"NODE: got ''; allowed: one of /left/regulator \(active\), /right/regulator \(active\)"
-    with pytest.raises(ConfigError, match=both):
+    with refused("NODE", "", ("/left/regulator (active)", "/right/regulator (active)")):
         reset("")  # the controller, which has no latch, is not one of them
     assert sorted(said(vent, "")) == [
         "/left/controller: commanding zero",
@@ -145,35 +155,68 @@ def test_vent_reset_and_enable_say_what_they_do(nodes, capfd):
         "/right/regulator: vented until ~/reset",
     ]
     assert said(enable, "") == ["/left/controller: enabled"]
-    with pytest.raises(SoroError, match=r"/left/regulator refuses: .* the command must be zero: `soro vent`"):
+    with pytest.raises(SoroError, match=r"/left/regulator .*`soro vent`"):
         reset("/left/regulator")
     assert capfd.readouterr().out == "/left/regulator: vented: vent requested\n"
     assert said(vent, "controller") == ["/left/controller: commanding zero"]
     assert said(reset, "left/regulator")[1:] == ["/left/regulator: reset"]
     assert said(reset, "left/regulator")[1:] == ["/left/regulator: not latched, nothing to reset"]
-    with pytest.raises(
-        SoroError, match=r"no node middle in ROS domain .*there is /left/controller, /left/reg"
-    ):
+    with pytest.raises(SoroError, match=r"middle .*/left/controller, /left/regulator"):
         reset("middle")
+
+
+def test_enable_names_the_arm_that_is_still_vented(nodes, capfd):
+    """The one of the controller, not another one."""
+    enable("")
+    assert capfd.readouterr().err == ""
+    vent("")
+    said = nodes.caller.status
+    wait_until(lambda: nodes.caller.spin(0.05) or said["/left/regulator"].level == ERROR, "diagnostics")
+    enable("")
+    said = "/left/regulator: still vented: `soro vent`, `soro reset`, `soro enable`"
+    assert capfd.readouterr().err.splitlines() == [said]
 
 
 @pytest.mark.parametrize("nodes", [()], indirect=True)
 def test_a_vent_that_reaches_no_valve_is_no_success(nodes, capfd):
     """As after the driver was killed: the controller still answers."""
-    with pytest.raises(SoroError, match=r"nobody in ROS domain .* holds the air: no valve was told"):
+    with pytest.raises(SoroError, match="ROS domain"):
         vent("")
     assert capfd.readouterr().out == "/left/controller: commanding zero\n"
-    with pytest.raises(SoroError, match="no node with a service ~/reset that publishes chambers/state"):
+    with pytest.raises(SoroError, match=r"~/reset .*chambers/state"):
         reset("")
 
 
 @pytest.mark.parametrize("nodes", [("passing",)], indirect=True)
-def test_a_run_that_ends_because_of_the_vent_did_hold_the_air(nodes, capfd, monkeypatch):
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_run_that_ends_because_of_the_vent_did_hold_the_air(nodes, capfd, monkeypatch, busy):
+    """Also where the command gets no time between its request and the end of the run."""
+    name, begin = "/passing/regulator", nodes.caller.begin
+
+    def ended():
+        nodes.caller.spin(0.02)
+        return name not in nodes.caller.offering("vent")
+
+    def begin_late(node, *of_what):
+        call = begin(node, *of_what)
+        done = call.done
+
+        def late():
+            answered = done()  # sends the request
+            wait_until(ended, "the end")
+            return answered
+
+        if node == name:
+            call.done = late
+        return call
+
+    if busy:
+        monkeypatch.setattr(nodes.caller, "begin", begin_late)
     monkeypatch.setattr(services, "FIND_S", 2.0)  # the search goes on after its nodes are gone
     vent("")
-    assert "/passing/regulator: vented until ~/reset" in capfd.readouterr().out
-    with commands._visiting() as visitor:
-        assert visitor.offering("vent") == ["/left/controller"]
+    assert f"{name}: vented until ~/reset" in capfd.readouterr().out
+    with commands.service_caller() as caller:
+        assert caller.offering("vent") == ["/left/controller"]
 
 
 def test_a_node_that_hangs_keeps_no_command_waiting(nodes, capfd):
@@ -189,9 +232,9 @@ def test_a_node_that_hangs_keeps_no_command_waiting(nodes, capfd):
 def test_a_fault_is_injected_or_refused_with_its_reason(nodes, capfd):
     fault("/left/twin", "fault: leak, chamber: link0/chamber0, rate_1_s: 3")
     assert [str(one) for one in nodes.served.faults.active] == ["leak of link0/chamber0 (rate_1_s 3)"]
-    refused = r"/left/twin refuses: .*chamber: got 'link0/chamber7'; allowed: one of link0/chamber0"
-    with pytest.raises(SoroError, match=refused):
+    with pytest.raises(SoroError, match=r"^/left/twin ") as told:
         fault("/left/twin", "fault: leak, chamber: link0/chamber7")
+    assert refused_keys(str(told.value)) == ["chamber"]
     fault("twin", clear=True)
     assert nodes.served.faults.active == ()
     fault(str(nodes.socket), "fault: drop, duration_s: 5")  # of an emulator that no twin knows
@@ -202,22 +245,22 @@ def test_a_fault_is_injected_or_refused_with_its_reason(nodes, capfd):
 def test_a_path_without_an_emulator_is_no_name_of_a_node(tmp_path):
     (tmp_path / "file").touch()
     for path in (tmp_path / "gone", tmp_path / "file", "faults.sock"):
-        with pytest.raises(HardwareError, match="no emulator listens for faults") as told:
+        with pytest.raises(HardwareError, match=re.escape(str(path))) as told:
             fault(str(path), clear=True)
         assert str(told.value).startswith(f"{path}: ")
 
 
 @pytest.mark.parametrize("arguments", [(None, False), ("fault: drop", True)])
 def test_a_fault_or_clear_and_not_both(arguments):
-    with pytest.raises(ConfigError, match="a fault, or --clear"):
+    with refused("FAULT", names=("--clear",)):
         fault("twin", *arguments)
 
 
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (reset, "no node with a service ~/reset .* in ROS domain {} .*: start soro_regulator"),
-        (vent, "no node with a service ~/vent in ROS domain {} "),
+        (reset, "~/reset .*{} .*soro_regulator"),
+        (vent, "~/vent .*{} "),
     ],
 )
 def test_nobody_is_an_error_that_names_the_domain(domain, command, says):
@@ -227,13 +270,14 @@ def test_nobody_is_an_error_that_names_the_domain(domain, command, says):
 
 def test_a_domain_that_is_none_is_one_line(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "mine")
-    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID is not an integral number"):
+    with refused("", names=("ROS_DOMAIN_ID",)):
         reset("", 0.2)
 
 
 def test_ctrl_c_ends_the_search(domain):
     process = subprocess.Popen([*SORO, "reset"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    time.sleep(1.5)  # amid the search of 4 s, or on a slow machine before it, which ends the same way
+    # Once it joins ROS, amid the search of 4 s.
+    wait_until(lambda: "rmw_fastrtps" in Path(f"/proc/{process.pid}/maps").read_text(), "ROS", every_s=0.001)
     status, out, err = end(process, signal.SIGINT)
     assert (status, out) == (130, "")
     assert "interrupted" in err
@@ -243,11 +287,9 @@ def test_a_run_hears_of_another_of_its_name(domain):
     with Supervisor("arm") as supervisor:
         node = Node("regulator", namespace="arm")
         diagnostics = Diagnostics(node)
-        wait_until(lambda: diagnostics.publish() or supervisor.spin(0.05) or supervisor.status, 20, "status")
+        wait_until(lambda: diagnostics.publish() or supervisor.spin(0.05) or supervisor.status, "status")
         supervisor.check_alone({"regulator": os.getpid(), "recorder": 1})
-        with pytest.raises(
-            SoroError, match=rf"another /arm/regulator \(process {os.getpid()}\) is in ROS dom"
-        ):
+        with pytest.raises(SoroError, match=f"/arm/regulator .*{os.getpid()}"):
             supervisor.check_alone({"regulator": 1})
         node.destroy_node()
 
@@ -256,13 +298,11 @@ def test_a_run_in_lockstep_hears_of_another_clock(domain):
     with Supervisor("arm") as supervisor:
         own, other = Node("twin", namespace="arm"), Node("gazebo")
         own.create_publisher(Clock, "/clock", qos.LOCKSTEP)
-        wait_until(lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 1, 20, "the own clock")
+        wait_until(lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 1, "the own clock")
         supervisor.check_clock()
         other.create_publisher(Clock, "/clock", 10)
-        wait_until(
-            lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 2, 20, "the other clock"
-        )
-        with pytest.raises(SoroError, match=r"^/gazebo sets /clock too in ROS domain"):
+        wait_until(lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 2, "the other clock")
+        with pytest.raises(SoroError, match=r"^/gazebo .*/clock"):
             supervisor.check_clock()
         own.destroy_node()
         other.destroy_node()

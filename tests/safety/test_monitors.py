@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from soro_core.config import parse
-from soro_core.errors import ConfigError
 from soro_core.pneumatics import regulator
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.safety import Limits, Monitors, Rating, check_rating, cycle, initial_state, offer, reset
+from soro_core.safety import Limits, Monitors, Rating, check_rating, initial_state, judge, offer, reset, slew
+from tests.refused import refused, tripped
 
 MS = 1_000_000
 NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -32,12 +32,13 @@ class Arm:
     def tick(
         self, command_pa, sensor=lambda p: p, valve=lambda before, after: after, fresh=True, supply=None
     ):
-        """One cycle: exchange, judge, command; `valve` and `sensor` change what they do."""
+        """One cycle: command, exchange, judge; `valve` and `sensor` change what they do."""
         now = self.now_ms * MS
-        reading = sensor(regulator.reading(self.model, self.valves, self.rng))
-        self.safety = cycle(self.limits, self.safety, reading, fresh, now, None, supply, self.model)
         n = len(self.safety.setpoint_pa)
         self.safety, _ = offer(self.limits, self.safety, np.broadcast_to(command_pa, n), now, now)
+        self.safety = slew(self.limits, self.safety, now)
+        reading = sensor(regulator.reading(self.model, self.valves, self.rng))
+        self.safety = judge(self.limits, self.safety, reading, fresh, now, None, supply, self.model)
         before = self.valves
         after = regulator.step(self.model, before, self.safety.setpoint_pa, self.dt_ms * 1e-3)
         self.valves = replace(after, pressure_pa=valve(before.pressure_pa, after.pressure_pa))
@@ -80,8 +81,7 @@ def only(n, change):
 def test_a_reading_that_leaves_the_model_trips_after_its_time(arm):
     took = arm.run(2000, 40e3, sensor=only(1, lambda p: p + 9e3))
     assert 300 <= took <= 305
-    assert arm.cause.startswith("implausible: link0/chamber1 reads 4")
-    assert "expected 39." in arm.cause or "expected 40." in arm.cause
+    assert tripped(arm.cause) == ("implausible", "link0/chamber1")
 
 
 def test_a_small_offset_is_tolerated(arm):
@@ -93,13 +93,13 @@ def test_stuck_valve(arm):
     arm.limits = Limits(monitors=Monitors(model_pa=30e3))
     took = arm.run(2000, 52e3, valve=only(2, lambda before, after: before))
     assert 500 <= took <= 600, "500 ms, and the time of the ramp to 10 kPa"
-    assert arm.cause == "stuck valve: link0/chamber2 stays at 39.8 kPa, set point 40.0 to 52.0 kPa"
+    assert tripped(arm.cause) == ("stuck valve", "link0/chamber2")
 
 
 def test_stuck_valve_is_found_by_the_model_first(arm):
     took = arm.run(2000, 52e3, valve=only(2, lambda before, after: before))
     assert 300 <= took <= 450
-    assert arm.cause.startswith("implausible: link0/chamber2")
+    assert tripped(arm.cause) == ("implausible", "link0/chamber2")
 
 
 def circle(at_ms, size=5e3):
@@ -113,33 +113,33 @@ def test_frozen_sensor_on_a_small_circle(arm):
     frozen = float(arm.safety.monitors.reading_pa[0])
     took = arm.run(4000, circle, sensor=only(0, lambda p: frozen))
     assert 500 <= took <= 2000
-    assert arm.cause.startswith(f"frozen sensor: link0/chamber0 reads exactly {frozen / 1e3:.2f} kPa for ")
+    assert tripped(arm.cause) == ("frozen sensor", "link0/chamber0")
 
 
 def test_frozen_sensor_on_a_large_one_is_named_as_such(arm):
     frozen = float(arm.safety.monitors.reading_pa[0])
     took = arm.run(4000, lambda at: circle(at, 30e3), sensor=only(0, lambda p: frozen))
     assert took is not None
-    assert arm.cause.startswith("frozen sensor: link0/chamber0")
+    assert tripped(arm.cause) == ("frozen sensor", "link0/chamber0")
 
 
 @pytest.mark.parametrize("jump_pa", [51e3, -60e3])
 def test_spike_in_one_sample(arm, jump_pa):
     assert arm.run(100, 40e3, sensor=only(1, lambda p: p + jump_pa)) == 0
-    assert arm.cause.startswith("spike: link0/chamber1 from ")
+    assert tripped(arm.cause) == ("spike", "link0/chamber1")
 
 
 @pytest.mark.parametrize(("reading", "which"), [(-106e3, "open"), (151e3, "short"), (1e300, "short")])
 def test_broken_wire(arm, reading, which):
     assert arm.run(100, 40e3, sensor=only(1, lambda p: reading)) == 0
-    assert arm.cause.startswith(f"{which} circuit: link0/chamber1 reads ")
+    assert tripped(arm.cause) == (f"{which} circuit", "link0/chamber1")
 
 
 def test_leak_at_a_constant_set_point(arm):
     """A valve that holds closed while the chamber loses 3 kPa/s; the model would see it after 2.7 s."""
     took = arm.run(5000, 40e3, valve=only(1, lambda before, after: before - 3e3 * DT_MS * 1e-3))
     assert 1000 <= took <= 2200
-    assert arm.cause.startswith("leak: link0/chamber1 falls by 3.")
+    assert tripped(arm.cause) == ("leak", "link0/chamber1")
     slow = Arm()
     slow.run(3000, 40e3)
     assert slow.run(3500, 40e3, valve=only(1, lambda before, after: before - 1.5e3 * DT_MS * 1e-3)) is None
@@ -149,13 +149,13 @@ def test_supply_low_where_it_is_reported(arm):
     assert arm.run(2000, 40e3, supply=np.array([math.nan, 95e3, math.nan])) is None
     took = arm.run(2000, 40e3, supply=np.array([math.nan, 85e3, math.nan]))
     assert took == 100
-    assert arm.cause == "supply low: link0/chamber1 has 85.0 kPa, needs 90.0 kPa"
+    assert tripped(arm.cause) == ("supply low", "link0/chamber1")
 
 
 def test_one_chamber_that_never_answers_is_named(arm):
     took = arm.run(500, 40e3, fresh=np.array([True, True, False]))
     assert 50 <= took <= 55
-    assert arm.cause == "readings lost: link0/chamber2 not fresh for 55 ms"
+    assert tripped(arm.cause) == ("readings lost", "link0/chamber2")
 
 
 def test_chambers_that_miss_in_turns_are_tolerated(arm):
@@ -206,6 +206,17 @@ def test_no_healthy_hour_trips():
     assert arm.valves.pressure_pa.max() > 85e3
 
 
+def test_the_prediction_of_a_valve_is_that_of_the_time_of_its_reading():
+    """Cycle by cycle, whatever is asked: the set points of an exchange act after its reading."""
+    exact = RegulatorModel(reading_noise_pa=0.0, reading_resolution_pa=0.0)
+    arm = Arm(model=exact)
+    for number in range(400):
+        pressure = arm.valves.pressure_pa
+        arm.tick(60e3 if number % 120 < 60 else 10e3)
+        np.testing.assert_allclose(arm.safety.monitors.expected.pressure_pa, pressure, atol=1e-6)
+    assert arm.valves.pressure_pa.max() > 30e3
+
+
 def test_other_kinds_of_valves_have_their_own_model():
     """A slow one trips nothing when the platform says that it is slow, and does when not."""
     slow = RegulatorModel(tau_s=0.4, delay_s=0.1)
@@ -215,10 +226,10 @@ def test_other_kinds_of_valves_have_their_own_model():
     state = initial_state(3, NAMES)
     for number in range(400):
         now = number * DT_MS * MS
-        state = cycle(LIMITS, state, valves.pressure_pa, True, now)
         state, _ = offer(LIMITS, state, np.full(3, 80e3), now, now)
+        state = judge(LIMITS, slew(LIMITS, state, now), valves.pressure_pa, True, now)
         valves = regulator.step(slow, valves, state.setpoint_pa, DT_MS * 1e-3)
-    assert state.cause.startswith("implausible: link0/chamber0")
+    assert tripped(state.cause) == ("implausible", "link0/chamber0")
 
 
 @pytest.mark.parametrize(
@@ -241,12 +252,12 @@ def test_other_kinds_of_valves_have_their_own_model():
     ],
 )
 def test_no_configuration_crosses_the_hard_bounds(monitors):
-    with pytest.raises(ConfigError, match=r"monitors\."):
+    with refused(f"monitors.{next(iter(monitors))}"):
         parse({"monitors": monitors}, Limits, "f.yaml")
 
 
 def test_wires_are_judged_beyond_the_burst_pressure():
-    with pytest.raises(ConfigError, match="short_circuit_pa must be above burst_pressure_pa"):
+    with refused("", names=("monitors.short_circuit_pa", "burst_pressure_pa")):
         parse({"monitors": {"short_circuit_pa": 105e3}}, Limits, "f.yaml")
 
 
@@ -256,11 +267,9 @@ HIGH = {"maximum_pa": 103e3, "over_pressure_pa": 120e3, "burst_pressure_pa": 140
 
 def test_a_platform_has_its_own_rating():
     check_rating(Limits(**HIGH), STRONG, "f.yaml")
-    with pytest.raises(
-        ConfigError, match=r"limits\.maximum_pa: got 103000\.0; allowed: input should be less than 1"
-    ):
+    with refused("limits.maximum_pa", 103e3, ("100000",)):
         check_rating(Limits(**HIGH), Rating(), "f.yaml")
-    with pytest.raises(ConfigError, match=r"over_pressure_pa: got 158000\.0; allowed: at most 157500"):
+    with refused("limits.over_pressure_pa", 158e3, ("157500",)):
         check_rating(
             Limits(
                 **{
@@ -273,7 +282,7 @@ def test_a_platform_has_its_own_rating():
             STRONG,
             "f.yaml",
         )
-    with pytest.raises(ConfigError, match=r"burst_pressure_pa"):
+    with refused("limits.burst_pressure_pa"):
         check_rating(Limits(burst_pressure_pa=121e3), Rating(), "f.yaml")
-    with pytest.raises(ConfigError, match=r"minimum_pa: got -20000\.0; allowed: at least -10000"):
+    with refused("limits.minimum_pa", -20e3, ("-10000",)):
         check_rating(Limits(minimum_pa=-20e3), Rating(minimum_pa=-10e3), "f.yaml")

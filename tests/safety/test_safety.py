@@ -1,6 +1,7 @@
 """What reaches the wire is finite, in range, fresh and slew-limited, whatever is asked for."""
 
 import math
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -8,24 +9,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core.config import parse
-from soro_core.errors import ConfigError
 from soro_core.safety import (
     Limits,
     Rating,
     SafetyState,
     check_rating,
-    cycle,
     for_regulators,
     initial_state,
     interpolated,
+    judge,
     offer,
     request_vent,
     reset,
+    slew,
 )
+from tests.refused import refused
 
 MS = 1_000_000
 LIMITS = Limits()
 COLD = np.zeros(3)
+
+
+def cycle(limits, state, reading, fresh, now_ns, **found):
+    return judge(limits, slew(limits, state, now_ns), reading, fresh, now_ns, **found)
 
 
 def commanded(command, at_ms=0, state=None, source="command"):
@@ -274,9 +280,9 @@ def test_a_stamp_ahead_of_time_does_not_lengthen_the_watchdog():
 
 
 def test_limits_that_contradict_each_other_are_refused():
-    with pytest.raises(ConfigError, match="over_pressure_pa must be above maximum_pa"):
+    with refused("", names=("over_pressure_pa", "maximum_pa")):
         parse({"maximum_pa": 95e3, "over_pressure_pa": 94e3}, Limits, "f.yaml")
-    with pytest.raises(ConfigError, match="burst_pressure_pa must not be below"):
+    with refused("", names=("burst_pressure_pa", "over_pressure_pa")):
         parse({"burst_pressure_pa": 50.0}, Limits, "f.yaml")
 
 
@@ -297,7 +303,7 @@ def test_a_stall_of_the_loop_is_no_licence_to_jump():
 @pytest.mark.parametrize("bad", [100e3, 120e3, math.nan, math.inf, -1.0])
 def test_no_configuration_raises_the_hard_limit(bad):
     high = {"over_pressure_pa": 125e3, "burst_pressure_pa": 130e3}
-    with pytest.raises(ConfigError, match=r"maximum_pa"):
+    with refused("maximum_pa" if not bad >= 0 or bad == math.inf else "limits.maximum_pa", ANY):
         check_rating(parse({"maximum_pa": bad, **high}, Limits, "f.yaml"), Rating(), "f.yaml")
 
 
@@ -392,7 +398,7 @@ def test_a_reading_that_no_pressure_explains_does_not_count_as_pressure_nor_as_e
     [("vent_limit_s", 11.0), ("vent_limit_s", math.inf), ("vented_pa", 21e3), ("vented_pa", 0.0)],
 )
 def test_no_configuration_switches_the_look_at_a_vent_off(key, bad):
-    with pytest.raises(ConfigError, match=key):
+    with refused(key, bad if math.isfinite(bad) else ANY):
         parse({key: bad}, Limits, "f.yaml")
 
 
@@ -403,10 +409,9 @@ def test_readings_may_be_as_old_as_the_bus_makes_them():
     assert for_regulators(LIMITS, 200.0, 0.02, "fast").reading_age_s == LIMITS.reading_age_s
     assert for_regulators(LIMITS, 36.0, 0.21, "slow").reading_age_s == 0.21
     assert for_regulators(LIMITS, 5.0, 2.0, "slower").reading_age_s == 0.5, "no bus is allowed more"
-    with pytest.raises(
-        ConfigError, match=r"slowest: readings of a chamber a second: got '3'; allowed: at least 4"
-    ):
+    with refused("readings of a chamber a second", "3", ("4",)) as caught:
         for_regulators(LIMITS, 3.0, 0.1, "slowest")
+    assert caught.value.where == "slowest"
 
 
 def test_a_reading_is_carried_on_by_what_the_set_points_change():

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from soro_core.scene import load_scene
 from soro_core.trade import cache, grid, late, reference, study, workers
 from soro_core.trade.closed_loop import drive
-from soro_ros.cli import _application, main
+from soro_ros.cli import application, main
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def soro(tmp_path, tmp_path_factory, monkeypatch):
     (tmp_path / "small.yaml").write_text(yaml.safe_dump(ROBOT))
 
     def call(*arguments):
-        return CliRunner().invoke(_application(), ["trade", *arguments])
+        return CliRunner().invoke(application(), ["trade", *arguments])
 
     return call
 
@@ -97,7 +97,7 @@ def test_ctrl_c_writes_what_is_done(soro, tmp_path, monkeypatch):
 
 
 def test_processes_find_the_same_errors(soro, tmp_path):
-    one = soro("small.yaml", *QUICK, "--error", "5%", "--out", "one")
+    one = soro("small.yaml", *QUICK, "--error", "5%", "--out", "one", "--fresh")
     two = soro("small.yaml", *QUICK, "--error", "5%", "--out", "two", "--fresh", "--jobs", "2")
     assert one.exit_code == two.exit_code == 0, two.output
 

@@ -6,6 +6,7 @@ import pytest
 from soro_core import SoftArm, load_robot, robot_from_dict
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, with_basis
+from tests.refused import fails, refused
 
 LINK = {
     "length": 0.1,
@@ -59,35 +60,35 @@ def test_losses_of_varying_strain_are_those_of_many_pieces():
 
 
 def test_pieces_and_polynomials_go_together():
-    both = Discretisation(basis="legendre", order=2, links=2).shape(robot())
+    both = Discretisation(basis="legendre", order=2, links=2).discretise(robot())
     assert len(both.links) == 4
     assert both.n_q == 4 * 9
     assert both.n_u == robot().n_u
-    assert Discretisation().shape(robot()) == robot()
-    constant = Discretisation(basis="constant").shape(load_robot("silicone_rod_planar"))
+    assert Discretisation().discretise(robot()) == robot()
+    constant = Discretisation(basis="constant").discretise(load_robot("silicone_rod_planar"))
     assert constant.n_q == len(constant.links[0].strains)
 
 
 def test_what_cannot_be_expanded_is_refused_by_key():
     hysteresis = [{"stiffness": [5.0, 1e-4, 1e-4], "range": [0.01, 1.0, 1.0]}]
-    with pytest.raises(ConfigError, match=r"links\[0\].hysteresis"):
+    with refused("links[0].hysteresis"):
         with_basis(robot(hysteresis=hysteresis), "legendre", 2)
-    with pytest.raises(ConfigError, match=r"links\[0\].damping: .*legendre"):
+    with refused("links[0].damping", names=("legendre",)):
         with_basis(robot(), "chebyshev", 2)
-    with pytest.raises(ConfigError, match=r"links\[0\].damping: .*constant strains"):
+    with refused("links[0].damping", names=("constant",)):
         with_basis(with_basis(robot(), "legendre", 2), "legendre", 1)
 
 
 @pytest.mark.parametrize(
-    ("keys", "message"),
+    ("keys", "found"),
     [
-        ({"nodes": 1}, "2 or more"),
-        ({"steps": 5}, "no steps with method exact"),
-        ({"method": "mde", "nodes": 3}, "no nodes with method mde"),
-        ({"basis": "legendre"}, "an order of 1 or more"),
-        ({"order": 2}, "only there"),
+        ({"nodes": 1}, ("", "nodes:", "2")),
+        ({"steps": 5}, ("", "no steps", "exact")),
+        ({"method": "mde", "nodes": 3}, ("", "no nodes", "mde")),
+        ({"basis": "legendre"}, ("", "order", "legendre")),
+        ({"order": 2}, ("", "order", "chebyshev")),
     ],
 )
-def test_what_does_not_go_together_is_refused(keys, message):
-    with pytest.raises(ConfigError, match=message):
+def test_what_does_not_go_together_is_refused(keys, found):
+    with fails(ConfigError, *found[1:], key=found[0]):
         Discretisation(**keys)

@@ -35,7 +35,7 @@ def reference(case):
 def test_the_reference_states_its_error(case, reference):
     """Polynomials of twice the degree at a quarter of the step differ by no more than it says."""
     assert reference.converged
-    arm = SoftArm(Discretisation(basis="legendre", order=4, links=2).shape(case.robot))
+    arm = SoftArm(Discretisation(basis="legendre", order=4, links=2).discretise(case.robot))
     finer = trace(case, arm, "trapezoidal", reference.candidate.dt_s / 4)
     found = errors(reference.trace, finer, case.robot.length)
     assert found.tip <= reference.own.tip
@@ -87,7 +87,7 @@ def test_the_first_frequency_is_that_of_a_beam():
     link = {**robot().links[0].model_dump(exclude_unset=True)}
     link["material"] = {**link["material"], "shear_correction": False}
     free = robot().replace(links=[link], gravity=[0.0, 0.0, 0.0])
-    arm = SoftArm(Discretisation(basis="legendre", order=4).shape(free))
+    arm = SoftArm(Discretisation(basis="legendre", order=4).discretise(free))
     slender = 3e5 * np.pi * 0.01**4 / 4, 1100.0 * np.pi * 0.01**2
     beam = 1.8751**2 * np.sqrt(slender[0] / slender[1]) / (2 * np.pi * 0.2**2)
     assert first_frequency_hz(arm, np.zeros(arm.n_q)) == pytest.approx(beam, rel=5e-3)
@@ -97,7 +97,7 @@ def test_the_first_frequency_is_that_of_a_beam():
 
 def test_mean_curvature_of_pieces_and_polynomials():
     for model in (Discretisation(links=3), Discretisation(basis="chebyshev", order=2)):
-        arm = SoftArm(model.shape(robot()))
+        arm = SoftArm(model.discretise(robot()))
         q = np.random.default_rng(2).normal(size=arm.n_q)
         pose = np.linalg.inv(arm.pose(q, 0.0)) @ arm.pose(q, arm.length)
         # In the plane the mean curvature is the angle of the tip over the length.

@@ -1,4 +1,4 @@
-"""The board without sockets: bytes of the host in, bytes for it out, ports driven at the times in between."""
+"""The board without sockets: processes bytes of the host, returns the answers, drives the ports."""
 
 from __future__ import annotations
 
@@ -6,29 +6,32 @@ from collections.abc import Callable, Sequence
 
 from soro_core.hardware.board import core, frames, messages
 from soro_core.hardware.board.config import BoardPlatform
-from soro_core.hardware.board.frames import Frame, Kind
-from soro_core.hardware.board.messages import Cause, Port, Refusal
+from soro_core.hardware.board.frames import BoardFrame, Kind
+from soro_core.hardware.board.messages import Cause, PortState, Refusal
 from soro_core.hardware.board.ports import PortReading, PortReport, Ports
 
 _ANSWERED = (Kind.SET, Kind.RESET)
-_IDLE_NS = 1_000_000_000  # a host that has been silent for so long gives way to a new one
+_IDLE_NS = 1_000_000_000  # a new host may replace a host without messages for this time [ns]
 
 
 class Board:
-    """Decisions, ports and frames of one board; `now_ns` is a monotonic time given from outside.
-
-    `set_points` counts the SETs that were right.
+    """Decisions, ports and frames of one board; `now_ns` is a monotonic time of the caller [ns].
 
     Parameters
     ----------
     platform : BoardPlatform
         Ports, range and times.
     ports : Ports
-        The chips.
+        Chips of the ports.
     boot : int
-        Number that differs each time the server starts.
+        Number that differs at each start of the server.
     on_report : callable
-        Takes the result of every self-test.
+        Called with the result of every self-test.
+
+    Attributes
+    ----------
+    set_points : int
+        Number of accepted SETs.
     """
 
     def __init__(
@@ -52,21 +55,21 @@ class Board:
         self._watchdog_ms = round(options.watchdog_s * 1e3)
         self._refresh_ns = round(1e9 / options.refresh_hz)
         self._heartbeat_ns = round(options.heartbeat_s * 1e9)
-        self._decoder = frames.Decoder(messages.lengths(len(ports)))
+        self._decoder = frames.BoardFrameDecoder(messages.lengths(len(ports)))
         self._readings: list[PortReading] = []
         self._read_ns: list[int | None] = [None] * len(ports)
         self._exchanged_ns = self._sent_ns = 0
         self._admits = options.admits
-        self._heard_ns: int | None = None  # when the host was last heard; None while there is none
+        self._received_ns: int | None = None  # when the host last sent a frame; None without a host
 
     @property
     def garbled(self) -> int:
-        """Runs of bytes that were no frame."""
+        """Number of byte runs that were no frame."""
         return self._decoder.garbled
 
     @property
     def next_event_ns(self) -> int:
-        """Time at which `poll` has something to do."""
+        """Time [ns] of the next event of `poll`."""
         due = self._exchanged_ns + self._refresh_ns
         if self.state.greeted:
             due = min(due, self._sent_ns + self._heartbeat_ns)
@@ -74,29 +77,29 @@ class Board:
 
     @property
     def watchdog_ns(self) -> int | None:
-        """Time at which a host that stays silent makes the ports vent; None while it is not armed."""
+        """Time [ns] at which the watchdog vents; None while it is not armed."""
         return None if self.state.fed_ns is None else self.state.fed_ns + self.rules.watchdog_ns
 
     def start(self, now_ns: int) -> list[PortReport]:
-        """Self-test; every port is at 0 Pa afterwards, whatever the board did before."""
+        """Make the self-test; afterwards every port is at 0 Pa."""
         reports = self._test()
         self._exchange(now_ns)
         return reports
 
-    def turn_away(self, address: str, now_ns: int) -> bytes | None:
-        """What to tell a host of this IP address before hanging up; None if it may connect."""
+    def refuse_host(self, address: str, now_ns: int) -> bytes | None:
+        """Return None to accept a host at an IP address, or the bytes sent to a refused one."""
         if not self._admits(address):
             return _refused(Refusal.STRANGER)
-        if self._heard_ns is not None and now_ns - self._heard_ns < _IDLE_NS:
+        if self._received_ns is not None and now_ns - self._received_ns < _IDLE_NS:
             return _refused(Refusal.BUSY)
         return None
 
     def host_came(self, now_ns: int) -> None:
-        """A host has connected."""
-        self._heard_ns = now_ns
+        """Process that a host has connected."""
+        self._received_ns = now_ns
 
     def feed(self, chunk: bytes, now_ns: int) -> bytes:
-        """Take bytes of the host; what to send to it."""
+        """Process bytes of the host; return the answer."""
         self.state = core.watch(self.rules, self.state, now_ns)
         output, answer = b"", False
         for frame in self._decoder.feed(chunk):
@@ -111,15 +114,15 @@ class Board:
             answer = answer or (why is None and frame.kind in _ANSWERED)
             if frame.kind is Kind.BYE:
                 self._exchange(now_ns)
-        if answer:  # of several SETs that came together only the newest is carried out
+        if answer:  # of several SETs in one chunk, only the newest is applied
             self._exchange(now_ns)
             output += self._report(now_ns)
         if output:
-            self._heard_ns = now_ns  # garbage is no sign of life
+            self._received_ns = now_ns  # invalid bytes do not count as a message
         return output
 
     def poll(self, now_ns: int) -> bytes:
-        """Do what is due: watchdog, refresh of the ports, heartbeat; what to send to the host."""
+        """Process the due events (watchdog, refresh of the ports, heartbeat); return bytes for the host."""
         before = self.state
         self.state = core.watch(self.rules, self.state, now_ns)
         tripped = self.state.cause is not before.cause
@@ -130,13 +133,13 @@ class Board:
         return b""
 
     def host_gone(self, now_ns: int) -> None:
-        """The connection has ended: vent now."""
-        self.state, self._heard_ns = core.host_gone(self.state), None
+        """Vent, because the connection has ended."""
+        self.state, self._received_ns = core.host_gone(self.state), None
         self._decoder.reset()
         self._exchange(now_ns)
 
     def stop(self, now_ns: int) -> bytes:
-        """Vent, for good; what to send to the host."""
+        """Vent at the end of the server; return bytes for the host."""
         self.state = core.latch(self.state, Cause.STOPPING)
         self.ports.vent()
         return self._report(now_ns) if self.state.greeted else b""
@@ -158,34 +161,34 @@ class Board:
         if self.state.cause is not before:
             self.ports.vent()
 
-    def _welcome(self, sequence: int) -> Frame:
+    def _welcome(self, sequence: int) -> BoardFrame:
         limits = ((self.rules.minimum_pa, self.rules.maximum_pa),) * self.rules.ports
         welcome = messages.Welcome(self._boot, self._watchdog_ms, limits)
-        return Frame(Kind.WELCOME, sequence, messages.pack_welcome(welcome))
+        return BoardFrame(Kind.WELCOME, sequence, messages.pack_welcome(welcome))
 
     def _report(self, now_ns: int) -> bytes:
         self._sent_ns = now_ns
-        state = messages.State(
+        state = messages.StateMessage(
             time_us=now_ns // 1000,
             armed=self.state.fed_ns is not None,
             cause=self.state.cause,
             garbled=self.garbled,
             ports=tuple(map(self._port, self._readings, self._read_ns, [now_ns] * self.rules.ports)),
         )
-        return frames.encode(Frame(Kind.STATE, self.state.sequence, messages.pack_state(state)))
+        return frames.encode(BoardFrame(Kind.STATE, self.state.sequence, messages.pack_state(state)))
 
-    def _port(self, reading: PortReading, read_ns: int | None, now_ns: int) -> Port:
+    def _port(self, reading: PortReading, read_ns: int | None, now_ns: int) -> PortState:
         age_ms = messages.NEVER_MS if read_ns is None else (now_ns - read_ns) // 1_000_000
         pressure = 0 if reading.pressure_pa is None else round(reading.pressure_pa)
-        return Port(round(reading.applied_pa), pressure, reading.flags, age_ms)
+        return PortState(round(reading.applied_pa), pressure, reading.flags, age_ms)
 
 
 def _refused(why: Refusal) -> bytes:
-    return frames.encode(Frame(Kind.REFUSED, 0, messages.pack_refused(why)))
+    return frames.encode(BoardFrame(Kind.REFUSED, 0, messages.pack_refused(why)))
 
 
 def describe(reports: Sequence[PortReport]) -> list[str]:
-    """Lines of a self-test for people."""
+    """Return the lines of a self-test report."""
     lines = []
     for report in reports:
         pressure = "" if report.pressure_pa is None else f"{report.pressure_pa / 1e3:.1f} kPa"

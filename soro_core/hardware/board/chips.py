@@ -12,7 +12,7 @@ CODES = 4096
 
 
 class I2cBus(Protocol):
-    """One I2C bus; a device that does not answer, or a bus that hangs, is an `OSError`."""
+    """One I2C bus; a device without an answer, or a blocked bus, is an `OSError`."""
 
     def write(self, address: int, data: bytes) -> None:
         """Write bytes to a device."""
@@ -21,7 +21,7 @@ class I2cBus(Protocol):
         """Read bytes from a device."""
 
     def close(self) -> None:
-        """Let the bus go."""
+        """Close the bus."""
 
 
 # -- MCP4725 -------------------------------------------------------------------------------------------------
@@ -32,7 +32,7 @@ _WRITE_STORED = 0x60  # command 011: DAC register and EEPROM
 
 @dataclass(frozen=True)
 class DacState:
-    """What a DAC says of itself: its code, the code that it starts with, and whether it is ready and on."""
+    """State of a DAC: its code, its code at power-on, and whether it is ready and on."""
 
     code: int
     stored_code: int
@@ -41,17 +41,37 @@ class DacState:
 
 
 def write_dac(bus: I2cBus, address: int, code: int) -> None:
-    """Set the output, 0 to 4095 of full scale, by the two bytes of a fast write."""
+    """Set the output of a DAC with a fast write of two bytes.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        Bus of the chip.
+    address : int
+        Address of the chip.
+    code : int
+        Output, 0 to 4095 of full scale.
+    """
     bus.write(address, bytes((code >> 8, code & 0xFF)))
 
 
 def store_dac(bus: I2cBus, address: int, code: int) -> None:
-    """Set the output and what it is after power-up; takes the chip up to 50 ms, and wears it (1e6 times)."""
+    """Set the output of a DAC, now and at power-on; it takes 50 ms and is possible 1e6 times.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        Bus of the chip.
+    address : int
+        Address of the chip.
+    code : int
+        Output, 0 to 4095 of full scale.
+    """
     bus.write(address, bytes((_WRITE_STORED, code >> 4, (code & 0xF) << 4)))
 
 
 def read_dac(bus: I2cBus, address: int) -> DacState:
-    """Read output and stored value back."""
+    """Read the state of a DAC."""
     status, high, low, stored_high, stored_low = bus.read(address, 5)
     return DacState(
         code=high << 4 | low >> 4,
@@ -71,18 +91,28 @@ FULL_SCALES_V = {6.144: 0, 4.096: 1, 2.048: 2, 1.024: 3, 0.512: 4, 0.256: 5}
 
 
 def adc_config(rate_sps: int, full_scale_v: float) -> int:
-    """Configuration word: input 0 against ground, conversions without end, comparator off."""
+    """Return a configuration word: input 0 against ground, continuous conversion, comparator off."""
     return _START | 0b100 << 12 | FULL_SCALES_V[full_scale_v] << 9 | RATES_SPS[rate_sps] << 5 | 0b00011
 
 
 def start_adc(bus: I2cBus, address: int, config: int) -> None:
-    """Configure, and point at the conversion register, so that each later reading is two bytes."""
+    """Configure an ADC and select its conversion register, so that each later reading is two bytes.
+
+    Parameters
+    ----------
+    bus : I2cBus
+        Bus of the chip.
+    address : int
+        Address of the chip.
+    config : int
+        Configuration word of `adc_config`.
+    """
     bus.write(address, bytes((_CONFIG, config >> 8, config & 0xFF)))
     bus.write(address, bytes((_CONVERSION,)))
 
 
 def read_adc_config(bus: I2cBus, address: int) -> int:
-    """Read the configuration back, without the bit that tells whether a conversion runs."""
+    """Read the configuration of an ADC, without the bit of a running conversion."""
     bus.write(address, bytes((_CONFIG,)))
     word = int.from_bytes(bus.read(address, 2), "big")
     bus.write(address, bytes((_CONVERSION,)))
@@ -90,10 +120,10 @@ def read_adc_config(bus: I2cBus, address: int) -> int:
 
 
 def read_adc(bus: I2cBus, address: int) -> int:
-    """Newest conversion in counts, -2048 to 2047."""
+    """Return the newest conversion of an ADC in counts, -2048 to 2047."""
     return int.from_bytes(bus.read(address, 2), "big", signed=True) >> 4
 
 
 def same_config(found: int, wanted: int) -> bool:
-    """Whether a configuration that was read back is the wanted one."""
+    """Return whether a configuration that was read is the wanted one."""
     return found == wanted & ~_START

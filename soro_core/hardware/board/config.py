@@ -1,6 +1,6 @@
 """Platform files of the family soro_board: analog regulators behind DACs and ADCs, served by `soro board`.
 
-The same file goes to the host and to the board: both must agree on ports, scales and range.
+Host and board use the same file, so that both agree on ports, scales and range.
 """
 
 from __future__ import annotations
@@ -14,21 +14,20 @@ from pydantic import Field, field_validator, model_validator
 from soro_core.config import Strict
 from soro_core.hardware.board.chips import CODES, FULL_SCALES_V, RATES_SPS
 from soro_core.hardware.board.scaling import Scale
-from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
-from soro_core.hardware.transport.tcp import TcpTransport
+from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, repeated
 
-# No configuration can make the board wait longer for its host, as for a command in `soro_core.safety`.
+# Upper bound of the board's watchdog for every configuration, as for commands in `soro_core.safety`.
 LONGEST_WATCHDOG_S = 0.5
 
 
 class BoardValve(ValveBase):
-    """One regulator: the chamber that it feeds and its port on the board."""
+    """One regulator with its chamber and its port on the board."""
 
     port: int = Field(ge=0, description="number in the list `ports`, from 0")
 
 
 class BoardPort(Strict):
-    """Where one DAC and its ADC are, and what their volts mean."""
+    """Addresses of one DAC and its ADC, and the scale of their voltages."""
 
     bus: int = Field(ge=0, le=99, description="number of the I2C bus, as in /dev/i2c-1")
     dac: int = Field(ge=0x60, le=0x67, description="address of the MCP4725")
@@ -43,25 +42,30 @@ class BoardOptions(Strict):
         0.1, ge=0.01, le=LONGEST_WATCHDOG_S, description="silence of the host after which the board vents"
     )
     hang_s: float = Field(
-        0.2, ge=0.05, le=1, description="silence of the server's own loop after which its guard process vents"
+        0.2,
+        ge=0.05,
+        le=1,
+        description="silence of the server's loop after which a second process vents",
     )
     heartbeat_s: float = Field(0.025, ge=0.005, le=0.05, description="longest silence of the board")
     refresh_hz: float = Field(
-        250.0, ge=20, le=1000, description="rate of DACs and ADCs while no set points come"
+        250.0, ge=20, le=1000, description="rate of DACs and ADCs while no set points arrive"
     )
     tolerated_errors: int = Field(
-        3, ge=1, le=10, description="cycles in a row in which a chip may not answer, before the board vents"
+        3, ge=1, le=10, description="number of cycles in a row that a chip may miss before the board vents"
     )
     dac_full_scale_v: float = Field(10.0, gt=0, le=20, description="voltage at the valve at code 4096")
     adc_full_scale_v: float = Field(2.048, description="range of the ADC's amplifier")
-    adc_divider: float = Field(5.0, ge=1, le=20, description="voltage of the sensor over that at the ADC")
+    adc_divider: float = Field(
+        5.0, ge=1, le=20, description="ratio of the voltage of the sensor to the voltage at the ADC"
+    )
     adc_rate_sps: int = Field(490, description="conversions a second")
     hosts: tuple[str, ...] = Field(
         (), strict=False, description="addresses and networks whose hosts may connect; empty: every host"
     )
 
     def admits(self, address: str) -> bool:
-        """Whether a host of this IP address may connect."""
+        """Return whether a host at an IP address may connect."""
         return not self.hosts or any(ip_address(address) in ip_network(host) for host in self.hosts)
 
     @field_validator("hosts")
@@ -98,14 +102,12 @@ class HostOptions(Freshness):
     start_timeout_s: float = Field(2.0, gt=0, le=30, description="longest wait for an answer at start-up")
 
 
-class BoardPlatform(PlatformBase):
+class BoardPlatform(TcpPlatform):
     """Analog regulators behind one board."""
 
-    where_device: ClassVar[str] = "transport.host"
     start_advice: ClassVar[str] = "see the lines above; `soro board CONFIG --check` on the Pi"
 
     family: Literal["soro_board"]
-    transport: TcpTransport
     valves: Annotated[tuple[BoardValve, ...], Field(strict=False, min_length=1, max_length=126)]
     ports: Annotated[tuple[BoardPort, ...], Field(strict=False, min_length=1, max_length=64)]
     scales: dict[str, Scale]
@@ -113,16 +115,12 @@ class BoardPlatform(PlatformBase):
     host: HostOptions = HostOptions()
     emulation: EmulationBase = EmulationBase()
 
-    @property
-    def device(self) -> str | None:
-        return self.transport.address
-
     def scale_of(self, port: int) -> Scale:
-        """Scale of the regulator at a port."""
+        """Return the scale of the regulator at a port."""
         return self.scales[self.ports[port].scale]
 
     def resolution_pa(self, port: int) -> float:
-        """Largest change [Pa] of a set point by one count of the DAC at a port."""
+        """Return the largest change of a set point [Pa] by one count of the DAC at a port."""
         table = self.scale_of(port).output
         slope = max((p1 - p0) / (v1 - v0) for (v0, p0), (v1, p1) in pairwise(table))
         return slope * self.board.dac_full_scale_v / CODES

@@ -1,12 +1,13 @@
-"""What the board decides, as functions of (state, frame or reading, now): no socket, no chip, no clock.
+"""Decisions of the board: pure functions of state, frame or readings, and time.
 
 The rules that keep the arm safe:
 
-- Pressure is asked for only by a SET whose CRC, length, sequence and range are right, from a host that has
-  said HELLO, while nothing is latched.
-- The first good SET arms the watchdog, every further one feeds it. Silence for `watchdog_ns`, a connection
-  that ends without BYE, a chip that fails or has been without power: every port goes to 0 Pa, latched.
-- RESET, and nothing else, opens the latch, at 0 Pa, after the self-test has passed again.
+- Only a SET with the right CRC, length, sequence and range commands pressure, from a host that has sent
+  HELLO, while nothing is latched.
+- The first good SET arms the watchdog, each further one feeds it. The board vents every port and latches
+  after `watchdog_ns` without a SET, after the end of a connection without BYE, and when a chip fails or has
+  been without power.
+- Only RESET opens the latch, at 0 Pa, after another successful self-test.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from soro_core.hardware.board import messages
-from soro_core.hardware.board.frames import Frame, Kind
+from soro_core.hardware.board.frames import BoardFrame, Kind
 from soro_core.hardware.board.messages import Cause, PortFlag, Refusal
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Parameters of the decisions; range in Pa gauge for every port."""
+    """Parameters of the decisions: number of ports, range [Pa gauge], watchdog [ns], tolerated errors."""
 
     ports: int
     minimum_pa: int
@@ -37,19 +38,19 @@ class BoardState:
     Attributes
     ----------
     setpoint_pa : tuple of int
-        What the DACs are to be given.
+        Set point of each port [Pa gauge].
     cause : Cause
-        Why it is latched at 0 Pa, or NONE.
+        Cause of the latch, or NONE.
     greeted : bool
-        Whether the host that is connected has said HELLO.
+        Whether the connected host has sent HELLO.
     sequence : int
-        That of the newest SET, 0 before the first.
+        Sequence number of the newest SET, 0 before the first.
     fed_ns : int or None
-        When the watchdog was last fed; None while it is not armed.
+        Time [ns] of the last SET; None while the watchdog is not armed.
     failed : tuple of int
-        For each port, cycles in a row in which a chip did not answer.
+        For each port, number of consecutive cycles without an answer of a chip.
     refused : int
-        Frames that were understood and not obeyed.
+        Number of refused frames.
     """
 
     setpoint_pa: tuple[int, ...]
@@ -62,16 +63,33 @@ class BoardState:
 
 
 def initial_state(rules: Rules) -> BoardState:
-    """Everything at 0 Pa, no host."""
+    """Return the state at the start: all ports at 0 Pa, no host."""
     return BoardState(setpoint_pa=(0,) * rules.ports, failed=(0,) * rules.ports)
 
 
 def receive(
-    rules: Rules, state: BoardState, frame: Frame, now_ns: int
+    rules: Rules, state: BoardState, frame: BoardFrame, now_ns: int
 ) -> tuple[BoardState, Refusal | None, int]:
-    """Take a frame of the host: new state, why it was refused (or None) and at which port.
+    """Process a frame of the host.
 
-    HELLO, RESET and SET are to be answered; see `soro_core.hardware.board.frames`.
+    Parameters
+    ----------
+    rules : Rules
+        Parameters of the decisions.
+    state : BoardState
+        State before the frame.
+    frame : BoardFrame
+        Frame of the host; the caller answers HELLO, RESET and SET.
+    now_ns : int
+        Present time [ns].
+
+    Returns
+    -------
+    state : BoardState
+    refusal : Refusal or None
+        Why the frame is refused.
+    port : int
+        Port of the refusal.
     """
     if frame.kind is Kind.HELLO:
         if messages.unpack_hello(frame.payload) != rules.ports:
@@ -90,25 +108,45 @@ def receive(
 
 
 def tested(state: BoardState, passed: bool) -> BoardState:
-    """Take the result of a self-test, which opens the latch or closes it."""
+    """Open the latch after a successful self-test, or close it."""
     return replace(state, cause=Cause.NONE if passed else Cause.SELF_TEST)
 
 
 def watch(rules: Rules, state: BoardState, now_ns: int) -> BoardState:
-    """Vent when the host has been silent for too long."""
+    """Latch when no SET has arrived for the time of the watchdog.
+
+    Parameters
+    ----------
+    rules : Rules
+        Parameters of the decisions.
+    state : BoardState
+        State before the call.
+    now_ns : int
+        Present time [ns].
+    """
     if state.fed_ns is not None and now_ns - state.fed_ns >= rules.watchdog_ns:
         return latch(state, Cause.WATCHDOG)
     return state
 
 
 def host_gone(state: BoardState) -> BoardState:
-    """Vent when the connection ends; it is latched where pressure may have been asked for."""
+    """Vent at the end of a connection; latch if the watchdog is armed."""
     gone = replace(state, greeted=False)
     return latch(gone, Cause.HOST_GONE) if state.fed_ns is not None else vent(gone)
 
 
 def judge(rules: Rules, state: BoardState, flags: Sequence[PortFlag]) -> BoardState:
-    """Look at what a cycle has said of the chips."""
+    """Latch when a chip has failed.
+
+    Parameters
+    ----------
+    rules : Rules
+        Parameters of the decisions.
+    state : BoardState
+        State before the call.
+    flags : sequence of PortFlag
+        Errors of each port in this cycle.
+    """
     bad = PortFlag.DAC_ERROR | PortFlag.ADC_ERROR
     failed = tuple(n + 1 if flag & bad else 0 for n, flag in zip(state.failed, flags, strict=True))
     state = replace(state, failed=failed)
@@ -120,17 +158,17 @@ def judge(rules: Rules, state: BoardState, flags: Sequence[PortFlag]) -> BoardSt
 
 
 def latch(state: BoardState, cause: Cause) -> BoardState:
-    """Vent and stay so; the first cause stays."""
+    """Vent and latch; the first cause stays."""
     return replace(vent(state), fed_ns=None, cause=state.cause or cause)
 
 
 def vent(state: BoardState) -> BoardState:
-    """Ask every port for 0 Pa."""
+    """Set every set point to 0 Pa."""
     return replace(state, setpoint_pa=(0,) * len(state.setpoint_pa))
 
 
 def _set(
-    rules: Rules, state: BoardState, frame: Frame, now_ns: int
+    rules: Rules, state: BoardState, frame: BoardFrame, now_ns: int
 ) -> tuple[BoardState, Refusal | None, int]:
     # Sequence numbers wrap; half the range counts as newer.
     if not 0 < (frame.sequence - state.sequence) & 0xFFFFFFFF < 0x80000000:
@@ -148,6 +186,16 @@ def _refuse(state: BoardState, why: Refusal, port: int = 0) -> tuple[BoardState,
     return replace(state, refused=state.refused + 1), why, port
 
 
-def refusal(frame: Frame, why: Refusal, port: int) -> Frame:
-    """Answer to a frame that is not obeyed."""
-    return Frame(Kind.REFUSED, frame.sequence, messages.pack_refused(why, port))
+def refusal(frame: BoardFrame, why: Refusal, port: int) -> BoardFrame:
+    """Return the answer to a refused frame.
+
+    Parameters
+    ----------
+    frame : BoardFrame
+        Frame of the host.
+    why : Refusal
+        Reason.
+    port : int
+        Port of the reason.
+    """
+    return BoardFrame(Kind.REFUSED, frame.sequence, messages.pack_refused(why, port))

@@ -14,7 +14,7 @@ length          payload
 4         u32   CRC-32 (zlib) of everything before it
 ========  ====  ==========================================================
 
-What the payloads mean is in `soro_core.hardware.board.messages`.
+`soro_core.hardware.board.messages` defines the payloads.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _CRC = struct.Struct("<I")
 
 
 class Kind(enum.IntEnum):
-    """Kind of a frame; those of the board have the highest bit set."""
+    """Kind of a frame; kinds sent by the board have the highest bit set."""
 
     HELLO = 0x01
     SET = 0x02
@@ -44,34 +44,34 @@ class Kind(enum.IntEnum):
 
 
 @dataclass(frozen=True)
-class Frame:
-    """One frame, whose CRC was right."""
+class BoardFrame:
+    """One frame with the right CRC."""
 
     kind: Kind
     sequence: int
     payload: bytes = b""
 
 
-def encode(frame: Frame) -> bytes:
-    """Bytes of a frame."""
+def encode(frame: BoardFrame) -> bytes:
+    """Return the bytes of a frame."""
     head = _HEADER.pack(MAGIC, VERSION, frame.kind, len(frame.payload), frame.sequence & 0xFFFFFFFF)
     body = head + frame.payload
     return body + _CRC.pack(zlib.crc32(body))
 
 
-class Decoder:
-    """Frames out of a byte stream; what is none is dropped and counted.
+class BoardFrameDecoder:
+    """Decodes frames from a byte stream; other bytes are dropped and counted.
 
     Parameters
     ----------
     lengths : mapping
-        Length of the payload of every kind. A frame of another length is garbled at once, so that a damaged
-        length cannot make the decoder wait for bytes that never come.
+        Length of the payload of each kind. A frame of another length is dropped at once, so that the decoder
+        never waits for the bytes of a damaged length.
 
     Attributes
     ----------
     garbled : int
-        Runs of bytes that were no frame.
+        Number of byte runs that were no frame.
     """
 
     def __init__(self, lengths: Mapping[Kind, int]) -> None:
@@ -80,10 +80,10 @@ class Decoder:
         self._in_garbage = False
         self.garbled = 0
 
-    def feed(self, chunk: bytes) -> list[Frame]:
-        """Take bytes; every frame that is complete by now."""
+    def feed(self, chunk: bytes) -> list[BoardFrame]:
+        """Process bytes; return the complete frames, oldest first."""
         self._buffer += chunk
-        found: list[Frame] = []
+        found: list[BoardFrame] = []
         while self._buffer:
             if start := self._noise():
                 self._drop(start)
@@ -98,22 +98,22 @@ class Decoder:
             if len(self._buffer) < end + _CRC.size:
                 break
             if zlib.crc32(self._buffer[:end]) != _CRC.unpack_from(self._buffer, end)[0]:
-                # Every damaged frame counts, also right behind another one.
+                # Count every damaged frame, also directly after another one.
                 self._in_garbage = False
                 self._drop(2)
                 continue
-            found.append(Frame(Kind(kind), sequence, bytes(self._buffer[_HEADER.size : end])))
+            found.append(BoardFrame(Kind(kind), sequence, bytes(self._buffer[_HEADER.size : end])))
             del self._buffer[: end + _CRC.size]
             self._in_garbage = False
         return found
 
     def reset(self) -> None:
-        """Begin with a new connection; the count goes on."""
+        """Start with a new connection; the count continues."""
         self._buffer.clear()
         self._in_garbage = False
 
     def _noise(self) -> int:
-        """Bytes before the first that may begin a frame."""
+        """Return the number of bytes before the possible start of a frame."""
         start = self._buffer.find(MAGIC)
         return start if start >= 0 else len(self._buffer) - self._buffer.endswith(MAGIC[:1])
 

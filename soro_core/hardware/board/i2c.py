@@ -6,8 +6,9 @@ import fcntl
 from typing import Any
 
 from soro_core.errors import HardwareError
+from soro_core.extras import named_packages
 
-# From linux/i2c-dev.h. The kernel waits a whole second for a bus that hangs; the other buses cannot.
+# From linux/i2c-dev.h. By default the kernel waits one second for a blocked bus, too long for the others.
 _I2C_RETRIES, _I2C_TIMEOUT = 0x0701, 0x0702
 _TIMEOUT_10MS = 1
 
@@ -17,23 +18,22 @@ class LinuxI2c:
 
     Raises
     ------
+    MissingPackageError
+        If smbus2 is not installed.
     HardwareError
-        If smbus2 is missing or the bus cannot be opened.
+        If the bus cannot be opened.
     """
 
     def __init__(self, number: int) -> None:
-        try:
+        with named_packages():
             import smbus2
-        except ImportError:
-            raise HardwareError("I2C needs the package smbus2 (pip install smbus2)") from None
         try:
             self._bus: Any = smbus2.SMBus(number)
             fcntl.ioctl(self._bus.fd, _I2C_TIMEOUT, _TIMEOUT_10MS)
             fcntl.ioctl(self._bus.fd, _I2C_RETRIES, 0)
         except OSError as error:
-            raise HardwareError(
-                f"/dev/i2c-{number}: cannot open ({error.strerror}); is it enabled, and are you in group i2c?"
-            ) from None
+            text = f"cannot open ({error.strerror}); is it enabled, and are you in group i2c?"
+            raise HardwareError(text, f"/dev/i2c-{number}", "open") from None
         self._message = smbus2.i2c_msg
 
     def write(self, address: int, data: bytes) -> None:

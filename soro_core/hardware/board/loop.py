@@ -11,23 +11,23 @@ from soro_core.hardware.board.board import Board
 from soro_core.hardware.transport.tcp import hang_up
 
 _CHUNK = 65536
-_BACKLOG = 16384  # bytes kept for a host that does not read; further frames are dropped whole
-_DRAIN = 16  # chunks of the present host that are taken before a new one is refused
+_BACKLOG = 16384  # bytes kept for a host that does not read; further frames are dropped
+_DRAIN = 16  # chunks of the present host that are read before a new host is accepted or refused
 
 
 class Server:
-    """One loop around sockets and board.
+    """Event loop of sockets and board.
 
     Parameters
     ----------
     board : Board
-        What is served.
+        Board to serve.
     listener : socket
         Listening socket.
     clock : callable
-        Monotonic time [ns].
+        Returns a monotonic time [ns].
     beat : callable
-        Called in every turn, at least once in a period of the ports.
+        Called in every turn of the loop, at least once in each refresh period of the ports.
     """
 
     def __init__(
@@ -41,13 +41,13 @@ class Server:
         self._host: socket.socket | None = None
         self._output = bytearray()
         self._stopped = False
-        # select() waits with microseconds; epoll and poll round up to milliseconds.
+        # select() waits with a resolution of 1 us; epoll and poll round up to 1 ms.
         self._selector = selectors.SelectSelector()
         listener.setblocking(False)
         self._selector.register(listener, selectors.EVENT_READ, self._accept)
 
     def run(self) -> None:
-        """Serve until `stop`; the ports are at 0 Pa when this ends, however it ends."""
+        """Serve until `stop`; at the end, also after an error, the ports are at 0 Pa."""
         try:
             while not self._stopped:
                 self._beat()
@@ -61,7 +61,7 @@ class Server:
             self._selector.close()
 
     def wake_on(self, descriptor: int) -> None:
-        """Let `run` look whether it has been stopped when a descriptor becomes readable."""
+        """Make `run` check for `stop` when a descriptor becomes readable."""
         self._selector.register(descriptor, selectors.EVENT_READ, lambda: None)
 
     def stop(self) -> None:
@@ -72,13 +72,13 @@ class Server:
         with contextlib.suppress(BlockingIOError):
             host, (address, *_) = self._listener.accept()
             host.setblocking(False)
-            # A host that has just left must not keep the next one out.
+            # Read the end of the last connection first, so that it does not cause a refusal of the next one.
             for _ in range(_DRAIN):
                 if not self._read():
                     break
             now_ns = self._clock()
-            if (told := self._board.turn_away(address, now_ns)) is not None:
-                hang_up(host, told)
+            if (answer := self._board.refuse_host(address, now_ns)) is not None:
+                hang_up(host, answer)
                 return
             self._leave()
             host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -87,7 +87,7 @@ class Server:
             self._selector.register(host, selectors.EVENT_READ, self._read)
 
     def _read(self) -> bool:
-        """Take what has come; whether there may be more."""
+        """Process received bytes; return whether there may be more."""
         if self._host is None:
             return False
         try:
@@ -118,7 +118,7 @@ class Server:
             self._leave()
 
     def _leave(self) -> None:
-        """The host has gone."""
+        """Process that the host has disconnected."""
         if self._host is not None:
             self._drop()
             self._board.host_gone(self._clock())

@@ -1,7 +1,7 @@
-"""What the frames between the driver and `soro board` say.
+"""Payloads of the frames between the driver and `soro board`.
 
-Pressures travel as int32 in Pa gauge: 1 Pa is far below a count of any converter, and an integer cannot be
-NaN. Payloads, with n ports:
+Pressures are int32 in Pa gauge: 1 Pa is far below one count of any converter, and an integer cannot be NaN.
+Payloads, with n ports:
 
 ==========  ==============  ====================================================================
 kind        direction       payload
@@ -11,7 +11,7 @@ SET         host to board   n x i32 set point; feeds the watchdog; sequence must
 RESET       host to board   nothing; clears the latch, puts every port to 0 Pa, repeats the self-test
 BYE         host to board   nothing; the board vents and waits for the next host
 WELCOME     board to host   u32 boot number, u16 ports, u16 watchdog [ms], then n x (i32 lowest, i32 highest)
-STATE       board to host   see `State`; sequence of the newest SET or RESET, 0 after HELLO
+STATE       board to host   see `StateMessage`; sequence of the newest SET or RESET, 0 after HELLO
 REFUSED     board to host   u16 `Refusal`, u16 port; sequence of the frame that is refused
 ==========  ==============  ====================================================================
 
@@ -36,7 +36,7 @@ _I32 = 2**31
 
 
 class Refusal(enum.IntEnum):
-    """Why the board does not do what a frame asks for."""
+    """Why the board refuses a frame."""
 
     BUSY = 1
     PORTS = 2
@@ -48,7 +48,7 @@ class Refusal(enum.IntEnum):
 
 
 class Cause(enum.IntEnum):
-    """Why the board has vented and latched."""
+    """Cause of the board's latch."""
 
     NONE = 0
     WATCHDOG = 1
@@ -60,7 +60,7 @@ class Cause(enum.IntEnum):
 
 
 class PortFlag(enum.IntFlag):
-    """What is wrong with a port in this cycle."""
+    """Errors of a port in one cycle."""
 
     NONE = 0
     DAC_ERROR = 1
@@ -70,8 +70,8 @@ class PortFlag(enum.IntFlag):
 
 
 @dataclass(frozen=True)
-class Port:
-    """A port in a STATE frame: what the DAC was given and what the ADC gave [Pa gauge], age of that [ms]."""
+class PortState:
+    """A port in a STATE frame: set point of the DAC, reading of the ADC [Pa gauge], errors, age [ms]."""
 
     applied_pa: int
     pressure_pa: int
@@ -80,19 +80,19 @@ class Port:
 
 
 @dataclass(frozen=True)
-class State:
-    """Payload of STATE: u64 time of the board [us], u8 armed, u8 `Cause`, u16 bad frames, then n `Port`."""
+class StateMessage:
+    """Payload of STATE: u64 time of the board [us], u8 armed, u8 `Cause`, u16 bad frames, n `PortState`."""
 
     time_us: int
     armed: bool
     cause: Cause
     garbled: int
-    ports: tuple[Port, ...]
+    ports: tuple[PortState, ...]
 
 
 @dataclass(frozen=True)
 class Welcome:
-    """Payload of WELCOME; `boot` differs each time that the server starts."""
+    """Payload of WELCOME; `boot` differs at each start of the server."""
 
     boot: int
     watchdog_ms: int
@@ -100,7 +100,7 @@ class Welcome:
 
 
 def lengths(ports: int) -> dict[Kind, int]:
-    """Length of the payload of each kind of frame, for a board with so many ports."""
+    """Return the length of the payload of each kind of frame, for a number of ports."""
     return {
         Kind.HELLO: 2,
         Kind.SET: 4 * ports,
@@ -144,7 +144,7 @@ def unpack_welcome(payload: bytes) -> Welcome:
     return Welcome(boot, watchdog_ms, tuple(_LIMITS.iter_unpack(payload[_WELCOME.size :])))
 
 
-def pack_state(state: State) -> bytes:
+def pack_state(state: StateMessage) -> bytes:
     """Payload of STATE."""
     head = _STATE.pack(state.time_us, state.armed, state.cause, state.garbled & 0xFFFF)
     return head + b"".join(
@@ -153,17 +153,19 @@ def pack_state(state: State) -> bytes:
     )
 
 
-def unpack_state(payload: bytes) -> State:
-    """The reverse of `pack_state`.
+def unpack_state(payload: bytes) -> StateMessage:
+    """Decode a payload of `pack_state`.
 
     Raises
     ------
     ValueError
-        If the cause is none that this version knows.
+        If this version does not know the cause.
     """
     time_us, armed, cause, garbled = _STATE.unpack_from(payload)
-    ports = tuple(Port(a, p, PortFlag(f), age) for a, p, f, age in _PORT.iter_unpack(payload[_STATE.size :]))
-    return State(time_us, bool(armed), Cause(cause), garbled, ports)
+    ports = tuple(
+        PortState(a, p, PortFlag(f), age) for a, p, f, age in _PORT.iter_unpack(payload[_STATE.size :])
+    )
+    return StateMessage(time_us, bool(armed), Cause(cause), garbled, ports)
 
 
 def pack_refused(why: Refusal, port: int = 0) -> bytes:

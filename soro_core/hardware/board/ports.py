@@ -1,4 +1,4 @@
-"""The ports of a board: set points to DAC codes, ADC counts to pressures, and a test of every chip."""
+"""The ports of a board: conversion of set points and readings, and a test of every chip."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.messages import PortFlag
 
 _HIGHEST_CODE = chips.CODES - 1
-_RAIL = 2047  # counts at which the ADC is at its end
+_RAIL = 2047  # counts of the ADC at the end of its range
 
 
 @dataclass(frozen=True)
 class PortReading:
-    """What a cycle did at one port [Pa gauge]; `pressure_pa` is None where the ADC did not answer."""
+    """Result of a cycle at one port [Pa gauge]; `pressure_pa` is None without an answer of the ADC."""
 
     applied_pa: float
     pressure_pa: float | None
@@ -28,7 +28,7 @@ class PortReading:
 
 @dataclass(frozen=True)
 class PortReport:
-    """Self-test of one port; `error` is empty if it passed, `warning` does not keep it from working."""
+    """Self-test of one port; `error` is empty after success, and the port works with a `warning`."""
 
     port: int
     pressure_pa: float | None
@@ -37,7 +37,17 @@ class PortReport:
 
 
 class BoardPort:
-    """One DAC and one ADC."""
+    """One DAC and one ADC.
+
+    Parameters
+    ----------
+    platform : BoardPlatform
+        Ports, scales and converters.
+    number : int
+        Number of the port.
+    bus : I2cBus
+        Bus of its chips.
+    """
 
     def __init__(self, platform: BoardPlatform, number: int, bus: chips.I2cBus) -> None:
         wiring, options = platform.ports[number], platform.board
@@ -46,24 +56,24 @@ class BoardPort:
         self._volts_per_code = options.dac_full_scale_v / chips.CODES
         self._volts_per_count = options.adc_full_scale_v / 2048 * options.adc_divider
         self._config = chips.adc_config(options.adc_rate_sps, options.adc_full_scale_v)
-        # The ends of the range as the DAC can ask for them.
+        # The ends of the range, rounded to codes of the DAC.
         self._lowest_pa = self.applied_pa(self._nearest(platform.range.minimum_pa))
         self._highest_pa = self.applied_pa(self._nearest(platform.range.maximum_pa))
         self.safe_code = self._nearest(0.0)
         self._written: int | None = None
 
     def code(self, setpoint_pa: float) -> int:
-        """DAC code of a set point [Pa gauge]; 0 Pa for what is no number, the range's end beyond it."""
+        """Return the DAC code of a set point [Pa gauge], clipped to the range; NaN gives 0 Pa."""
         if setpoint_pa != setpoint_pa:
             return self.safe_code
         return self._nearest(min(max(setpoint_pa, self._lowest_pa), self._highest_pa))
 
     def applied_pa(self, code: int) -> float:
-        """Pressure [Pa gauge] that a code asks for."""
+        """Return the set point [Pa gauge] of a DAC code."""
         return self._scale.asked_pa(code * self._volts_per_code)
 
     def exchange(self, setpoint_pa: float) -> PortReading:
-        """Write the DAC, read the ADC."""
+        """Write the DAC and read the ADC."""
         flags, code, pressure = PortFlag.NONE, self.code(setpoint_pa), None
         if self._works(lambda: chips.write_dac(self.bus, self.wiring.dac, code)):
             self._written = code
@@ -84,7 +94,7 @@ class BoardPort:
         return PortReading(self.applied_pa(code), pressure, flags)
 
     def vent(self) -> bool:
-        """Ask for 0 Pa; whether the DAC took it. One that does not answer is the next cycle's fault."""
+        """Write 0 Pa; return whether the DAC answered. The next cycle reports a DAC without an answer."""
         try:
             chips.write_dac(self.bus, self.wiring.dac, self.safe_code)
         except OSError:
@@ -93,16 +103,16 @@ class BoardPort:
         return True
 
     def lost_its_setting(self) -> bool:
-        """Whether a chip does not hold what it was last given: it has been without power."""
+        """Return whether a chip has lost its last code or configuration, by a loss of power."""
         try:
             dac = chips.read_dac(self.bus, self.wiring.dac)
             config = chips.read_adc_config(self.bus, self.wiring.adc)
         except OSError:
-            return False  # `exchange` says so
+            return False  # `exchange` reports it
         return dac.code != self._written or not chips.same_config(config, self._config)
 
     def start(self) -> str:
-        """Write and read back the DAC around its safe code, start the ADC; what failed, or nothing."""
+        """Write and read back the DAC near 0 Pa, and start the ADC; return the error, empty for none."""
         dac, adc = self.wiring.dac, self.wiring.adc
         beside = self.safe_code + (1 if self.safe_code < _HIGHEST_CODE else -1)
         try:
@@ -124,7 +134,7 @@ class BoardPort:
         return ""
 
     def report(self, error: str) -> PortReport:
-        """Read the ADC, after its first conversion, and the code that the DAC starts with."""
+        """Read the first conversion of the ADC, and the power-on code of the DAC."""
         if error:
             return PortReport(self.number, None, error)
         try:
@@ -146,12 +156,12 @@ class BoardPort:
         return min(max(round(self._scale.to_volts(pressure_pa) / self._volts_per_code), 0), _HIGHEST_CODE)
 
     def _works(self, transfer: Callable[[], None]) -> bool:
-        """Whether a transfer succeeds; a chip that does not answer at once is asked once more."""
+        """Try a transfer at most twice; return whether it succeeded."""
         for attempt in range(2):
             try:
                 transfer()
             except OSError as error:
-                # A line that is held costs its timeout each time: the other ports cannot wait for it.
+                # A blocked bus takes the whole timeout at each try: the other ports cannot wait for it.
                 if attempt or error.errno == errno.ETIMEDOUT:
                     return False
             else:
@@ -160,7 +170,7 @@ class BoardPort:
 
 
 class Ports:
-    """All ports of a board, bus by bus.
+    """All ports of a board, grouped by bus.
 
     Parameters
     ----------
@@ -169,9 +179,9 @@ class Ports:
     open_bus : callable
         Opens an I2C bus by its number.
     wait : callable
-        Waits a time [s] for the first conversions.
+        Waits for a time [s].
     executor : Executor, optional
-        Runs the buses beside each other; without one they take turns.
+        Serves the buses in parallel; without one they are served in sequence.
 
     Raises
     ------
@@ -198,13 +208,13 @@ class Ports:
         return len(self.ports)
 
     def self_test(self) -> list[PortReport]:
-        """Bring every port to 0 Pa, write and read back every DAC, start and read every ADC."""
+        """Set every port to 0 Pa, write and read back every DAC, start and read every ADC."""
         errors = [port.start() for port in self.ports]
         self._wait(self._settle_s)
         return [port.report(error) for port, error in zip(self.ports, errors, strict=True)]
 
     def exchange(self, setpoint_pa: Sequence[float]) -> list[PortReading]:
-        """Write every DAC, read every ADC, and look whether one port has kept its settings."""
+        """Write every DAC, read every ADC, and check the settings of one port, in turn."""
         checked, self._checked = self._checked, (self._checked + 1) % len(self.ports)
 
         def serve(group: list[BoardPort]) -> list[tuple[int, PortReading]]:
@@ -223,12 +233,12 @@ class Ports:
         return [reading for _, reading in sorted((item for group in groups for item in group), key=_number)]
 
     def store_safe(self) -> None:
-        """Make 0 Pa the power-up value of every DAC that has another one.
+        """Store 0 Pa as power-on value of every DAC that has another one.
 
         Raises
         ------
         HardwareError
-            If a DAC does not keep it.
+            If a DAC does not store it.
         """
         for port in self.ports:
             try:
@@ -238,16 +248,17 @@ class Ports:
                 self._wait(0.06)
                 stored = chips.read_dac(port.bus, port.wiring.dac).stored_code
             except OSError as error:
-                raise HardwareError(f"port {port.number}: DAC: {error.strerror}") from None
+                raise HardwareError(f"DAC: {error.strerror}", f"port {port.number}", "silent") from None
             if stored != port.safe_code:
-                raise HardwareError(f"port {port.number}: DAC: stored {port.safe_code}, read {stored}")
+                text = f"DAC: stored {port.safe_code}, read {stored}"
+                raise HardwareError(text, f"port {port.number}", "refused")
 
     def vent(self) -> tuple[int, ...]:
-        """Bring every port to 0 Pa, none kept from it by another's chip; the ports that do not answer."""
+        """Set every port to 0 Pa; return the ports that do not answer."""
         return tuple(port.number for port in self.ports if not port.vent())
 
     def close(self) -> None:
-        """Let the buses go; the DACs hold what they have."""
+        """Close the buses; the DACs keep their codes."""
         for bus in self._buses.values():
             with contextlib.suppress(OSError):
                 bus.close()

@@ -1,35 +1,39 @@
-"""What the doctor asks a board: who it is, and what it says of its ports. Nothing is reset or commanded."""
+"""Check of a board: its identity and the state of its ports; sends no commands."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from soro_core.errors import HardwareError
 from soro_core.hardware.board import texts
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.session import Session
-from soro_core.hardware.finding import Finding
+from soro_core.hardware.finding import Finding, examined
 
 
-def look(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:
-    """Greet the board as a host does, hear what it answers, and leave."""
-    try:
-        session.link.open()
-        yield from _greet(platform, session, clock)
-    except HardwareError as error:
-        advice = "start `soro board` on the Pi; see that address and port are its, and the cable is in"
-        yield Finding("board", "fail", str(error), advice)
-    finally:
-        session.link.close()
+def examine(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:
+    """Send HELLO to the board, read its answer, and disconnect; yields findings.
+
+    Parameters
+    ----------
+    platform : BoardPlatform
+        Ports, range and times.
+    session : Session
+        Frames of the driver.
+    clock : callable
+        Returns a monotonic time [s].
+    """
+    advice = "start `soro board` on the Pi; check address, port and cable"
+    return examined("board", advice, _greet(platform, session, clock), session.link.close)
 
 
 def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:
+    session.link.open()
     session.greet()
     deadline = clock() + platform.host.start_timeout_s
     while (session.welcome is None or session.state is None) and session.refused is None:
         if (left := deadline - clock()) <= 0:
-            advice = "something else listens there: veab_tcp for the published server, or another port"
-            yield Finding("board", "fail", "connected, but it does not speak soro board's frames", advice)
+            advice = "use family veab_tcp for the published server, or another port"
+            yield Finding("board", "fail", "the server does not send frames of soro board", advice)
             return
         session.receive(left)
     if session.refused is not None or session.welcome is None or session.state is None:

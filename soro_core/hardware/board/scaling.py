@@ -1,4 +1,4 @@
-"""Volts to pressure and back by a table, as analog regulators have them in their data sheets."""
+"""Conversion between voltage and pressure by a table, as in data sheets of analog regulators."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Table = Annotated[tuple[Point, ...], Field(strict=False, min_length=2, max_lengt
 
 
 class Scale(Strict):
-    """What 0 to 10 V mean for one kind of regulator; straight lines between the points."""
+    """Scale of one kind of regulator: tables of voltage and pressure, with linear interpolation."""
 
     output: Table = Field(description="set point: [volts, Pa gauge] ..., volts and pressure strictly rising")
     input: Table = Field(description="reading: [volts, Pa gauge] ..., volts and pressure strictly rising")
@@ -39,20 +39,20 @@ class Scale(Strict):
         return table
 
     def to_volts(self, pressure_pa: float) -> float:
-        """Voltage that asks for a pressure [Pa gauge]; beyond the table its end."""
+        """Return the voltage [V] of a set point [Pa gauge], clipped to the table."""
         limited = min(max(pressure_pa, self.output[0][1]), self.output[-1][1])
         return interpolate(self._volts_of_output, limited)
 
     def asked_pa(self, volts: float) -> float:
-        """Pressure [Pa gauge] that a voltage asks for; the reverse of `to_volts`."""
+        """Return the set point [Pa gauge] of a voltage [V]."""
         return interpolate(self.output, volts)
 
     def read_pa(self, volts: float) -> float:
-        """Pressure [Pa gauge] that a voltage of the sensor stands for; the end lines go on."""
+        """Return the pressure [Pa gauge] of a sensor voltage [V], extrapolated beyond the table."""
         return interpolate(self.input, volts)
 
     def sensor_volts(self, pressure_pa: float) -> float:
-        """The reverse of `read_pa`, for emulated boards."""
+        """Return the sensor voltage [V] of a pressure [Pa gauge], for emulated boards."""
         return interpolate(self._volts_of_input, pressure_pa)
 
     @cached_property
@@ -65,7 +65,7 @@ class Scale(Strict):
 
 
 def interpolate(table: list[tuple[float, float]] | tuple[tuple[float, float], ...], x: float) -> float:
-    """Value of a piecewise linear function; beyond its ends the end lines go on."""
+    """Return the value of a piecewise linear function, extrapolated beyond its ends."""
     i = min(max(bisect_right(table, x, key=lambda point: point[0]), 1), len(table) - 1)
     (x0, y0), (x1, y1) = table[i - 1], table[i]
     return y0 + (y1 - y0) * (x - x0) / (x1 - x0)

@@ -1,6 +1,6 @@
 """`soro board`: serves the ports of a platform over TCP; also ``python -m soro_core.hardware.board.server``.
 
-It needs no ROS and no numba, so that a Raspberry Pi can run it.
+The module needs neither ROS nor numba, so that a Raspberry Pi can run it.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.hardware.board.board import Board, describe
 from soro_core.hardware.board.chips import I2cBus
 from soro_core.hardware.board.config import BoardPlatform
-from soro_core.hardware.board.guard import guarded
 from soro_core.hardware.board.i2c import LinuxI2c
 from soro_core.hardware.board.loop import Server
 from soro_core.hardware.board.ports import Ports
-from soro_core.hardware.platform import load_platform
+from soro_core.hardware.board.watcher import watched
+from soro_core.hardware.families import load_platform
 
 
 def serve(
@@ -45,7 +45,7 @@ def serve(
     address : tuple
         Interface ("" for all) and TCP port (0 for a free one) to listen on.
     announce : callable
-        Takes lines for people: the self-tests, then ``ready: host:port``.
+        Called with each line of output: the self-tests, then ``ready: host:port``.
     beat : callable
         Called in every turn of the loop.
 
@@ -56,7 +56,7 @@ def serve(
     """
     buses = {port.bus for port in platform.ports}
     with contextlib.ExitStack() as stack:
-        # Transfers let the interpreter go, so that the buses work beside each other.
+        # Transfers release the interpreter lock, so that the buses work in parallel.
         executor = stack.enter_context(ThreadPoolExecutor(len(buses))) if len(buses) > 1 else None
         ports = Ports(platform, open_bus, time.sleep, executor)
         stack.callback(ports.close)
@@ -66,10 +66,12 @@ def serve(
         try:
             listener = stack.enter_context(socket.create_server(address))
         except OSError as error:
-            raise HardwareError(f"{address[0]}:{address[1]}: cannot listen ({error.strerror})") from None
+            raise HardwareError(
+                f"cannot listen ({error.strerror})", f"{address[0]}:{address[1]}", "open"
+            ) from None
         server = Server(board, listener, time.monotonic_ns, beat)
         stack.enter_context(_stopped_by_signals(server))
-        with contextlib.suppress(OSError):  # Linux rounds waits up by 50 us otherwise
+        with contextlib.suppress(OSError):  # Linux delays waits by up to 50 us otherwise
             Path("/proc/self/timerslack_ns").write_text("1000", encoding="ascii")
         announce("ready: {}:{}".format(*listener.getsockname()[:2]))
         server.run()
@@ -83,14 +85,30 @@ def run_board(
     store_safe: bool = False,
     open_bus: Callable[[int], I2cBus] = LinuxI2c,
 ) -> int:
-    """What the command does; its exit status, 1 where a port fails the self-test of `check`.
+    """Run the command `soro board`.
 
-    `listen` is ``HOST`` or ``HOST:PORT``, empty for every interface and the platform's port.
+    Parameters
+    ----------
+    config : str
+        Name or path of the platform file.
+    listen : str
+        ``HOST`` or ``HOST:PORT``; empty for every interface and the platform's port.
+    announce : callable
+        Called with each line of output.
+    check, store_safe : bool
+        Make the self-test and end; store 0 Pa as power-on value first.
+    open_bus : callable
+        Opens an I2C bus by its number.
+
+    Returns
+    -------
+    int
+        Exit status: 1 if a port fails the self-test of `check`.
 
     Raises
     ------
     SoroError
-        If the platform file is wrong or the hardware is not there.
+        If the platform file is wrong or the hardware is missing.
     """
     platform = load_platform(config)
     if not isinstance(platform, BoardPlatform):
@@ -103,13 +121,13 @@ def run_board(
         raise ConfigError("soro board", "--listen", listen, "HOST or HOST:PORT")
     address = (host, int(port or platform.transport.port))
 
-    guards_own = Ports(platform, open_bus, time.sleep)
+    watchers_own = Ports(platform, open_bus, time.sleep)
 
     def run(beat: Callable[[], None]) -> int:
         serve(platform, open_bus, address, announce, beat)
         return 0
 
-    return guarded(run, guards_own.vent, platform.board.hang_s)
+    return watched(run, watchers_own.vent, platform.board.hang_s)
 
 
 def _test(
@@ -133,7 +151,7 @@ def _say(announce: Callable[[str], None], lines: list[str]) -> None:
 
 @contextlib.contextmanager
 def _stopped_by_signals(server: Server) -> Iterator[None]:
-    """A handler that does nothing but set a flag, and a pipe that wakes select() up."""
+    """Stop the server at a signal: the handler only sets a flag, and a pipe ends the wait in select()."""
     wake_read, wake_write = os.pipe()
     os.set_blocking(wake_write, False)
     server.wake_on(wake_read)
@@ -151,7 +169,7 @@ def _stopped_by_signals(server: Server) -> Iterator[None]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse the command line and serve; 0 after a signal, 2 for wrong use, 1 for anything else that fails."""
+    """Parse the command line and serve; return 0 after a signal, 2 for wrong use, 1 for another error."""
     parser = argparse.ArgumentParser(prog="python -m soro_core.hardware.board.server", description=__doc__)
     parser.add_argument("config", help="name of a shipped platform, or path of a platform file")
     parser.add_argument("--listen", default="", help="HOST or HOST:PORT to listen on; all and the platform's")

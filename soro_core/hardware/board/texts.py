@@ -1,12 +1,12 @@
-"""What the board's codes mean, for people and as faults of the port."""
+"""Texts and fault codes for the codes of the board."""
 
 from __future__ import annotations
 
-from soro_core.hardware.board.messages import Cause, PortFlag, Refusal, State
+from soro_core.hardware.board.messages import Cause, PortFlag, Refusal, StateMessage
 
 CAUSES = {
-    Cause.WATCHDOG: ("watchdog_vented", "has vented: it was given no set point in time"),
-    Cause.HOST_GONE: ("watchdog_vented", "has vented: its host's connection ended"),
+    Cause.WATCHDOG: ("watchdog_vented", "has vented: no set point came in time"),
+    Cause.HOST_GONE: ("watchdog_vented", "has vented: the connection of its host ended"),
     Cause.DEVICE_ERROR: ("device_error", "has vented: a chip does not answer"),
     Cause.CHIP_RESET: ("rebooted", "has vented: a chip has been without power"),
     Cause.SELF_TEST: ("device_error", "has failed its self-test"),
@@ -21,7 +21,7 @@ _REFUSALS: dict[int, str] = {
     Refusal.STRANGER: "does not admit this host: board.hosts in the platform file on the Pi",
 }
 _ADVICE: dict[int, str] = {
-    Refusal.BUSY: "end the other driver; a host that is silent gives way after a second",
+    Refusal.BUSY: "end the other driver; the board drops a silent host after a second",
     Refusal.STRANGER: "add this host's address to board.hosts there, and start `soro board` again",
 }
 _FLAGS = {
@@ -33,17 +33,17 @@ _FLAGS = {
 
 
 def refusal(code: int) -> str:
-    """Why the board refuses, after "the board"."""
+    """Return the reason of a refusal, as continuation of "the board"."""
     return _REFUSALS.get(code, f"refuses with code {code}")
 
 
 def advice(code: int) -> str:
-    """What to do about a refusal."""
-    return _ADVICE.get(code, "give both sides the same platform file, and the same version of soro")
+    """Return the advice for a refusal."""
+    return _ADVICE.get(code, "use the same platform file and the same version of soro on both sides")
 
 
-def complaints(state: State) -> str:
-    """What the board says of its ports, in brackets, or nothing."""
+def complaints(state: StateMessage) -> str:
+    """Return the errors of the board's ports in brackets, empty for none."""
     found = [
         f"port {number}: {text}"
         for number, port in enumerate(state.ports)

@@ -1,4 +1,4 @@
-"""Bus budget: the bits of one cycle, and the rates that a bus carries."""
+"""Bus budget: bits of one cycle, and highest rate of a bus."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from soro_core.hardware.canopen.device import Device, Pdo, describe
 from soro_core.hardware.transport.frame import Frame, frame_bits
 from soro_core.hardware.transport.slcan_codec import encode
 
-# Part of the bus that cycles may take: heartbeats, emergencies, status words, repeated frames need the rest.
+# Share of the bus for the cycles; heartbeats, emergencies, status words and repeated frames need the rest.
 USABLE = 0.6
 
 
 def cycle_bits(platform: CanopenPlatform) -> int:
-    """Bits of the cyclic PDOs of every node and SYNC, with worst-case stuffing.
+    """Return the bits of SYNC and of the cyclic PDOs of all nodes, with worst-case stuffing.
 
     12 nodes with PDOs of 4 bytes take 2335 bits, 3 nodes with PDOs of 8 bytes 865.
     """
@@ -23,7 +23,7 @@ def cycle_bits(platform: CanopenPlatform) -> int:
 
 
 def highest_rate_hz(platform: CanopenPlatform) -> float:
-    """Rate at which the cycle fills the bus."""
+    """Return the rate [Hz] at which the cycle fills the bus."""
     return platform.transport.bitrate / cycle_bits(platform)
 
 
@@ -36,7 +36,7 @@ def _bits(pdo: Pdo) -> int:
 
 
 def serial_rate_hz(platform: CanopenPlatform, serial_baud: int) -> float:
-    """Rate that an slcan adapter's serial line allows, ten bits a character: answers come after SYNC."""
+    """Return the highest rate [Hz] on the serial line of an slcan adapter, with ten bits per character."""
     device = describe(platform.canopen.mapping)
     nodes = len(platform.nodes)
     sent = nodes * sum(_characters(pdo) for pdo in device.rpdos if pdo.cyclic) + len(encode(frames.SYNC))

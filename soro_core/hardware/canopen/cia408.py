@@ -1,8 +1,8 @@
-"""CiA 408 (fluid power) as a pressure valve uses it: objects, state machine, scaling of pressures.
+"""CiA 408 (fluid power) for a pressure valve: objects, state machine, scaling of pressures.
 
-State machine after the profile's figure: the control word asks for a state by three bits (D, H, M), the
-status word answers with the same three and R (ready). R = 0 outside NOT_READY is a fault, left by an edge of
-the reset bit only; so ACTIVE may be believed only when R is set.
+State machine after the figure of the profile: the control word requests a state with three bits (D, H, M);
+the status word answers with the same bits and R (ready). R = 0 outside NOT_READY is a fault, which only an
+edge of the reset bit ends. So the state is ACTIVE only if R is also set.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ DEVICE_TYPE, ERROR_REGISTER, CYCLE_PERIOD, IDENTITY = 0x1000, 0x1001, 0x1006, 0x
 GUARD_TIME, LIFE_TIME_FACTOR = 0x100C, 0x100D
 CONSUMER_HEARTBEAT, PRODUCER_HEARTBEAT, ERROR_BEHAVIOUR = 0x1016, 0x1017, 0x1029
 RPDO_COMMUNICATION, RPDO_MAPPING, TPDO_COMMUNICATION, TPDO_MAPPING = 0x1400, 0x1600, 0x1800, 0x1A00
+ERROR_GENERIC, ERROR_COMMUNICATION = 1 << 0, 1 << 4  # bits of the error register
 # Objects of the valve
 CONTROL_WORD, STATUS_WORD, DEVICE_MODE, CONTROL_MODE = 0x6040, 0x6041, 0x6042, 0x6043
 SETPOINT, ACTUAL, HOLD_SETPOINT, UPPER_LIMIT, LOWER_LIMIT = 0x6380, 0x6381, 0x6394, 0x63A0, 0x63A1
@@ -28,7 +29,7 @@ _PA_PER_UNIT = {UNIT_PA: 1.0, UNIT_BAR: 1e5}
 
 
 class Control(IntEnum):
-    """Control words that lead up to ACTIVE, and the reset bit."""
+    """Control words up to ACTIVE, and the reset bit."""
 
     INIT = 0b000
     DISABLED = 0b001
@@ -37,7 +38,7 @@ class Control(IntEnum):
     RESET = 0b1000
 
 
-class State(Enum):
+class ValveState(Enum):
     """States of the valve; the value is the low nibble of the status word (RMHD)."""
 
     NOT_READY = ("not ready", 0b0000)
@@ -57,29 +58,33 @@ class State(Enum):
 
     @property
     def is_fault(self) -> bool:
-        """Whether only a reset edge leads out of it."""
-        return self in _AFTER_RESET or self is State.FAULT_REACTION
+        """Whether the state is a fault state."""
+        return self in _AFTER_RESET or self is ValveState.FAULT_REACTION
 
 
 STATUS_CONTROL_EFFECTIVE, STATUS_LIMIT = 1 << 8, 1 << 10
 
-_ORDER = (State.INIT, State.DISABLED, State.HOLD, State.ACTIVE)
+_ORDER = (ValveState.INIT, ValveState.DISABLED, ValveState.HOLD, ValveState.ACTIVE)
 _AFTER_RESET = {
-    State.FAULT_HOLD: State.HOLD,
-    State.FAULT_DISABLED: State.DISABLED,
-    State.FAULT_INIT: State.INIT,
+    ValveState.FAULT_HOLD: ValveState.HOLD,
+    ValveState.FAULT_DISABLED: ValveState.DISABLED,
+    ValveState.FAULT_INIT: ValveState.INIT,
 }
 
 
-def next_state(state: State, control: int, previous_control: int) -> State:
-    """State after one control word: at most one step up, any number down.
+def next_state(state: ValveState, control: int, previous_control: int) -> ValveState:
+    """Return the state after one control word: at most one step up, any number of steps down.
 
     Parameters
     ----------
-    state : State
+    state : ValveState
         Present state.
     control, previous_control : int
-        This control word and the one before it; a rise of the reset bit between them resets a fault.
+        This control word and the last one; a rising edge of the reset bit resets a fault.
+
+    Returns
+    -------
+    ValveState
     """
     if state in _AFTER_RESET:
         reset = control & Control.RESET and not previous_control & Control.RESET
@@ -92,28 +97,32 @@ def next_state(state: State, control: int, previous_control: int) -> State:
     return _ORDER[min(_ORDER.index(state) + 1, wanted)]
 
 
-def state_of(status: int) -> State:
-    """State that a status word shows; 0000 is read as FAULT_INIT, which a booted device means by it."""
-    return _BY_BITS.get(status & 0xF, State.NOT_READY)
+def state_of(status: int) -> ValveState:
+    """Return the state of a status word; 0000 is FAULT_INIT, its meaning after the boot of a device."""
+    return _BY_BITS.get(status & 0xF, ValveState.NOT_READY)
 
 
-_BY_BITS = {state.bits: state for state in State}
+_BY_BITS = {state.bits: state for state in ValveState}
 
 
 def pascal_per_count(unit: int, prefix: int, full_scale_pa: float | None) -> float:
-    """Pressure of one count of a device's pressure objects [Pa].
+    """Return the pressure of one count of a device's pressure objects [Pa].
 
     Parameters
     ----------
     unit, prefix : int
         Sub-objects 2 and 3: SI unit code and power of ten.
     full_scale_pa : float or None
-        Pressure of 16384 counts, for devices whose values are normalised (unit 0).
+        Pressure of 16384 counts [Pa], for devices with normalised values (unit 0).
+
+    Returns
+    -------
+    float
 
     Raises
     ------
     ValueError
-        For an unknown unit, or a normalised one without full scale.
+        For an unknown unit, or unit 0 without full scale.
     """
     if unit == UNIT_NORMALISED:
         if full_scale_pa is None:
@@ -136,7 +145,23 @@ def counts_within(
     zero: int = 0,
     limits: tuple[int, int] = (-32768, 32767),
 ) -> tuple[int, int]:
-    """Smallest and largest count inside a range; rounding never leads out of it."""
+    """Return the smallest and the largest count within a range.
+
+    Parameters
+    ----------
+    minimum_pa, maximum_pa : float
+        Range [Pa gauge].
+    scale : float
+        Pressure of one count [Pa].
+    zero : int
+        Count at 0 Pa.
+    limits : tuple of int
+        Smallest and largest value of the object.
+
+    Returns
+    -------
+    low, high : int
+    """
     tolerance = 1e-9
     low = max(math.ceil(minimum_pa / scale - tolerance) + zero, limits[0])
     high = min(math.floor(maximum_pa / scale + tolerance) + zero, limits[1])
@@ -144,5 +169,5 @@ def counts_within(
 
 
 def limits_of(bits: int, is_signed: bool) -> tuple[int, int]:
-    """Smallest and largest value of an integer."""
+    """Return the smallest and the largest value of an integer."""
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)

@@ -10,6 +10,8 @@ from soro_core.hardware.canopen.mapping import DeviceMapping, default_mapping
 from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
 from soro_core.hardware.transport.config import Transport
 
+SYNC_LATE_PERIODS = 1.5  # after which CANopenNode, for one, reports SYNC as lost
+
 
 class CanopenValve(ValveBase):
     """One regulator: the chamber that it feeds and its node on the bus."""
@@ -24,7 +26,9 @@ class CanopenOptions(Freshness):
     master_node: int = Field(
         127, ge=1, le=127, description="node id under which the driver sends its heartbeat"
     )
-    heartbeat_s: float = Field(0.025, ge=0.005, le=1, description="heartbeat period, both ways; guard time")
+    heartbeat_s: float = Field(
+        0.025, ge=0.005, le=1, description="period of the heartbeats of driver and devices, or guard time"
+    )
     heartbeat_consumer_s: float = Field(
         0.1, ge=0.01, le=1, description="silence after which the other side is lost"
     )
@@ -36,7 +40,19 @@ class CanopenOptions(Freshness):
         0.5, gt=0, le=5, description="time from first set point to state ACTIVE"
     )
     status_s: float = Field(
-        0.1, ge=0.01, le=1, description="period of what a device sends by event: status words, supply"
+        0.1,
+        ge=0.01,
+        le=1,
+        description="period of status words and supply pressure, which a device sends by event",
+    )
+
+    sync_period_s: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="period of SYNC that the driver writes to the devices (1006); at least "
+        "rpdo_deadline_s / 1.5, because some devices report an error 1.5 periods after a SYNC; "
+        "none: not written",
     )
 
     @property
@@ -62,8 +78,12 @@ class CanopenOptions(Freshness):
 class CanopenEmulation(EmulationBase):
     """How the emulated devices of this platform behave."""
 
-    adapters: Annotated[tuple[Literal["slcan", "socketcand"], ...], Field(strict=False)] = Field(
-        (), description="adapters on the emulated bus; empty for the one of the transport"
+    adapters: Annotated[tuple[Literal["slcan", "slcan_silent", "socketcand"], ...], Field(strict=False)] = (
+        Field(
+            (),
+            description="adapters on the emulated bus; empty: the one of the transport. slcan_silent "
+            "acknowledges no command, as the CANable with its stock firmware",
+        )
     )
     boot_delay_s: float = Field(0.1, ge=0, le=10, description="time from power-on to boot-up; 0 in lockstep")
     pressure_unit: Literal["pa", "bar", "normalised"] = Field(
@@ -74,12 +94,15 @@ class CanopenEmulation(EmulationBase):
         100e3, gt=0, le=2e6, description="pressure at 16384 counts, for normalised [Pa]"
     )
     supply_pa: float = Field(
-        150e3, ge=0, le=5e6, description="supply pressure that they report, at least 60 kPa above the range"
+        150e3,
+        ge=0,
+        le=5e6,
+        description="supply pressure that the devices report, at least 60 kPa above the range",
     )
 
 
 class CanopenPlatform(PlatformBase):
-    """CiA 408 valves on one CAN bus; `cycle_hz` is written to them as SYNC period."""
+    """CiA 408 valves on one CAN bus."""
 
     family: Literal["canopen_408"]
     transport: Transport
@@ -117,6 +140,14 @@ class CanopenPlatform(PlatformBase):
             raise ValueError(f"canopen.master_node: a node id that no valve has, not {times.master_node}")
         if times.rpdo_deadline_s < 2 * period:
             raise ValueError(f"canopen.rpdo_deadline_s: at least two cycles, {2 * period:.4g} s")
+        watched_s = None if times.sync_period_s is None else SYNC_LATE_PERIODS * times.sync_period_s
+        if watched_s is not None and watched_s < times.rpdo_deadline_s:
+            least_s = times.rpdo_deadline_s / SYNC_LATE_PERIODS
+            raise ValueError(
+                f"canopen.sync_period_s: at least {least_s:.4g} s, not {times.sync_period_s:g}: devices take "
+                f"SYNC for lost after {SYNC_LATE_PERIODS:g} periods, and rpdo_deadline_s lets it come after "
+                f"{times.rpdo_deadline_s:g} s"
+            )
         if times.heartbeat_consumer_s < 2 * max(times.heartbeat_s, period):
             raise ValueError("canopen.heartbeat_consumer_s: at least twice the heartbeat and twice the cycle")
         return self

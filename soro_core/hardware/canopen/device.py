@@ -1,4 +1,4 @@
-"""A device as the driver uses it: the mapping of a platform, with sizes and signs from the EDS, checked."""
+"""Description of a device: the mapping of a platform with sizes and signs from the EDS, validated."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from soro_core.hardware.canopen.cia408 import (
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
 )
+from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.eds import Entry, Key, read_eds
 from soro_core.hardware.canopen.frames import RPDO_BASES, TPDO_BASES
 from soro_core.hardware.canopen.mapping import DeviceMapping, ObjectAddress, PdoMapping, Setting, slot
@@ -27,7 +28,7 @@ _DEADLINE = 5  # sub-object of an RPDO's communication record
 
 @dataclass(frozen=True)
 class Object:
-    """One object with its size in the device."""
+    """One object of the device, with its size and sign."""
 
     index: int
     sub: int
@@ -36,13 +37,13 @@ class Object:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return self.bits // 8
 
 
 @dataclass(frozen=True)
 class Slot:
-    """One place of a PDO and its `kind`, as `mapping.slot` names it."""
+    """One entry of a PDO; `kind` as in `mapping.slot`."""
 
     kind: str
     channel: int
@@ -52,7 +53,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class Pdo:
-    """One PDO of the device, the same in every node."""
+    """One PDO of the device; all nodes have the same."""
 
     number: int
     slots: tuple[Slot, ...]
@@ -63,12 +64,12 @@ class Pdo:
 
     @property
     def cyclic(self) -> bool:
-        """Whether it carries set points or readings; control and status words alone need no cycle."""
+        """Whether the PDO has set points or readings, and so is sent in every cycle."""
         return any(s.kind in ("setpoint", "reading") for s in self.slots)
 
     @property
     def on_change(self) -> bool:
-        """Whether it goes out as soon as a value changes, if by event; others only from time to time."""
+        """Whether a PDO sent by event is sent at each change of a value, not only periodically."""
         return any(s.kind == "status" for s in self.slots)
 
     @property
@@ -88,7 +89,7 @@ class Pdo:
 
 @dataclass(frozen=True)
 class Device:
-    """What the driver, the emulation and the doctor know of a kind of device."""
+    """One kind of device: its mapping, and objects and PDOs from its EDS."""
 
     mapping: DeviceMapping
     entries: dict[Key, Entry]
@@ -97,36 +98,36 @@ class Device:
 
     @property
     def has_states(self) -> bool:
-        """Whether it has the CiA 408 state machine."""
+        """Whether the device has the CiA 408 state machine."""
         return self.mapping.control is not None
 
     @property
     def is_guarded(self) -> bool:
-        """Whether host and device watch each other by node guarding, so not by heartbeats."""
+        """Whether host and device use node guarding in place of heartbeats."""
         return self.mapping.guarding
 
     @property
     def has_producer(self) -> bool:
-        """Whether it sends heartbeats."""
+        """Whether the device sends heartbeats."""
         return (PRODUCER_HEARTBEAT, 0) in self.entries and not self.is_guarded
 
     @property
     def has_consumer(self) -> bool:
-        """Whether it watches the host's heartbeat."""
+        """Whether the device watches the host's heartbeat."""
         return (CONSUMER_HEARTBEAT, 1) in self.entries and not self.is_guarded
 
     @property
-    def has_cycle_period(self) -> bool:
-        """Whether it wants to know the period of SYNC."""
+    def has_sync_period(self) -> bool:
+        """Whether the device has an object for the period of SYNC, and so may watch SYNC."""
         return (CYCLE_PERIOD, 0) in self.entries
 
     def has_deadline(self, pdo: Pdo) -> bool:
-        """Whether it watches the time between two set points."""
+        """Return whether the device watches the time between two set points."""
         return (pdo.communication, _DEADLINE) in self.entries
 
     @property
     def has_watchdog(self) -> bool:
-        """Whether it vents by itself when the host falls silent."""
+        """Whether the device vents by itself when messages of the host stop."""
         return (
             self.has_consumer
             or self.is_guarded
@@ -134,31 +135,31 @@ class Device:
         )
 
     def find(self, kind: str, channel: int) -> Object | None:
-        """Object of one channel (setpoint, reading, control, status, ...), or supply; None without it."""
+        """Return the object of one channel (setpoint, reading, control, status, ...) or supply, or None."""
         address = self.mapping.address(kind, channel)
         return None if address is None else self.object(address)
 
     def require(self, kind: str, channel: int) -> Object:
-        """The same where the mapping must have it."""
+        """Return an object as `find`; raises `ConfigError` if the mapping has none."""
         found = self.find(kind, channel)
         if found is None:
             raise ConfigError("canopen.mapping", kind, "nothing", "the object's index and sub-index")
         return found
 
     def object(self, address: ObjectAddress) -> Object:
-        """Object with size and sign."""
+        """Return an object with size and sign."""
         entry = self.entries[address.index, address.sub]
         return Object(address.index, address.sub, entry.bits, entry.is_signed)
 
 
 @functools.lru_cache(maxsize=8)
 def describe(mapping: DeviceMapping) -> Device:
-    """Lay a mapping over its EDS.
+    """Combine a mapping with its EDS.
 
     Raises
     ------
     ConfigError
-        If the EDS lacks an object, says that it cannot be mapped, or a PDO gets longer than 8 bytes.
+        If the EDS lacks an object or forbids its mapping, or a PDO is longer than 8 bytes.
     """
     entries = read_eds(mapping.eds_path, 1)
     for kind, writable in (
@@ -187,6 +188,21 @@ def describe(mapping: DeviceMapping) -> Device:
         tuple(_pdo(mapping, entries, pdo, receive=True) for pdo in mapping.rpdos),
         tuple(_pdo(mapping, entries, pdo, receive=False) for pdo in mapping.tpdos),
     )
+
+
+def check_sync_period(platform: CanopenPlatform) -> None:
+    """Check that the EDS has an object for the period of SYNC, if the platform states one.
+
+    Raises
+    ------
+    ConfigError
+        If it has none.
+    """
+    mapping, period_s = platform.canopen.mapping, platform.canopen.sync_period_s
+    if period_s is not None and not describe(mapping).has_sync_period:
+        raise ConfigError(
+            "canopen", "sync_period_s", period_s, f"nothing: {mapping.eds_path.name} has no object 1006"
+        )
 
 
 def _check(

@@ -1,42 +1,41 @@
 """Driver for pressure regulators on CANopen (CiA 301, CiA 408): nodes of one or more channels.
 
-A cycle is: the RPDOs of every node (set points, and control words where they are mapped beside them), SYNC,
-the TPDOs of every node (pressures sampled at that SYNC); the platform's mapping says which objects these are.
-What keeps the arm safe when this process ends in any way are the devices' own watchdogs, which the start-up
-arms: heartbeat consumer and RPDO deadline. Both begin to count with the first frame that they watch, so that
-a configured arm may wait any time for its first exchange, holding 0 Pa.
+A cycle is: the RPDOs of every node (set points, and control words if they are mapped), SYNC, the TPDOs of
+every node (pressures sampled at that SYNC). The platform's mapping defines these objects. The watchdogs of
+the devices keep the arm safe when this process ends: heartbeat consumer and RPDO deadline, which the start-up
+arms last. Both start with the first frame that they watch, so that a configured arm may wait at 0 Pa for its
+first exchange for any time.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import can
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.canopen import frames, shutdown, startup
+from soro_core.hardware.canopen import frames, startup, watchdogs
+from soro_core.hardware.canopen.bring_up import bring_up
 from soro_core.hardware.canopen.cia408 import Control
 from soro_core.hardware.canopen.config import CanopenPlatform
-from soro_core.hardware.canopen.device import describe
-from soro_core.hardware.canopen.dispatch import Dispatch
-from soro_core.hardware.canopen.frames import NmtCommand, NmtState
-from soro_core.hardware.canopen.guarding import Guarding
+from soro_core.hardware.canopen.device import check_sync_period, describe
+from soro_core.hardware.canopen.frames import NmtCommand
 from soro_core.hardware.canopen.monitor import NodeMonitor
+from soro_core.hardware.canopen.node_bus import NodeBus
 from soro_core.hardware.canopen.probe import probe
-from soro_core.hardware.canopen.sdo_client import SdoClient
-from soro_core.hardware.canopen.setpoints import Setpoints
-from soro_core.hardware.driver_base import DriverBase
+from soro_core.hardware.canopen.sdo_client import SdoClient, SdoError
+from soro_core.hardware.driver import Driver
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault
+from soro_core.hardware.port import Array, Fault, Flags
+from soro_core.hardware.transport.bus_watch import BusWatch
 from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.guard import BusGuard
 from soro_core.hardware.transport.link import CanLink
 from soro_core.hardware.transport.open import open_bus
 
 
-class CanopenRegulator(DriverBase[CanopenPlatform]):
+class CanopenRegulator(Driver[CanopenPlatform]):
     """Regulators of one arm on CANopen.
 
     Parameters
@@ -44,14 +43,16 @@ class CanopenRegulator(DriverBase[CanopenPlatform]):
     platform : CanopenPlatform
         Valves, range and times.
     open_bus : callable
-        Opens the bus; called by `configure`.
+        Opens the bus; `configure` calls it.
     clock : callable
-        Monotonic time [s] for the limits of blocking steps.
+        Returns a monotonic time [s].
     lockstep : bool
-        Wait for every answer, pace nothing.
+        Whether the cycles advance the time of the devices.
     endpoint : str, optional
-        What `open_bus` opens in place of the platform's device; only named in findings.
+        Path or address that `open_bus` opens in place of the platform's device, for findings.
     """
+
+    source = "bus"
 
     def __init__(
         self,
@@ -61,229 +62,218 @@ class CanopenRegulator(DriverBase[CanopenPlatform]):
         lockstep: bool = False,
         endpoint: str | None = None,
     ) -> None:
-        super().__init__(platform, clock, lockstep)
+        super().__init__(platform, platform.canopen, clock, lockstep)
+        check_sync_period(platform)
         self._endpoint = endpoint
-        self._link = CanLink(open_bus)
+        self.link = CanLink(open_bus)
         self.device = describe(platform.canopen.mapping)
         self.device_watchdog = self.device.has_watchdog
-        self._nodes = [NodeMonitor(node, self.device, of_node) for node, of_node in platform.nodes.items()]
-        self._setpoints = Setpoints(platform, self._nodes)
-        self._dispatch = Dispatch(self._nodes, self.device)
-        self._heartbeat_ns: int | None = None
-        self._guard = BusGuard(self._link, clock)
-        self._own_heartbeat = frames.heartbeat(platform.canopen.master_node, NmtState.OPERATIONAL)
-        self._guarding = Guarding(self._nodes, platform.canopen.heartbeat_s)
-        self._lost = self.now_ns = 0
-
-    @property
-    def statistics(self) -> BusStatistics:
-        nodes, counts = self._nodes, self._link.counts
-        return BusStatistics(
-            cycles=self._cycles,
-            frames_sent=self._link.sent,
-            frames_received=self._link.received,
-            frames_lost=self._lost,
-            frames_late=sum(node.late for node in nodes),
-            frames_garbled=counts["garbled"] + sum(node.garbled for node in nodes),
-            frames_refused=counts["refused"],
-            emergencies=sum(node.emergencies for node in nodes),
-            bus_errors=counts["errors"],
-        )
-
-    @property
-    def sent_pa(self) -> Array:
-        """Set points as they went out last [Pa gauge]."""
-        return self._setpoints.sent_pa
+        self.kind = f"canopen: {self.device.mapping.device}"
+        self.nodes = [
+            NodeMonitor(node, self.device, of_node, self.latch) for node, of_node in platform.nodes.items()
+        ]
+        self._bus = NodeBus(platform, self.nodes, self.link, clock, lockstep)
+        self._watch = BusWatch(self.link, clock)
+        by_chamber = {channel.chamber: (node, channel) for node in self.nodes for channel in node.channels}
+        self._nodes_of = [by_chamber[name][0] for name in self._names]
+        self._channels = [by_chamber[name][1] for name in self._names]
+        self._sources = tuple(channel.source for channel in self._channels)
+        self._control = Control.ACTIVE
+        self._zero_rounds = 0  # rounds of zeros since the last set point
+        self._follows = self._rests = False
 
     @property
     def latched(self) -> tuple[Fault, ...]:
-        """Faults that only `configure` clears."""
-        bus = () if self._guard.fault is None else (self._guard.fault,)
-        return bus + tuple(fault for node in self._nodes for fault in node.latched)
+        bus = () if self._watch.fault is None else (self._watch.fault,)
+        return bus + tuple(self.latch)
+
+    def counts(self) -> Mapping[str, int]:
+        nodes, counts = self.nodes, self.link.counts
+        return {
+            "frames_sent": self.link.sent,
+            "frames_received": self.link.received,
+            "frames_late": sum(node.late for node in nodes),
+            "frames_garbled": counts["garbled"] + sum(node.garbled for node in nodes),
+            "frames_refused": counts["refused"],
+            "emergencies": sum(node.emergencies for node in nodes),
+            "bus_errors": counts["errors"],
+        }
 
     def probe(self) -> Iterator[Finding]:
-        return probe(self.platform, self.device, self._link, self.clients(), self._endpoint, self.clock)
-
-    def configure(self) -> None:
-        self._begin()
-        self._heartbeat_ns = None
-        self._guard.open()
-        startup.tell_unwatched(self.device)
-        for node in self._nodes:
-            node.restart()
-        clients = [self.client(node) for node in self._nodes]
-        times, link = self.platform.canopen, self._link
-        # A node that runs on from a former session stops exchanging values, and vents.
-        link.send([frames.nmt(NmtCommand.PRE_OPERATIONAL, node.node) for node in self._nodes])
-        for client in clients:
-            startup.wait_for_boot(client, times.boot_timeout_s)
-        for node, client in zip(self._nodes, clients, strict=True):
-            node.configured = True  # from here on a boot-up is a fault
-            channels = tuple(channel.channel for channel in node.channels)
-            scalings = startup.configure_node(client, node.node, channels, self.platform, self.device)
-            for channel, scaling in zip(node.channels, scalings, strict=True):
-                channel.scaling = scaling
-        link.send([frames.nmt(NmtCommand.START, node.node) for node in self._nodes])
-        for node, client in zip(self._nodes, clients, strict=True):
-            for channel in node.channels:
-                startup.to_hold(client, self.device, channel.channel, times.activation_timeout_s)
-        for node in self._nodes:
-            node.started()
-        if self.latched:
-            raise HardwareError("; ".join(f"{f.source}: start-up: {f.message}" for f in self.latched))
-        self._setpoints.restart()
-        self._configured = True
-        self._guard.configured()
-
-    def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        setpoint, refused = self._checked(setpoint_pa)
-        self.now_ns = now_ns
-        faults = self._cycle(setpoint, refused) if self._guard.usable() else self._silence()
-        return Exchange(
-            sent_pa=self.sent_pa.copy(),
-            pressure_pa=np.array([channel.pressure_pa for channel in self._setpoints.channels]),
-            fresh=np.array([channel.fresh for channel in self._setpoints.channels]),
-            faults=(*refused, *faults),
-            supply_pa=None if self.device.mapping.supply is None else self._setpoints.supply_pa(),
-        )
-
-    def vent(self) -> None:
-        if self.device_watchdog and self._guard.fault is not None:
-            return
-        if self._begun and not (self.device_watchdog or self._closed):
-            with contextlib.suppress(HardwareError):
-                self._guard.usable()  # opens a lost bus again
-        if not self._link.is_open or self._link.is_bus_off:
-            return
-        # In lockstep a round is a tick of the devices' clock, so there is one a call and the caller repeats.
-        for _ in range(1 if self.lockstep else 2):
-            # The devices' own watchdogs vent when the bus is gone.
-            with contextlib.suppress(HardwareError):
-                self._drain()
-            with contextlib.suppress(HardwareError):
-                self._link.send([*self.signs_of_life(), *self._setpoints.zeros(repeat=True), frames.SYNC])
-
-    def close(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
-        if self._configured and self._guard.fault is None:
-            try:
-                shutdown.bring_down(self)
-            except HardwareError:
-                self.vent()
-        self._configured = False
-        self._link.close()
-
-    # -- for start-up and shutdown -----------------------------------------------------------------
-
-    def command(self, setpoint_pa: Array, control: Control) -> Array:
-        """One cycle with a control word for every regulator; pressures, NaN where none came."""
-        self._drain()
-        self._transact(self._setpoints.frames(setpoint_pa, control))
-        return np.array([c.pressure_pa if c.fresh else np.nan for c in self._setpoints.channels])
+        return probe(self.platform, self.device, self.link, self.clients(), self._endpoint, self.clock)
 
     def clients(self) -> list[tuple[int, SdoClient]]:
-        """Node ids, and their SDO clients."""
-        return [(node.node, self.client(node)) for node in self._nodes]
+        """Return the node ids with their SDO clients."""
+        return [(node.node, self._bus.client(node)) for node in self.nodes]
 
-    def client(self, node: NodeMonitor) -> SdoClient:
-        """SDO client of one node."""
-        times = self.platform.canopen
-        return SdoClient(
-            self._link,
-            node.node,
-            node.source,
-            on_other=lambda frame: self._on_frame(frame, in_cycle=False),
-            clock=self.clock,
-            timeout_s=times.sdo_timeout_s,
-            retries=times.sdo_retries,
-        )
+    def start_up(self) -> None:
+        self._bus.restart()
+        self._watch.open()
+        startup.warn_of_unwatched(self.device)
+        for node in self.nodes:
+            node.restart()
+        bring_up(self._bus, self.platform, self.device)
+        if self.latched:
+            first, *others = self.latched
+            rest = "".join(f"; {f.source}: start-up: {f.message}" for f in others)
+            raise HardwareError(first.message + rest, first.source, "refused", "start-up")
+        self._forget_setpoints()
+        self._watch.configured()
 
-    def signs_of_life(self) -> list[Frame]:
-        """Heartbeat of the host, and its questions to the nodes that are guarded."""
-        return [self._own_heartbeat, *self._guarding.all()]
+    def transfer(self, setpoint_pa: Array, is_vent: bool) -> Flags | bool:
+        self._bus.now_ns = self._now_ns
+        self._follows = False
+        if not self._watch.usable():
+            return self._silence()
+        try:
+            self._bus.drain()
+            # A frame since the last cycle may have latched a fault. `shut_down` sets its own control words.
+            is_vent = is_vent or bool(self.latched and not self._closed)
+            self._follows = not is_vent
+            if is_vent:
+                self._ask_zeros()
+            else:
+                asked = zip(self._channels, setpoint_pa.tolist(), strict=True)
+                self.sent_pa = np.array([channel.ask(value, self._control) for channel, value in asked])
+                self._zero_rounds = 0
+            for node in self.nodes:
+                node.begin_cycle(self._now_ns)
+            # With the heartbeat all RPDOs are sent, also unchanged ones.
+            signs, is_due = self._bus.due_signs()
+            rpdos = [frame for node in self.nodes for frame in node.rpdos(repeat=is_due)]
+            self.link.send([*signs, *rpdos, frames.SYNC])
+            self._take_answers()
+        except HardwareError as error:
+            self._watch.broke(error)
+            raise
+        if not self._watch.usable():  # bus-off in this cycle
+            return self._silence()
+        self._take_pressures()
+        return np.array([channel.fresh for channel in self._channels])
 
-    def send(self, messages: list[Frame]) -> None:
-        """Send frames."""
-        self._link.send(messages)
+    def judge(self) -> Iterable[Fault]:
+        if self._watch.fault is not None:
+            return
+        for node in self.nodes:
+            self.answers_lost += len(node.awaited)
+            yield from node.end_cycle(self._now_ns, self._follows, self.platform)
 
-    def wait(self, until_s: float) -> None:
-        """Take frames until a time of the clock."""
-        while (left := until_s - self.clock()) > 0:
-            if (frame := self._link.receive(left)) is not None:
-                self._on_frame(frame, in_cycle=False)
+    def supply_pa(self) -> Array | None:
+        if self.device.mapping.supply is None:
+            return None
+        return np.array([node.supply_pa for node in self._nodes_of])
+
+    def send_zeros(self) -> None:
+        if self.device_watchdog and self._watch.fault is not None:
+            return
+        if not (self.device_watchdog or self._closed):
+            with contextlib.suppress(HardwareError):
+                self._watch.usable()  # opens a lost bus again
+        if not self.link.is_open or self.link.is_bus_off:
+            return
+        # In lockstep a round advances the devices by one cycle: each call makes one, and the caller repeats.
+        for _ in range(1 if self.lockstep else 2):
+            # The watchdogs of the devices vent when the bus is lost.
+            with contextlib.suppress(HardwareError):
+                self._bus.drain()
+            with contextlib.suppress(HardwareError):
+                self._send_zeros(*self._bus.signs_of_life())
+
+    def on_lost(self, error: HardwareError) -> None:
+        raise error
+
+    @property
+    def is_open(self) -> bool:
+        return self._watch.fault is None
+
+    def wait(self, duration_s: float) -> None:
+        end_s = self.clock() + duration_s  # also while frames arrive without a pause
+        self._bus.wait_for(lambda: self.clock() >= end_s, duration_s)
+
+    def begin_end(self) -> None:
+        if self.latched or not self.sent_pa.any():
+            self._control = Control.HOLD
+
+    def shut_down(self, is_empty: bool) -> None:
+        """Control words 3, 1, 0, and NMT stop."""
+        for word in (Control.HOLD, Control.DISABLED, Control.INIT) if self.device.has_states else ():
+            self._control = word
+            self.paced(np.zeros(self.n_chambers))
+        # The host stops its messages here. To avoid a fault in every valve, PRE_OPERATIONAL ends the set
+        # point deadline, and `disarm` switches off the watch of the host.
+        self._bus.command(NmtCommand.PRE_OPERATIONAL, *self.nodes)
+        with self._bus:
+            for node in self.nodes:
+                self._bus.beat()
+                with contextlib.suppress(SdoError):
+                    watchdogs.disarm(self._bus.client(node), self.platform, self.device)
+                self._bus.command(NmtCommand.STOP, node)
+        self._rests = True
+
+    def disconnect(self) -> None:
+        if not self._rests and (self._configured or not self.device_watchdog):
+            self.send_zeros()
+        self.link.close()
 
     # -- a cycle -----------------------------------------------------------------------------------
 
-    def _cycle(self, wanted_pa: Array, refused: list[Fault]) -> list[Fault]:
-        """Send set points, or zeros where something is wrong, and judge what comes back."""
-        try:
-            self._drain()
-            follow = not (refused or self.latched)
-            setpoints = self._setpoints
-            self._transact(setpoints.frames(wanted_pa, Control.ACTIVE) if follow else setpoints.zeros)
-        except HardwareError as error:
-            self._guard.broke(error)
-            raise
-        if not self._guard.usable():  # the controller went off in this very cycle
-            return self._silence()
-        faults: list[Fault] = []
-        for node in self._nodes:
-            self._lost += len(node.awaited)
-            faults += node.end_cycle(self.now_ns, follow, self.platform)
-        return faults
-
-    def _silence(self) -> list[Fault]:
-        """A cycle without a bus, or on one that is back and waits for `configure`."""
-        self._setpoints.restart()
-        if self._link.is_open and not self.device_watchdog:
-            # Nobody else vents these devices, so zeros go out as soon as they can be reached again.
+    def _silence(self) -> bool:
+        """Make a cycle without a bus, or on a reopened bus before `configure`."""
+        self._forget_setpoints()
+        if self.link.is_open and not self.device_watchdog:
+            # Devices without a watchdog get zeros as soon as the bus is open again.
             try:
-                self._drain()
-                self._link.send([*self._setpoints.zeros(repeat=True), frames.SYNC])
+                self._bus.drain()
+                self._send_zeros()
             except HardwareError as error:
-                self._guard.broke(error)
-        for node in self._nodes:
-            node.begin_cycle(self.now_ns)
-        return list(self.latched)
+                self._watch.broke(error)
+        for node in self.nodes:
+            node.begin_cycle(self._now_ns)
+        self._take_pressures()
+        return False
 
-    def _transact(self, rpdos: Callable[[bool], list[Frame]]) -> None:
-        """RPDOs and SYNC out, TPDOs in; with the heartbeat everything goes out, changed or not."""
-        for node in self._nodes:
-            node.begin_cycle(self.now_ns)
-        period_ns = round(self.platform.canopen.heartbeat_s * 1e9)
-        due = self._heartbeat_ns is None or self.now_ns - self._heartbeat_ns >= period_ns
-        if due:
-            self._heartbeat_ns = self.now_ns
-        signs = [*([self._own_heartbeat] if due else ()), *self._guarding.due(self.now_ns)]
-        self._link.send([*signs, *rpdos(due), frames.SYNC])
+    def _take_answers(self) -> None:
+        """Process frames until the TPDOs of all nodes have arrived or their time is over."""
         start = self.clock()
-        while waiting := [node for node in self._nodes if node.awaited and not node.gone]:
+        while waiting := [node for node in self.nodes if node.awaited and not node.gone]:
             left = start + self._budget_s(waiting) - self.clock()
-            # Frames of others without end; every reading is stale by then.
-            if left < -self.platform.canopen.stale_s or (frame := self._link.receive(max(left, 0.0))) is None:
+            # Other frames without end: by then every reading is stale.
+            if left < -self.platform.canopen.stale_s or (frame := self.link.receive(max(left, 0.0))) is None:
                 return
-            self._on_frame(frame, in_cycle=True)
+            self._bus.take(frame, in_cycle=True)
 
     def _budget_s(self, waiting: list[NodeMonitor]) -> float:
-        """Time for the answers; in lockstep a node that is known to be silent does not hold up the others."""
+        """Return the time for the answers [s]; in lockstep it is short if only silent nodes are missing."""
         if self.lockstep and any(node.missed < self.platform.canopen.stale_cycles for node in waiting):
             return self.platform.lockstep_timeout_s
         return self.platform.cycle_budget_s
 
-    def _drain(self) -> None:
-        for frame in self._link.waiting():
-            self._on_frame(frame, in_cycle=False)
+    def _send_zeros(self, *signs: Frame) -> None:
+        """Send all RPDOs with zeros, and SYNC."""
+        self._ask_zeros()
+        rpdos = [frame for node in self.nodes for frame in node.rpdos(repeat=True)]
+        self.link.send([*signs, *rpdos, frames.SYNC])
 
-    def _on_frame(self, frame: Frame, in_cycle: bool) -> None:
-        self._dispatch.take(frame, self.now_ns, in_cycle)
+    def _ask_zeros(self) -> None:
+        for channel in self._channels:
+            channel.ask_zero(is_first=self._zero_rounds == 0)
+        self._zero_rounds += 1
+        self.sent_pa = np.zeros(self.n_chambers)
+
+    def _forget_setpoints(self) -> None:
+        self._zero_rounds, self.sent_pa = 0, np.zeros(self.n_chambers)
+
+    def _take_pressures(self) -> None:
+        self.pressure_pa = np.array([channel.pressure_pa for channel in self._channels])
+
+    def _late(self, fresh: Flags) -> list[Fault]:
+        return [] if self._watch.fault is not None else super()._late(fresh)
 
 
 def open_driver(
     platform: CanopenPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
 ) -> CanopenRegulator:
-    """Make the driver of a platform; `endpoint` takes the place of the adapter's device."""
+    """Make the driver of a platform; parameters as in `Family.open`."""
     return CanopenRegulator(
         platform, lambda: open_bus(platform.transport, endpoint, lockstep), clock, lockstep, endpoint
     )

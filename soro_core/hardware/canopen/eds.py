@@ -1,8 +1,11 @@
-"""EDS files (CiA 306): which objects a device has; the driver checks them, the emulation serves them."""
+"""EDS files (CiA 306): the objects of a device, for the driver and the emulation."""
 
 from __future__ import annotations
 
 import functools
+import io
+import re
+from configparser import RawConfigParser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -26,9 +29,17 @@ _TYPES = {
 }
 
 
+# Keys whose values are numbers, by which the library fails without naming them.
+_OF_THE_FILE = re.compile(
+    r"VendorNumber|ProductNumber|RevisionNumber|SimpleBootUp\w+|Granularity|DynamicChannelsSupported|"
+    r"GroupMessaging|NrOf[RT]XPDO|LSS_Supported|BaudRate_\d+|Lines|Baudrate|PDOMapping|Dummy\d+"
+)
+_OF_AN_OBJECT = re.compile(r"ObjectType|DataType|CompactSubObj|NrOfEntries|NodeID")
+
+
 @dataclass(frozen=True)
 class Entry:
-    """What the EDS says of one sub-object."""
+    """One object of an EDS."""
 
     bits: int
     is_signed: bool
@@ -42,20 +53,44 @@ class Entry:
 
 @functools.cache
 def read_eds(path: Path, node: int) -> dict[Key, Entry]:
-    """Entries of an EDS file by index and sub-index, for one node id.
+    """Return the entries of an EDS file by index and sub-index, for one node id.
 
     Raises
     ------
     ConfigError
-        If the file is no EDS.
+        If the file is no EDS; where a value is wrong, with its section and key.
     """
     try:
-        items = list(import_eds(str(path), node).values())
+        items = list(import_eds(io.StringIO(_text(path)), node).values())
+    except ConfigError:
+        raise
     except Exception as error:  # the library lets errors of parsing and conversion of every kind through
         text = " ".join(str(error).split()) or type(error).__name__
         raise ConfigError(str(path), "", text, "an EDS file (CiA 306)") from None
     variables = [v for item in items for v in ([item] if isinstance(item, ODVariable) else item.values())]
     return {(v.index, v.subindex): _entry(v) for v in variables if v.data_type in _TYPES}
+
+
+@functools.cache
+def _text(path: Path) -> str:
+    """Return the text of the file without keys that have no value, which some editors write."""
+    parser = RawConfigParser(inline_comment_prefixes=(";",))
+    parser.optionxform = str  # type: ignore[assignment, method-assign]
+    with open(path, encoding="utf-8", errors="replace") as file:
+        parser.read_file(file, str(path))
+    for section in parser.sections():
+        for key, value in parser.items(section):
+            if not (_OF_THE_FILE.fullmatch(key) or _OF_AN_OBJECT.fullmatch(key)):
+                continue
+            try:
+                parser.set(section, key, str(int(value or "0", 0)))
+            except ValueError:
+                raise ConfigError(str(path), f"[{section}] {key}", value, "a number") from None
+            if not value and _OF_AN_OBJECT.fullmatch(key):  # not given: 0 would be a value
+                parser.remove_option(section, key)
+    text = io.StringIO()
+    parser.write(text)
+    return text.getvalue()
 
 
 def _entry(variable: ODVariable) -> Entry:

@@ -1,7 +1,7 @@
-"""Device mapping: which objects of a CANopen device are set point, reading, control and status word.
+"""Device mapping: the objects of a CANopen device for set point, reading, control and status word.
 
-A mapping and the device's EDS file describe a device completely, so that another make is a configuration. The
-shipped ones stand in config/canopen; a platform names one and may change any of its keys.
+A mapping and the EDS file of a device describe it completely, so that a device of another make needs only a
+configuration. The shipped mappings are in config/canopen; a platform names one and may change its keys.
 """
 
 from __future__ import annotations
@@ -45,13 +45,15 @@ class PdoMapping(Strict):
     a TPDO passed over.
     """
 
-    number: int = Field(ge=1, le=PDO_NUMBERS, description="which of the predefined PDOs")
+    number: int = Field(ge=1, le=PDO_NUMBERS, description="number of the predefined PDO")
     entries: Annotated[tuple[Entry, ...], Field(strict=False, min_length=1, max_length=8)]
     transmission: Literal["sync", "event"] = Field(
         "sync",
-        description="with every SYNC, or by the device: state words when one changes, all from time to time",
+        description="sync: with every SYNC; event: the device sends at a change, and periodically",
     )
-    fixed: bool = Field(False, description="the device's map cannot be written: it is compared only")
+    fixed: bool = Field(
+        False, description="the device has a fixed map, which the driver compares and does not write"
+    )
 
     @model_validator(mode="after")
     def _known(self) -> PdoMapping:
@@ -80,7 +82,7 @@ class DeviceScaling(Strict):
 
 
 class FixedScaling(Strict):
-    """The device does not say what its counts mean."""
+    """The platform states the scales, because the device does not report them."""
 
     kind: Literal["fixed"]
     setpoint: Linear
@@ -106,17 +108,21 @@ class DeviceMapping(Strict):
     setpoint: ObjectAddress
     reading: ObjectAddress
     control: ObjectAddress | None = Field(
-        None, description="control word of the CiA 408 state machine; none for devices without"
+        None, description="control word of the CiA 408 state machine; none: the device has no state machine"
     )
     status: ObjectAddress | None = None
-    hold_setpoint: ObjectAddress | None = Field(None, description="set point in state HOLD; 0 is written")
-    upper_limit: ObjectAddress | None = Field(None, description="the platform's range is written there")
+    hold_setpoint: ObjectAddress | None = Field(
+        None, description="set point in state HOLD; the driver writes 0"
+    )
+    upper_limit: ObjectAddress | None = Field(
+        None, description="upper limit of the set point; the driver writes the platform's range"
+    )
     lower_limit: ObjectAddress | None = None
     supply: SupplyObject | None = Field(
         None, description="supply pressure; the devices of a node have one supply"
     )
     settings: Annotated[tuple[Setting, ...], Field(strict=False)] = Field(
-        (), description="written at start-up to every channel where the device has another value"
+        (), description="objects that the driver writes at start-up to every channel with another value"
     )
     rpdos: Annotated[tuple[PdoMapping, ...], Field(strict=False, min_length=1)]
     tpdos: Annotated[tuple[PdoMapping, ...], Field(strict=False, min_length=1)]
@@ -161,12 +167,12 @@ class DeviceMapping(Strict):
 
     @property
     def eds_path(self) -> Path:
-        """Where the EDS file is.
+        """Path of the EDS file.
 
         Raises
         ------
         ConfigError
-            If it is neither a path nor shipped.
+            If there is no such file.
         """
         shipped = config_folder() / "canopen" / self.eds
         for path in (Path(self.eds), shipped):
@@ -176,17 +182,17 @@ class DeviceMapping(Strict):
         raise ConfigError("canopen.mapping", "eds", self.eds, f"the path of an EDS file, or one of {known}")
 
     def address(self, kind: str, channel: int) -> ObjectAddress | None:
-        """Object of one channel: of setpoint, reading, control, status or one of the limits."""
+        """Return the object of one channel: setpoint, reading, control, status or a limit; None for none."""
         first: ObjectAddress | None = getattr(self, kind)
         return None if first is None else self.of_channel(first, channel)
 
     def of_channel(self, first: ObjectAddress, channel: int) -> ObjectAddress:
-        """The same object of another channel."""
+        """Return the same object of another channel."""
         return ObjectAddress(index=first.index + channel * self.channel_offset, sub=first.sub)
 
 
 def slot(entry: Entry) -> tuple[str, int]:
-    """Kind and channel of a PDO's entry; ``constant`` for a fixed value, ``other`` for one passed over."""
+    """Return kind and channel of a PDO entry; ``constant`` is a fixed value, ``other`` an ignored object."""
     if isinstance(entry, ObjectAddress):
         return ("constant" if isinstance(entry, Setting) else "other"), 0
     match = _ENTRY.fullmatch(entry)
@@ -195,16 +201,16 @@ def slot(entry: Entry) -> tuple[str, int]:
 
 
 def shipped_mapping(name: str) -> dict[str, Any]:
-    """Keys of a mapping in config/canopen.
+    """Return the keys of a mapping in config/canopen.
 
     Raises
     ------
     ConfigError
-        If there is none of that name.
+        If there is no mapping of that name.
     """
     return {**read_yaml(find_config(name, "canopen")), "device": name}
 
 
 def default_mapping() -> DeviceMapping:
-    """One CiA 408 valve a node."""
+    """Return the mapping of nodes with one CiA 408 valve."""
     return DeviceMapping.model_validate({"device": DEFAULT_DEVICE})

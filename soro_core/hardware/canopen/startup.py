@@ -1,54 +1,30 @@
-"""Start-up of one node over SDO: check it, set watchdogs, limits and PDOs, bring its valves to HOLD at 0.
+"""Start-up of one node over SDO: checks, watchdogs, limits, PDOs, and HOLD at 0 for its valves.
 
-What the mapping or the EDS does not have is left out: an analog coupler has neither limits nor states.
+Steps without objects in the mapping or the EDS are omitted: an analog coupler has neither limits nor states.
 """
 
 from __future__ import annotations
 
 import functools
 import logging
-from dataclasses import dataclass
 
-from soro_core.hardware.canopen import cia408
-from soro_core.hardware.canopen.cia408 import Control, State
+from soro_core.hardware.canopen import cia408, watchdogs
+from soro_core.hardware.canopen.cia408 import Control, ValveState
 from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.device import Device, Object, Pdo
-from soro_core.hardware.canopen.frames import COB_DISABLED, SdoAbort
+from soro_core.hardware.canopen.frames import COB_DISABLED
 from soro_core.hardware.canopen.mapping import PDO_NUMBERS, FixedScaling, Linear
+from soro_core.hardware.canopen.pdo import Scaling
 from soro_core.hardware.canopen.sdo_client import SdoAbortError, SdoClient
+from soro_core.hardware.canopen.sdo_frames import SdoAbort
 
 _EVERY_SYNC, _BY_DEVICE = 1, 255
-_INHIBIT_MS = 2  # a status that flickers must not fill the bus
+_INHIBIT_MS = 2  # limits the bus load of a status that changes often
 _BOOT_POLL_S = 0.1
 
 
-@dataclass(frozen=True)
-class Scaling:
-    """Counts of a regulator: pressure per count of set point and reading, and the counts it may be sent."""
-
-    setpoint_pa: float
-    actual_pa: float
-    low: int
-    high: int
-    setpoint_zero: int = 0
-    actual_zero: int = 0
-
-    def counts(self, setpoint_pa: float) -> int:
-        """Nearest count inside the range."""
-        count = round(setpoint_pa / self.setpoint_pa) + self.setpoint_zero
-        return min(max(count, self.low), self.high)
-
-    def sent_pa(self, counts: int) -> float:
-        """Pressure that a set point means [Pa gauge]."""
-        return (counts - self.setpoint_zero) * self.setpoint_pa
-
-    def read_pa(self, counts: int) -> float:
-        """Pressure that a reading means [Pa gauge]."""
-        return (counts - self.actual_zero) * self.actual_pa
-
-
-def tell_unwatched(device: Device) -> None:
-    """Warn, once for each kind of device, where nothing vents it when this process dies."""
+def warn_of_unwatched(device: Device) -> None:
+    """Warn, once for each kind of device, if it has no watchdog."""
     if not device.has_watchdog:
         _warn_of(device.mapping.device)
 
@@ -63,28 +39,46 @@ def _warn_of(kind: str) -> None:
 
 
 def wait_for_boot(sdo: SdoClient, timeout_s: float) -> None:
-    """Poll object 1000 until the node answers; a boot-up message in between costs at most one poll."""
+    """Poll object 1000 until the node answers; raises `SdoError` after `timeout_s` [s]."""
     sdo.step = "boot"
     expired = sdo.timer(timeout_s)
     while not sdo.answers(cia408.DEVICE_TYPE, min(_BOOT_POLL_S, timeout_s)):
         if expired():
-            raise sdo.error(f"no answer for {timeout_s:g} s; is it powered, on this bus, at this bit rate?")
+            text = f"no answer for {timeout_s:g} s; is it powered, on this bus, at this bit rate?"
+            raise sdo.error(text, "silent")
 
 
 def configure_node(
     sdo: SdoClient, node: int, channels: tuple[int, ...], platform: CanopenPlatform, device: Device
 ) -> tuple[Scaling, ...]:
-    """Everything between boot and NMT start; the scaling of every channel in use.
+    """Configure a node between boot and NMT start.
+
+    Parameters
+    ----------
+    sdo : SdoClient
+        Client of the node.
+    node : int
+        Node id.
+    channels : tuple of int
+        Channels in use.
+    platform : CanopenPlatform
+        Range and times.
+    device : Device
+        Kind of device.
+
+    Returns
+    -------
+    tuple of Scaling
 
     Raises
     ------
     HardwareError
-        One line that names device, step and object.
+        If a step fails; the message states device, step and object.
     """
     check_identity(sdo, platform, device)
     for channel in range(device.mapping.channels):
         to_init(sdo, device, channel, platform.canopen.activation_timeout_s)
-    _set_watchdogs(sdo, platform, device)
+    watchdogs.set_times(sdo, platform, device)
     scalings = tuple(read_scaling(sdo, platform, device, channel) for channel in channels)
     for channel, scaling in zip(channels, scalings, strict=True):
         _set_limits(sdo, device, channel, scaling)
@@ -95,22 +89,46 @@ def configure_node(
 
 
 def to_hold(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:
-    """Control words 0, 1, 3 after NMT start: the loop then holds the hold set point, which is 0."""
+    """Bring a valve to HOLD after NMT start, where it follows the hold set point 0.
+
+    Parameters
+    ----------
+    sdo : SdoClient
+        Client of the node.
+    device : Device
+        Kind of device.
+    channel : int
+        Number of the valve in the node.
+    timeout_s : float
+        Longest time for each state [s].
+    """
     sdo.step = "state machine to hold"
     if device.has_states:
         for control, state in (
-            (Control.INIT, State.INIT),
-            (Control.DISABLED, State.DISABLED),
-            (Control.HOLD, State.HOLD),
+            (Control.INIT, ValveState.INIT),
+            (Control.DISABLED, ValveState.DISABLED),
+            (Control.HOLD, ValveState.HOLD),
         ):
             _command(sdo, device, channel, control, state, timeout_s)
 
 
 def to_init(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:
-    """Bring the state machine to INIT, where parameters can be set; a fault is reset by edges of bit 3."""
+    """Bring a valve to INIT, where parameters can be set; edges of bit 3 reset a fault.
+
+    Parameters
+    ----------
+    sdo : SdoClient
+        Client of the node.
+    device : Device
+        Kind of device.
+    channel : int
+        Number of the valve in the node.
+    timeout_s : float
+        Longest time for each state [s].
+    """
     sdo.step = "state machine to init"
-    if device.has_states and _status(sdo, device, channel) & 0xF != State.INIT.bits:
-        _command(sdo, device, channel, Control.INIT, State.INIT, timeout_s)
+    if device.has_states and _status(sdo, device, channel) & 0xF != ValveState.INIT.bits:
+        _command(sdo, device, channel, Control.INIT, ValveState.INIT, timeout_s)
 
 
 def _status(sdo: SdoClient, device: Device, channel: int) -> int:
@@ -119,9 +137,9 @@ def _status(sdo: SdoClient, device: Device, channel: int) -> int:
 
 
 def _command(
-    sdo: SdoClient, device: Device, channel: int, control: Control, state: State, timeout_s: float
+    sdo: SdoClient, device: Device, channel: int, control: Control, state: ValveState, timeout_s: float
 ) -> None:
-    """Write a control word until the status word shows the state; a device may take a few of its cycles."""
+    """Write a control word until the status word shows the state, which may take some cycles."""
     word = device.require("control", channel)
     expired = sdo.timer(timeout_s)
     while True:
@@ -139,7 +157,17 @@ def _command(
 
 
 def check_identity(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> tuple[int, int, int]:
-    """Device type, vendor and product, checked against mapping and platform."""
+    """Return device type, vendor and product, checked against mapping and platform.
+
+    Parameters
+    ----------
+    sdo : SdoClient
+        Client of the node.
+    platform : CanopenPlatform
+        Times and identities.
+    device : Device
+        Kind of device.
+    """
     sdo.step = "device type"
     device_type = sdo.read(cia408.DEVICE_TYPE)
     wanted_profile = device.mapping.profile
@@ -155,31 +183,20 @@ def check_identity(sdo: SdoClient, platform: CanopenPlatform, device: Device) ->
     return device_type, identity[0], identity[1]
 
 
-def _set_watchdogs(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None:
-    times = platform.canopen
-    sdo.step = "heartbeat"
-    if device.has_producer:
-        sdo.write_checked(cia408.PRODUCER_HEARTBEAT, 0, round(times.heartbeat_s * 1e3), 2)
-    if device.has_consumer:
-        consumer = times.master_node << 16 | round(times.heartbeat_consumer_s * 1e3)
-        sdo.write_checked(cia408.CONSUMER_HEARTBEAT, 1, consumer, 4)
-    if device.is_guarded:
-        sdo.step = "node guarding"
-        if (cia408.PRODUCER_HEARTBEAT, 0) in device.entries:  # never both at once (CiA 301)
-            sdo.write_checked(cia408.PRODUCER_HEARTBEAT, 0, 0, 2)
-        sdo.write_checked(cia408.GUARD_TIME, 0, round(times.heartbeat_s * 1e3), 2)
-        sdo.write_checked(cia408.LIFE_TIME_FACTOR, 0, times.life_time_factor, 1)
-    sdo.step = "set point deadline"
-    for pdo in device.rpdos:
-        if pdo.cyclic and device.has_deadline(pdo):
-            sdo.write_checked(pdo.communication, 5, round(times.rpdo_deadline_s * 1e3), 2)
-    sdo.step = "cycle period"
-    if device.has_cycle_period:
-        sdo.write_checked(cia408.CYCLE_PERIOD, 0, round(1e6 / platform.cycle_hz), 4)
-
-
 def read_scaling(sdo: SdoClient, platform: CanopenPlatform, device: Device, channel: int) -> Scaling:
-    """What the counts of a channel mean, as the device says or as the mapping does."""
+    """Return the scales of a channel, from the device or from the mapping.
+
+    Parameters
+    ----------
+    sdo : SdoClient
+        Client of the node.
+    platform : CanopenPlatform
+        Range and full scale.
+    device : Device
+        Kind of device.
+    channel : int
+        Number of the valve in the node.
+    """
     sdo.step = "units"
     fixed = device.mapping.scaling
     if isinstance(fixed, FixedScaling):
@@ -217,7 +234,10 @@ def _unit(sdo: SdoClient, platform: CanopenPlatform, measured: Object) -> Linear
 
 
 def _set_limits(sdo: SdoClient, device: Device, channel: int, scaling: Scaling) -> None:
+    # A valve without a state machine follows its set point from NMT start, before the first RPDO.
+    wakes = () if device.has_states else (("setpoint", scaling.setpoint_zero, "set point 0"),)
     for kind, value, step in (
+        *wakes,
         ("upper_limit", scaling.high, "limits"),
         ("lower_limit", scaling.low, "limits"),
         ("hold_setpoint", scaling.setpoint_zero, "hold set point"),
@@ -264,7 +284,7 @@ def _map(sdo: SdoClient, pdo: Pdo, node: int, event_ms: int) -> None:
 
 
 def _disable_other_pdos(sdo: SdoClient, device: Device) -> None:
-    """Nothing on the bus but what is read: other TPDOs off, where the device has them."""
+    """Disable the TPDOs that the driver does not read."""
     sdo.step = "other PDOs"
     used = {pdo.number for pdo in device.tpdos}
     for number in range(1, PDO_NUMBERS + 1):
@@ -273,8 +293,8 @@ def _disable_other_pdos(sdo: SdoClient, device: Device) -> None:
         communication = cia408.TPDO_COMMUNICATION + number - 1
         try:
             cob_id = sdo.read(communication, 1)
-        except SdoAbortError as abort:
-            if abort.code != SdoAbort.NO_OBJECT:
+        except SdoAbortError as error:
+            if error.abort != SdoAbort.NO_OBJECT:
                 raise
             return
         if not cob_id & COB_DISABLED:

@@ -1,38 +1,48 @@
-"""Alicat pressure controllers on one line: data frames by letter, and what differs with the firmware.
+"""Alicat pressure controllers on one line: data frames by letter, and differences between firmware versions.
 
-Below firmware 9v00 a set point is sent with `AS15.00`, from there on with `ALS 15.00`. On versions 1 to 7
-every command that begins with `AL` locks the front panel instead, so that none is sent before the version is
-known. A controller whose set point source is not the serial line takes a command, answers, and stays where it
-is: the set point that it shows is compared with what it was sent, every time.
+Below firmware 9v00 a set point is sent with `AS15.00`, from 9v00 on with `ALS 15.00`. Versions 1 to 7 lock
+the front panel at every command that starts with `AL`, so the driver reads the version first. A controller
+with another source of the set point answers a command but ignores it: so the driver compares each set point
+in an answer with the sent one.
 """
 
 from __future__ import annotations
 
-from soro_core.hardware.port import Fault
+from typing import Any
+
+from soro_core.hardware.port import EMPTY_PA, Fault
 from soro_core.hardware.serial_line import alicat_codec as codec
 from soro_core.hardware.serial_line.alicat_codec import DataFrame, Layout, Version
-from soro_core.hardware.serial_line.channel import Channel, Outcome, Request
+from soro_core.hardware.serial_line.channel import Channel
 from soro_core.hardware.serial_line.config import AlicatPlatform, AlicatValve
+from soro_core.hardware.serial_line.request import Outcome, Request
 from soro_core.hardware.serial_line.session import TRIES, Session
 
-_IDLE_BYTES = 3.5  # idle line before a device acts on what it has heard
-# A set point and a reading: with `S` in one answer, with `LS` in two.
-SET_BYTES = len(b"AS00.00\rA +000.00 +000.00\r") + _IDLE_BYTES
-LS_BYTES = len(b"ALS 00.00\rA +000.00 +000.00 14 KPAG\rA\rA +000.00 +000.00\r") + 2 * _IDLE_BYTES
 _LOWEST_PA = -110e3
 _LISTEN_S = 0.12  # more than twice the period of a stream, 50 ms by default
 _TRIES = 5
+_ZERO = r"[+-]?0+(?:\.0+)?"
 
 
 class AlicatChannel(Channel):
-    """One unit on the line."""
+    """One unit on the line.
+
+    Parameters
+    ----------
+    platform : AlicatPlatform
+        Range and times.
+    valve : AlicatValve
+        Entry of the platform file.
+    place : str
+        Name of the port.
+    """
 
     def __init__(self, platform: AlicatPlatform, valve: AlicatValve, place: str) -> None:
         super().__init__(valve.chamber, f"unit {valve.unit} on {place}", 1.0, 0, 0, platform.line)
         self.unit, self.wake = valve.unit, valve.unit.encode() + b"\r"
         self._range = platform.range
         self._always_s = platform.setpoint_command == "S"
-        # An answer far beyond what the platform can have is no pressure.
+        # A reading far beyond the range of the platform is invalid.
         self._highest_pa = 2 * max(platform.range.maximum_pa, 100e3)
         self._layout: Layout | None = None
         self.version: Version = (0, 0)
@@ -43,14 +53,28 @@ class AlicatChannel(Channel):
 
     @property
     def is_modern(self) -> bool:
-        """Whether set points go with `LS`."""
+        """Whether set points are sent with `LS`."""
         return self.version >= codec.MODERN_SETPOINT and not self._always_s
 
-    def next_request(self, now_ns: int) -> Request:
-        """A set point while it moves, else a poll; after `LS` a poll, for its answer has no pressure."""
-        moves = self.confirmed is None or self.wanted_counts(now_ns) != self.sent_counts
-        may_set = self._last != "ls" and not self.must_check(now_ns)
-        if moves and (self.must_vent or may_set):
+    @property
+    def is_known(self) -> bool:
+        return self._layout is not None
+
+    def remember(self, before: Channel) -> None:
+        if isinstance(before, AlicatChannel) and before.unit == self.unit:
+            self._layout, self.version = before._layout, before.version
+            self.resolution_pa, self.low, self.high = before.resolution_pa, before.low, before.high
+
+    def request(self, now_ns: int) -> Request:
+        """Return a set point while it changes, otherwise a poll; a poll also after `LS`, for the pressure."""
+        if not self.is_known:
+            return Request(self._blind_zero(), "blind")
+        if self.must_zero:
+            is_set = self.is_first_turn or (self._last == "poll" and not self.must_ask_again)
+        else:
+            moves = self.confirmed is None or self.wanted_counts(now_ns) != self.sent_counts
+            is_set = moves and self._last != "ls" and not self.must_check(now_ns)
+        if is_set:
             counts = self.wanted_counts(now_ns)
             self.sending(counts, now_ns)
             self._last = "ls" if self.is_modern else "set"
@@ -59,9 +83,12 @@ class AlicatChannel(Channel):
         return Request(b"%s\r" % self.unit.encode(), "poll")
 
     def read_answer(self, request: Request, line: bytes, now_ns: int) -> Outcome:
-        layout = self._known_layout()
+        """Process the answer in this dialect; parameters as in `Channel.answer`."""
         if codec.is_refusal(line):
             return "refused"
+        if request.kind == "blind":
+            return "good"
+        layout = self._known_layout()
         if request.kind == "ls":
             found = codec.parse_setpoint(line, self.unit, layout)
             return "garbled" if found is None else self.confirm(request.counts, found)
@@ -69,19 +96,19 @@ class AlicatChannel(Channel):
         if frame is None:
             return "garbled"
         self.flags = frame.flags
-        is_wrong = not _LOWEST_PA <= frame.pressure_pa <= self._highest_pa
-        if self.strike("pressure", is_wrong):
-            self.latch("sensor_failed", f"reads {frame.pressure_pa / 1e3:.1f} kPa")
-        if not is_wrong:
-            self.read(frame.pressure_pa, now_ns)
         if request.kind == "set":
             outcome = self.confirm(request.counts, frame.setpoint_counts)
         else:
             outcome = self.check(frame.setpoint_counts, now_ns)
+        is_wrong = not _LOWEST_PA <= frame.pressure_pa <= self._highest_pa
+        if self.strike("pressure", is_wrong):
+            self.latch("sensor_failed", f"reads {frame.pressure_pa / 1e3:.1f} kPa")
+        if not is_wrong:
+            self.read(frame.pressure_pa)
         return "mismatch" if is_wrong else outcome
 
     def device_faults(self) -> list[Fault]:
-        """A valve on hold does not regulate; a pressure beyond the sensor's range is not known."""
+        """Return faults for a valve on hold, and for a pressure beyond the sensor's range."""
         faults = []
         if "HLD" in self.flags:
             faults.append(Fault("not_active", self.source, "its valve is on hold (HLD)"))
@@ -92,7 +119,7 @@ class AlicatChannel(Channel):
             faults.append(Fault("sensor_failed", self.source, text))
         return faults
 
-    def look(self, session: Session) -> str:
+    def describe(self, session: Session) -> str:
         frame = self._poll(session, self._identify(session))
         major, minor = self.version
         setpoint = frame.setpoint_counts * self.resolution_pa / 1e3
@@ -130,19 +157,28 @@ class AlicatChannel(Channel):
             frame = self._poll(session, layout)
             if frame.setpoint_counts == 0:
                 self.restart(session.now_ns())
-                self.read(frame.pressure_pa, session.now_ns())
+                self.read(frame.pressure_pa)
                 return
         text = f"keeps {frame.setpoint_counts * self.resolution_pa:.0f} Pa; is its source the serial line?"
         raise session.error("set point 0", text)
 
-    def vent_steps(self) -> list[dict[str, str]]:
-        """Set point 0; its confirmation shows 0 as set point."""
-        zero = r"[+-]?0+(\.0+)?"
-        if self.is_modern:
-            expect = rf"{self.unit} +\S+ +{zero} +\S+ +\S+"
-        else:
-            expect = rf"{self.unit}" + r" +\S+" * (self._known_layout().setpoint - 1) + rf" +{zero}( .*)?"
-        return [{"send": self._set_command(0).decode(), "line": expect}]
+    def vent_steps(self) -> list[dict[str, Any]]:
+        """Return the steps: set point 0, and a data frame with set point 0 and an empty chamber."""
+        if not self.is_known:  # no answer can confirm it
+            return [{"send": self._blind_zero().decode(), "line": "(?!)", "of": self.chamber}]
+        layout, fields = self._known_layout(), [r"\S+"] * self._known_layout().columns
+        fields[0], fields[layout.pressure], fields[layout.setpoint] = self.unit, r"([+-]?\d+\.?\d*)", _ZERO
+        high = EMPTY_PA / layout.unit_pa
+        frame = {"line": " +".join(fields) + "(?: .*)?", "low": -high, "high": high, "of": self.chamber}
+        zero = {"send": self._set_command(0).decode(), "of": self.chamber}
+        if not self.is_modern:
+            return [{**zero, **frame}]
+        answer = rf"{self.unit} +\S+ +{_ZERO} +\S+ +\S+"
+        return [{**zero, "line": answer}, {"send": f"{self.unit}\r", **frame}]
+
+    def _blind_zero(self) -> bytes:
+        """Return set point 0 for unknown firmware: all versions know `S`."""
+        return f"{self.unit}S0\r".encode()
 
     def _set_command(self, counts: int) -> bytes:
         decimals = self._known_layout().decimals
@@ -150,16 +186,17 @@ class AlicatChannel(Channel):
         return f"{self.unit}{'LS ' if self.is_modern else 'S'}{value}\r".encode()
 
     def _read_version(self, session: Session, unit: bytes) -> Version:
-        """Version by `VE`, and by `??M9` where that is not known."""
-        for question in (unit + b"VE\r", unit + b"??M9\r") * TRIES:
-            line = session.try_ask(question)
-            version = None if line is None else codec.parse_version(line)
-            if version is not None:
+        """Read the version with `VE`, or, because 8v17 does not answer it, from the last row of `??M*`."""
+        for _ in range(TRIES):
+            rows = [session.try_ask(unit + b"VE\r") or b""]
+            if codec.parse_version(rows[0]) is None:
+                rows = session.try_ask_table(unit + b"??M*\r")
+            for version in filter(None, map(codec.parse_version, rows)):
                 return version
-        raise session.error("firmware", "does not tell its version")
+        raise session.error("firmware", "does not report its version")
 
     def _source_of(self, line: bytes) -> str | None:
-        """Source of its set point in an answer to `LSS`."""
+        """Return the source of the set point in an answer to `LSS`."""
         fields = line.decode("ascii", "replace").split()
         return fields[1] if len(fields) == 2 and fields[0] == self.unit and len(fields[1]) == 1 else None
 
@@ -178,28 +215,28 @@ def _any(line: bytes) -> bytes:
 
 
 def stop_stream(session: Session, units: tuple[str, ...]) -> None:
-    """Bring a device that sends without being asked back to its letter.
+    """Stop a unit that streams data frames.
 
-    A streaming unit has given its letter away for ``@``; which one it was is found by who does not answer.
+    A streaming unit has the letter ``@``; so it is the unit that does not answer to its own letter.
 
     Raises
     ------
     HardwareError
-        If it is none of the platform's, or goes on.
+        If the unit is none of the platform's, or does not stop.
     """
     if not session.listen(_LISTEN_S):
         return
     for unit in units:
         letter = unit.encode()
-        if not any(_hears(session, letter) for _ in range(_TRIES)):
+        if not any(_answers(session, letter) for _ in range(_TRIES)):
             # The form of firmware 8 and newer, then the older one; a device ignores the other.
             for stop in (b"@@ " + letter, b"@@=" + letter):
                 session.in_gap(b"\r" + stop + b"\r")
                 session.listen(_LISTEN_S)
     if session.listen(_LISTEN_S):
-        raise session.error("streaming", "a device sends without being asked and cannot be stopped")
+        raise session.error("streaming", "a device sends without a request and does not stop", "flood")
 
 
-def _hears(session: Session, letter: bytes) -> bool:
+def _answers(session: Session, letter: bytes) -> bool:
     session.in_gap(letter + b"\r")
     return any(line.startswith(letter + b" ") for line in session.listen(_LISTEN_S).split(b"\r"))

@@ -1,6 +1,6 @@
-"""Alicat ASCII, bytes to values: version, table of columns (`??D*`), data frame, reply to a set point.
+"""Decoding of Alicat ASCII: version, table of columns (`??D*`), data frame, answer to a set point.
 
-Formats as devices with firmware 5v12, 8v17 and 10v20 send them.
+The formats are those of devices with firmware 5v12, 8v17 and 10v20.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ _NUMBER = re.compile(r"[+-]?\d{1,7}(\.\d{1,4})?")
 
 @dataclass(frozen=True)
 class Layout:
-    """Where pressure and set point stand in a data frame.
+    """Columns of pressure and set point in a data frame.
 
     Attributes
     ----------
     columns : int
-        Columns that every frame has, the unit letter among them.
+        Number of columns of every frame, with the unit letter.
     pressure, setpoint : int
-        Index of theirs.
+        Index of pressure and set point.
     unit_pa : float
-        Their unit [Pa].
+        Unit of both [Pa].
     decimals : int
-        Digits after the point of the set point.
+        Decimals of the set point.
     """
 
     columns: int
@@ -72,18 +72,18 @@ class DataFrame:
 
 
 def parse_version(line: bytes) -> Version | None:
-    """Firmware version in an answer to `VE` or `??M*`, for example (10, 20) of 10v20.0-R24."""
+    """Return the firmware version in an answer to `VE` or `??M*`, for example (10, 20) for 10v20.0-R24."""
     found = _VERSION.search(line.decode("ascii", "replace"))
     return (int(found[1]), int(found[2])) if found else None
 
 
 def parse_layout(lines: Sequence[bytes], unit: str) -> Layout:
-    """Layout from the table that a device gives of itself, in either of its two forms.
+    """Return the layout in the table of a device, which has one of two forms.
 
     Raises
     ------
     ValueError
-        If there is no gauge pressure with a set point in it.
+        If the table has no gauge pressure with a set point.
     """
     columns: list[tuple[str, int, str]] = []  # name, decimals, label of the unit
     for line in lines:
@@ -108,7 +108,22 @@ def parse_layout(lines: Sequence[bytes], unit: str) -> Layout:
 
 
 def parse_frame(line: bytes, unit: str, layout: Layout) -> DataFrame | None:
-    """Data frame of a unit, or None if it is none."""
+    """Decode a data frame.
+
+    Parameters
+    ----------
+    line : bytes
+        Line of an answer.
+    unit : str
+        Letter of the unit.
+    layout : Layout
+        Columns of the frame.
+
+    Returns
+    -------
+    DataFrame or None
+        None if the line is no data frame of the unit.
+    """
     fields = _fields(line)
     if len(fields) < layout.columns or fields[0] != unit:
         return None
@@ -120,7 +135,10 @@ def parse_frame(line: bytes, unit: str, layout: Layout) -> DataFrame | None:
 
 
 def parse_setpoint(line: bytes, unit: str, layout: Layout) -> int | None:
-    """Set point in counts that an answer to `LS` confirms: letter, now, requested, code and label of unit."""
+    """Return the set point in counts in an answer to `LS`, or None; parameters as in `parse_frame`.
+
+    The answer is letter, present and requested set point, code and label of the unit.
+    """
     fields = _fields(line)
     if len(fields) != 5 or fields[0] != unit:
         return None
@@ -129,7 +147,7 @@ def parse_setpoint(line: bytes, unit: str, layout: Layout) -> int | None:
 
 
 def is_refusal(line: bytes) -> bool:
-    """Whether a device has refused the command: `?`, with its letter or without."""
+    """Return whether a line is the refusal `?`, with or without a letter."""
     return bool(re.fullmatch(rb"([A-Z] )?\?", line.strip()))
 
 

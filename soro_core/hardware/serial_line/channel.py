@@ -1,162 +1,235 @@
-"""One device on a serial line: what it is asked next, what its answers mean, and what is wrong with it."""
+"""One device on a serial line: its next request, the meaning of its answers, its faults."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Any
 
-from soro_core.hardware.port import Fault
+from soro_core.hardware.latch import Latch
+from soro_core.hardware.port import EMPTY_PA, Fault
 from soro_core.hardware.serial_line.config import LineOptions
+from soro_core.hardware.serial_line.request import Outcome, Request, shown
+from soro_core.hardware.serial_line.session import Session
 
-if TYPE_CHECKING:
-    from soro_core.hardware.serial_line.session import Session
-
-# How an answer was: as it should be, none at all, one to another question perhaps, or a refusal.
-Outcome: TypeAlias = Literal["good", "garbled", "mismatch", "refused"]
-
-STRIKES = 3  # wrong answers in a row that are no disturbance of the line
-_SILENT_ROUNDS = 10
-_LONGEST_PAUSE_S = 0.1  # for which the slew is made up
-
-
-@dataclass(frozen=True)
-class Request:
-    """One question; `kind` says to the channel how to read the answer, `counts` what it asked for."""
-
-    data: bytes
-    kind: str
-    counts: int = 0
+_FIRST_TURNS = 4  # turns before the others of a device that is not at 0: ask again, 0, a reading, once more
+_LONGEST_PAUSE_S = 0.1  # longest time for which a set point moves in one message
+STRIKES = 3  # consecutive wrong answers that are a fault, not a disturbance of the line
 
 
 class Channel(ABC):
     """State of one device, in its own counts.
 
-    What goes out follows the caller's set point by at most `slew_pa_s`: from exchange to exchange, so that a
-    step is spread over several messages, and from message to message, so that what a pause of the line has
-    held up does not come at once. Zero after a fault and a vent are not limited.
+    The sent set point follows the caller's set point by at most `slew_pa_s`: from exchange to exchange, so
+    that a step is spread over several messages, and from message to message, so that it does not jump after a
+    pause of the line. Zero after a fault and a vent are not limited.
+
+    While 0 is wanted and the device has not shown 0, zeros and readings alternate: the front panel or another
+    program may have set the device, or it may have its own set point at power-on.
+
+    Parameters
+    ----------
+    chamber : str
+        Name of the chamber.
+    place : str
+        Place of the device, for messages.
+    resolution_pa : float
+        Pressure of one count [Pa].
+    low, high : int
+        Smallest and largest set point in counts.
+    options : LineOptions
+        Times of the line.
 
     Attributes
     ----------
     pressure_pa : float
         Newest reading [Pa gauge]; NaN before the first.
     fresh : bool
-        Whether it came in this exchange.
-    sent_pa : float
-        Set point last sent.
-    latched : dict
-        Faults until the next start-up.
-    started : bool
-        Whether the device has gone through its start-up.
-    wake : bytes
-        Question that a device answers as soon as it is there.
+        Whether the reading arrived in this exchange.
+    latched : Latch
+        Latch of the driver, for all devices.
+    strikes : Counter
+        Number of consecutive wrong answers of each kind.
+    confirmed : int or None
+        Last set point that the device has shown; None if another one was sent since, if the shown set point
+        is impossible, or if the device is silent.
     """
 
-    wake: bytes
+    wake: bytes  # request that a device answers as soon as it has booted
 
     def __init__(
         self, chamber: str, place: str, resolution_pa: float, low: int, high: int, options: LineOptions
     ) -> None:
-        self.chamber = chamber
-        self.source = f"{chamber} ({place})"
-        self.options = options
+        self.chamber, self.source, self.options = chamber, f"{chamber} ({place})", options
+        self.latched = Latch()
+        self.strikes: Counter[str] = Counter()
         self.resolution_pa, self.low, self.high = resolution_pa, low, high
         self.pressure_pa = math.nan
         self.fresh = False
-        self.latched: dict[str, Fault] = {}
         self.restart(0)
-        self.started = False
+        self._unsee()
 
     def restart(self, now_ns: int) -> None:
-        """Begin anew after a start-up that has left the device at 0."""
-        self.started = True
+        """Reset the state after a start-up, with the device at 0."""
         self.reference_pa = 0.0
         self.jump = False
         self.sent_counts = 0
         self.confirmed: int | None = 0
         self._before = 0  # confirmed before what was sent last
+        self._other: int | None = None  # what it showed last where it cannot have that
+        self._read_empty = self._is_doubted = False  # since it was seen at 0
+        self._turns = 0  # since 0 is wanted and it was not seen there
         self.missed = 0
-        self.strikes: Counter[str] = Counter()
-        self._sent_ns = self._read_ns = self._checked_ns = now_ns
-        self.latched.clear()
+        self.strikes.clear()
+        self._sent_ns = self._checked_ns = now_ns
         self.flags: frozenset[str] = frozenset()
 
     @property
     def sent_pa(self) -> float:
-        """Set point last sent [Pa gauge]."""
+        """Last sent set point [Pa gauge]."""
         return self.sent_counts * self.resolution_pa
 
     @property
+    def is_known(self) -> bool:
+        """Whether the answers can be decoded; false if the start-up failed early."""
+        return True
+
+    def remember(self, before: Channel) -> None:  # noqa: B027
+        """Copy the format of set points of the same device, in case this start-up fails early."""
+
+    @property
     def at_zero(self) -> bool:
-        """Whether the device has confirmed 0."""
-        return self.confirmed == 0 and self.sent_counts == 0
+        """Whether the device has shown the set point 0, and no other one since."""
+        return self.confirmed == 0 and not self.is_doubtful
 
     @property
-    def must_vent(self) -> bool:
-        """Whether it is to get 0 before anything else, answers or not."""
-        return self.jump and not self.at_zero
+    def is_doubtful(self) -> bool:
+        """Whether a confirmation is not sufficient, so that the set point must be read."""
+        return self._is_doubted or self.strikes["check"] > 0
 
     @property
-    def urgent(self) -> bool:
-        """Whether it comes before the others for that; a silent one does not hold them up."""
-        return self.must_vent and "device_silent" not in self.latched
+    def is_empty(self) -> bool:
+        """Whether a reading has shown the chamber empty since the device has shown 0."""
+        return self.at_zero and self._read_empty
 
-    def due_round(self, number: int) -> bool:
-        """Whether it is asked in a round of the line; a silent device must not hold up the others."""
-        return "device_silent" not in self.latched or number % _SILENT_ROUNDS == 0
+    @property
+    def wants_zero(self) -> bool:
+        """Whether the wanted set point is 0."""
+        return self.jump or self.reference_pa == self.sent_counts == 0
+
+    @property
+    def must_zero(self) -> bool:
+        """Whether the wanted set point is 0 and the device has not shown it."""
+        return self.wants_zero and not self.at_zero
+
+    @property
+    def must_ask_again(self) -> bool:
+        """Whether to repeat the check, because a single wrong set point at rest may be noise."""
+        return self.strikes["check"] == 1 and self.missed == 0 and not self.jump
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the device gives no answers."""
+        return self.missed >= self.options.silent_after
+
+    @property
+    def urgency(self) -> int | None:
+        """Number of turns before the others that the device has had to reach 0; None if it waits its turn.
+
+        A device that is silent or does not reach 0 does not delay the others.
+        """
+        is_first = self.is_known and not self.is_silent and self._turns < _FIRST_TURNS
+        return self._turns if is_first and self.must_zero else None
 
     def vent(self) -> None:
-        """Go to 0 without slew."""
+        """Set the set point to 0 without slew."""
         self.reference_pa, self.jump = 0.0, True
-        self.confirmed = self.confirmed if self.at_zero else None
+        if not self.at_zero:
+            self._unsee()
+
+    def doubt(self) -> None:
+        """Discard that the device is at 0 and empty, so that the driver sends 0 and reads it again."""
+        self._is_doubted = True
+        self._unsee()
+
+    def reconnected(self) -> None:
+        """Set the set point to 0 on a line that is open again."""
+        self.missed = 0
+        self.doubt()
+        self.vent()
+        self.latch("connection_lost", "its port was lost and is open again")
 
     def follow(self, target_pa: float, dt: float) -> None:
-        """Take the caller's set point of this cycle; zeros do not slow a vent down that is under way."""
+        """Follow the caller's set point [Pa gauge] for `dt` [s]; zeros do not slow down a vent."""
         self.jump = self.jump and target_pa == 0.0 and not self.at_zero
         self.reference_pa = self._towards(self.reference_pa, target_pa, dt)
 
     def wanted_counts(self, now_ns: int) -> int:
-        """Set point to send now, in counts within the platform's range."""
+        """Return the set point to send now, in counts within the platform's range."""
         if self.jump:
             return 0
         wanted = self._towards(self.sent_pa, self.reference_pa, (now_ns - self._sent_ns) * 1e-9)
         return min(max(round(wanted / self.resolution_pa), self.low), self.high)
 
     @abstractmethod
-    def look(self, session: Session) -> str:
-        """What the device says of itself, in one line; it is asked only, not commanded.
+    def describe(self, session: Session) -> str:
+        """Return a description of the device in one line; sends no commands.
 
         Raises
         ------
         HardwareError
-            If it is not what it should be.
+            If the device differs from the platform file.
         """
 
     @abstractmethod
     def start(self, session: Session) -> None:
-        """Bring the device to 0 and see that it answers everything that the loop will ask.
+        """Bring the device to 0 and check that it answers all requests of the loop.
 
         Raises
         ------
         HardwareError
-            One line that names the device and the step.
+            If a step fails; the message states the device and the step.
         """
 
-    @abstractmethod
     def next_request(self, now_ns: int) -> Request:
-        """Question to send now."""
+        """Return the request to send now."""
+        self._turns = self._turns + 1 if self.must_zero else 0
+        return self.request(now_ns)
+
+    @property
+    def is_first_turn(self) -> bool:
+        """Whether this is the first request since 0 is wanted, which sends 0."""
+        return self._turns == 1 and not self.must_ask_again
 
     @abstractmethod
-    def vent_steps(self) -> list[dict[str, str]]:
-        """What the supervisor sends in the driver's place, and the answer that confirms it."""
+    def request(self, now_ns: int) -> Request:
+        """Return the request of the dialect to send now."""
+
+    @abstractmethod
+    def vent_steps(self) -> list[dict[str, Any]]:
+        """Return the steps of the supervisor: set point 0, and a reading that shows the chamber empty."""
 
     def answer(self, request: Request, line: bytes, now_ns: int) -> Outcome:
-        """Take the answer to a question."""
+        """Process the answer to a request.
+
+        Parameters
+        ----------
+        request : Request
+            Sent request.
+        line : bytes
+            Answer.
+        now_ns : int
+            Time of the line [ns].
+
+        Returns
+        -------
+        str
+            Quality of the answer, an `Outcome`.
+        """
         outcome = self.read_answer(request, line, now_ns)
         if outcome == "garbled":
-            self._count_missed()
+            self.missed_answer()
             return outcome
         self.missed = 0
         if self.strike(f"refused {request.kind}", outcome == "refused"):
@@ -165,77 +238,79 @@ class Channel(ABC):
 
     @abstractmethod
     def read_answer(self, request: Request, line: bytes, now_ns: int) -> Outcome:
-        """Take the answer to a question; the dialect's part of `answer`."""
+        """Process the answer in the dialect; parameters as in `Channel.answer`."""
 
-    def missed_answer(self, request: Request, now_ns: int) -> None:
-        """Take note that no answer came."""
-        self._count_missed()
+    def missed_answer(self) -> None:
+        """Count a missing or invalid answer."""
+        self.missed += 1
+        if self.is_silent:
+            self._unsee()  # the device may have restarted when it answers again
+            self.latch("device_silent", f"{self.missed} requests in a row without a good answer")
 
     def sending(self, counts: int, now_ns: int) -> None:
-        """Note that a set point goes out."""
-        self._before = self._before if self.confirmed is None else self.confirmed
-        self.sent_counts, self.confirmed = counts, None
+        """Record a set point that is sent."""
+        self._unsee()
+        self.sent_counts = counts
         self._sent_ns = now_ns
 
     def confirm(self, requested: int, found: int) -> Outcome:
-        """Compare a set point that the device confirms with the one that it was sent."""
+        """Compare the confirmed set point with the sent one."""
         is_wrong = found != requested
         self.confirmed = None if is_wrong else found
+        if is_wrong:
+            self._before = found  # the device reports this one, until it accepts the other
         if self.strike("confirm", is_wrong):
             text = f"was sent {self._text(requested)} and keeps {self._text(found)}"
             self.latch("setpoint_ignored", text)
         return "mismatch" if is_wrong else "good"
 
     def must_check(self, now_ns: int) -> bool:
-        """Whether to see, before it gets another set point, that the device has the one that it confirmed.
+        """Return whether to read the set point of the device before the next one is sent.
 
-        It has not when it has restarted. So this is due from time to time, after a missed answer, and as long
-        as the answer is another one.
+        After a restart the device does not have the confirmed set point. So this is due periodically, after a
+        missing answer, and while the set point differs.
         """
         is_due = (now_ns - self._checked_ns) * 1e-9 >= self.options.check_s
         return self.missed > 0 or self.strikes["check"] > 0 or (is_due and self.confirmed is not None)
 
     def check(self, found: int, now_ns: int) -> Outcome:
-        """Compare the set point that the device has with what it can have.
+        """Compare the set point of the device with the possible ones.
 
-        That is the one that it confirmed, or, where the confirmation got lost, the one that it was sent or
-        the one before.
+        These are the confirmed one, or, after a lost confirmation, the sent one and the one before it.
         """
         self._checked_ns = now_ns
         had = self._before if self.confirmed is None else self.confirmed
-        is_wrong = found != had and (self.confirmed is not None or found != self.sent_counts)
-        if self.strike("check", is_wrong):
+        is_wrong = found not in (had, self.sent_counts)
+        # At rest, the same wrong set point twice is a fault: the pressure is already rising.
+        is_same = self.wants_zero and found == self._other
+        self._other = found if is_wrong else None
+        if self.strike("check", is_wrong) or (is_wrong and is_same):
             text = f"confirmed {self._text(had)} and has {self._text(found)}: restarted, or set by another"
             self.latch("rebooted", text)
-        if not is_wrong:
+        if is_wrong:
+            self._unsee()
+        else:
             self.confirmed = found if found == self.sent_counts else None
+            self._is_doubted = self._is_doubted and self.confirmed is None
         return "mismatch" if is_wrong else "good"
 
+    def read(self, pressure_pa: float) -> None:
+        """Record a reading [Pa gauge], after the set point of the same answer."""
+        self.pressure_pa, self.fresh = pressure_pa, True
+        self._read_empty = self.at_zero and abs(pressure_pa) < EMPTY_PA
+
+    def device_faults(self) -> list[Fault]:
+        """Return the faults that the device reports and that do not latch."""
+        return []
+
     def strike(self, kind: str, is_wrong: bool) -> bool:
-        """Count what is wrong several times in a row; whether it has been often enough."""
+        """Count consecutive wrong answers of a kind; return whether they are a fault."""
         self.strikes[kind] = self.strikes[kind] + 1 if is_wrong else 0
         return self.strikes[kind] >= STRIKES
 
-    def read(self, pressure_pa: float, now_ns: int) -> None:
-        """Take a reading."""
-        self.pressure_pa, self.fresh, self._read_ns = pressure_pa, True, now_ns
-
     def latch(self, code: str, message: str) -> None:
-        """Latch a fault; the first of its kind stays."""
-        self.latched.setdefault(code, Fault(code, self.source, message, latched=True))
-
-    def faults(self, now_ns: int) -> list[Fault]:
-        """Everything that is wrong now."""
-        found = list(self.latched.values())
-        age_s = (now_ns - self._read_ns) * 1e-9
-        if age_s > self.options.stale_s and "device_silent" not in self.latched:
-            text = f"no pressure for {age_s * 1e3:.0f} ms (stale at {self.options.stale_s * 1e3:g} ms)"
-            found.append(Fault("stale_reading", self.source, text))
-        return found + self.device_faults()
-
-    def device_faults(self) -> list[Fault]:
-        """What the device says of itself."""
-        return []
+        """Latch a fault of this device."""
+        self.latched.add(code, self.source, message)
 
     def _towards(self, from_pa: float, to_pa: float, dt: float) -> float:
         change = self.options.slew_pa_s * min(dt, _LONGEST_PAUSE_S)
@@ -244,12 +319,8 @@ class Channel(ABC):
     def _text(self, counts: int) -> str:
         return f"{counts * self.resolution_pa:.0f} Pa"
 
-    def _count_missed(self) -> None:
-        self.missed += 1
-        if self.missed >= self.options.silent_after:
-            self.latch("device_silent", f"{self.missed} requests in a row without a good answer")
-
-
-def shown(data: bytes) -> str:
-    """Bytes of a line as an error shows them."""
-    return repr(data.decode("ascii", "replace").strip())
+    def _unsee(self) -> None:
+        """Mark the set point of the device as unknown: the confirmed one or the next one."""
+        if self.confirmed is not None:
+            self._before, self.confirmed = self.confirmed, None
+        self._read_empty = False

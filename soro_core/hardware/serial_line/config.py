@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from soro_core.config import Strict
 from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.serial_line import pace
 
 Baud = Literal[2400, 4800, 9600, 19200, 38400, 57600, 115200]
 
@@ -25,24 +26,34 @@ class LineOptions(Strict):
     silent_after: int = Field(3, ge=1, le=100, description="missed answers in a row that make a fault")
     stale_s: float = Field(0.5, gt=0, le=5, description="age of a reading that makes a fault")
     check_s: float = Field(
-        0.2, gt=0, le=2, description="how often a device is asked whether it still has its set point"
+        0.2, gt=0, le=2, description="period of the check that a device still has its set point"
     )
     slew_pa_s: float = Field(
-        400e3, gt=0, le=10e6, description="fastest change of what is sent; a vent is not limited"
+        400e3, gt=0, le=10e6, description="largest rate of the sent set point; a vent is not limited"
     )
-    boot_timeout_s: float = Field(2.0, gt=0, le=60, description="time for a device to answer at all")
+    boot_timeout_s: float = Field(
+        2.0, gt=0, le=60, description="longest time from power-on to the first answer of a device"
+    )
     reconnect_s: float = Field(
-        1.0, ge=0, le=60, description="time for which configure tries to open a port that is not there"
+        1.0, ge=0, le=60, description="time for which the start-up tries to open a missing port"
     )
     vent_s: float = Field(0.5, gt=0, le=5, description="longest time that a vent waits for its confirmation")
     supervisor: bool = Field(
-        True, description="keep a process beside the driver that vents when the driver dies"
+        True, description="run a process beside the driver that vents when the driver dies"
     )
 
     @property
     def patience_s(self) -> float:
         """Time after which a device that answers nothing is silent."""
         return self.silent_after * (self.answer_timeout_s + self.quiet_s)
+
+    def is_stale(self, missed: int, age_ns: int) -> bool:
+        """Whether a reading of such an age is too old; devices that are served in turn miss many cycles."""
+        return age_ns > self.stale_s * 1e9
+
+    def too_old(self, missed: int, age_ns: int) -> str:
+        """What is wrong with a reading that is stale."""
+        return f"no pressure for {age_ns * 1e-6:.0f} ms (stale at {self.stale_s * 1e3:g} ms)"
 
 
 class LineEmulation(EmulationBase):
@@ -57,9 +68,11 @@ class LineEmulation(EmulationBase):
 class AlicatEmulation(LineEmulation):
     """How emulated Alicat controllers behave."""
 
-    firmware: str = Field("10v20.0-R24", description="version that they report, for example 5v12.0-R22")
-    unit: Literal["kPaG", "barG", "PSIG"] = Field("kPaG", description="unit of their pressures")
-    full_scale_pa: float = Field(103.4e3, gt=0, le=2e6, description="their range [Pa gauge]")
+    firmware: str = Field(
+        "10v20.0-R24", description="firmware version that the devices report, for example 5v12.0-R22"
+    )
+    unit: Literal["kPaG", "barG", "PSIG"] = Field("kPaG", description="unit of the pressures")
+    full_scale_pa: float = Field(103.4e3, gt=0, le=2e6, description="range of the devices [Pa gauge]")
 
 
 class SerialPlatform(PlatformBase):
@@ -81,7 +94,9 @@ class SerialPlatform(PlatformBase):
 class ItvValve(ValveBase):
     """One SMC ITV with its own port."""
 
-    port: str | None = Field(None, description="path of its serial port; none where it is given when opened")
+    port: str | None = Field(
+        None, description="path of the serial port; none: the user gives it with --device"
+    )
 
 
 class ItvPlatform(SerialPlatform):
@@ -98,6 +113,10 @@ class ItvPlatform(SerialPlatform):
         description="pressure at 1023 counts: 100e3 for ITVx01, 500e3 for ITVx03, 900e3 for ITVx05",
     )
     emulation: LineEmulation = LineEmulation()
+
+    @property
+    def update_hz(self) -> float:
+        return pace.update_hz(self.baud, pace.ITV_BYTES)
 
     @property
     def device(self) -> str | None:
@@ -126,7 +145,7 @@ class ItvPlatform(SerialPlatform):
 class AlicatValve(ValveBase):
     """One Alicat pressure controller on the line."""
 
-    unit: str = Field(pattern=re.compile("^[A-Z]$"), description="its letter on the line, A to Z")
+    unit: str = Field(pattern=re.compile("^[A-Z]$"), description="letter of the device on the line, A to Z")
 
 
 class AlicatPlatform(SerialPlatform):
@@ -135,15 +154,26 @@ class AlicatPlatform(SerialPlatform):
     where_device: ClassVar[str] = "`port`"
 
     family: Literal["alicat"]
-    port: str | None = Field(None, description="path of the serial port; none where it is given when opened")
+    port: str | None = Field(
+        None, description="path of the serial port; none: the user gives it with --device"
+    )
     valves: Annotated[tuple[AlicatValve, ...], Field(strict=False, min_length=1, max_length=26)]
     baud: Baud = 19200
     setpoint_command: Literal["by_firmware", "S"] = Field(
         "by_firmware",
-        description="LS from firmware 9v00 on, S below; S also there, which newer ones know too: its answer "
-        "has the pressure, so that a chamber gets twice the rate",
+        description="by_firmware: LS from firmware 9v00 on, S below; S: always S, which newer firmware also "
+        "accepts. The answer to S contains the pressure, which doubles the rate of a chamber",
     )
     emulation: AlicatEmulation = AlicatEmulation()
+
+    @property
+    def update_hz(self) -> float:
+        return self.served_hz(self.setpoint_command != "S")
+
+    def served_hz(self, with_ls: bool) -> float:
+        """Rate [Hz] at which a chamber is served; the command of the set point is known from the firmware."""
+        one = pace.LS_BYTES if with_ls else pace.S_BYTES
+        return pace.update_hz(self.baud, one * len(self.valves))
 
     @property
     def device(self) -> str | None:

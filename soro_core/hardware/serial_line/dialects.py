@@ -1,15 +1,15 @@
-"""The two drivers on serial lines: SMC ITV with a port a valve, Alicat with all units on one port."""
+"""The two drivers on serial lines: SMC ITV with one port each, Alicat with one port for all units."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.serial_line import alicat, itv
+from soro_core.hardware.serial_line import alicat
 from soro_core.hardware.serial_line.alicat import AlicatChannel
 from soro_core.hardware.serial_line.config import AlicatPlatform, ItvPlatform, SerialPlatform
 from soro_core.hardware.serial_line.driver import SerialRegulator
-from soro_core.hardware.serial_line.engine import BITS_PER_BYTE, LineEngine
+from soro_core.hardware.serial_line.engine import LineEngine
 from soro_core.hardware.serial_line.itv import ItvChannel
 from soro_core.hardware.serial_line.port import BytePort, SerialPort, open_with_retries, paths_of
 from soro_core.hardware.serial_line.session import Session
@@ -19,10 +19,6 @@ class ItvRegulator(SerialRegulator):
     """SMC ITV, one port each."""
 
     platform: ItvPlatform
-
-    @property
-    def update_hz(self) -> float:
-        return self.platform.baud / (BITS_PER_BYTE * itv.PAIR_BYTES)
 
     def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
         times, baud = self.platform.line, self.platform.baud
@@ -45,9 +41,8 @@ class AlicatRegulator(SerialRegulator):
 
     @property
     def update_hz(self) -> float:
-        is_modern = all(isinstance(c, AlicatChannel) and c.is_modern for c in self._channels)
-        bytes_a_unit = alicat.LS_BYTES if is_modern else alicat.SET_BYTES
-        return self.platform.baud / (BITS_PER_BYTE * bytes_a_unit * len(self.platform.valves))
+        with_ls = all(isinstance(c, AlicatChannel) and c.is_modern for c in self._channels)
+        return self.platform.served_hz(with_ls)
 
     def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
         (port,) = ports
@@ -55,14 +50,14 @@ class AlicatRegulator(SerialRegulator):
         channels = [AlicatChannel(self.platform, valve, port.name) for valve in self.platform.valves]
         return [LineEngine(port, channels, baud, times.answer_timeout_s, times.quiet_s)]
 
-    def calm(self, session: Session) -> None:
+    def stop_streaming(self, session: Session) -> None:
         alicat.stop_stream(session, tuple(valve.unit for valve in self.platform.valves))
 
 
 def open_itv(
     platform: ItvPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
 ) -> ItvRegulator:
-    """Make the driver of a platform; `endpoint` takes the place of its ports."""
+    """Make the driver of a platform; parameters as in `Family.open`."""
     return ItvRegulator(
         platform, lambda: _open(platform, endpoint, len(platform.valves), clock), clock, lockstep
     )
@@ -71,7 +66,7 @@ def open_itv(
 def open_alicat(
     platform: AlicatPlatform, endpoint: str | None, clock: Callable[[], float], lockstep: bool
 ) -> AlicatRegulator:
-    """Make the driver of a platform; `endpoint` takes the place of its port."""
+    """Make the driver of a platform; parameters as in `Family.open`."""
     return AlicatRegulator(platform, lambda: _open(platform, endpoint, 1, clock), clock, lockstep)
 
 
@@ -80,13 +75,14 @@ def _open(
 ) -> list[SerialPort]:
     named = endpoint or platform.device
     if named is None:
-        raise HardwareError(f"{platform.family}: no port named: give it in the platform, or an endpoint")
+        raise HardwareError(
+            "no port named: give it in the platform, or an endpoint", platform.family, "setting"
+        )
     ports: list[SerialPort] = []
-    try:
-        for path in paths_of(named, count):
-            ports.append(open_with_retries(path, platform.baud, platform.line.reconnect_s, clock))
-    except HardwareError:
-        for port in ports:
-            port.close()
-        raise
+    end_s = clock() + platform.line.reconnect_s
+    for path in paths_of(named, count):
+        try:
+            ports.append(open_with_retries(path, platform.baud, end_s - clock(), clock))
+        except HardwareError:  # the devices on the other ports must still be vented
+            ports.append(SerialPort(path, platform.baud, is_there=False))
     return ports

@@ -13,30 +13,30 @@ import contextlib
 import select
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.driver_base import DriverBase
+from soro_core.hardware.driver import Driver
 from soro_core.hardware.finding import Finding
-from soro_core.hardware.port import Array, BusStatistics, Exchange, Fault
-from soro_core.hardware.rest import ramp_down
+from soro_core.hardware.port import Array, Fault, Flags
 from soro_core.hardware.serial_line.channel import Channel
 from soro_core.hardware.serial_line.config import SerialPlatform
 from soro_core.hardware.serial_line.engine import LineEngine
 from soro_core.hardware.serial_line.lockstep import MARK, START_MARK, LockstepPort
 from soro_core.hardware.serial_line.port import BytePort
-from soro_core.hardware.serial_line.probe import look
+from soro_core.hardware.serial_line.probe import examine
 from soro_core.hardware.serial_line.session import Session
-from soro_core.hardware.supervisor_client import LOST, Supervisor, VentPlan, running
+from soro_core.hardware.serial_line.start_up import start_all
+from soro_core.hardware.serial_line.vent_plan import plan_of
+from soro_core.hardware.supervisor_client import VentPlan
 
-LONGEST_WAIT_S = 1.0
-_BOOTED_S = 0.2  # for devices that must have booted
-_ROUNDS = 20  # of the supervisor, while nothing confirms
+_LONGEST_WAIT_S = 1.0  # for an empty arm, at the end
+_REOPEN_NS = 50_000_000  # between attempts to open lost ports
 
 
-class SerialRegulator(DriverBase[SerialPlatform]):
+class SerialRegulator(Driver[SerialPlatform]):
     """Regulators of one arm on one or more serial lines.
 
     Parameters
@@ -52,6 +52,7 @@ class SerialRegulator(DriverBase[SerialPlatform]):
     """
 
     device_watchdog = False
+    rest_s = (0.0, 0.0)  # `find_empty` waits
 
     def __init__(
         self,
@@ -60,17 +61,16 @@ class SerialRegulator(DriverBase[SerialPlatform]):
         clock: Callable[[], float],
         lockstep: bool = False,
     ) -> None:
-        super().__init__(platform, clock, lockstep)
+        super().__init__(platform, platform.line, clock, lockstep)
+        self.kind = platform.family
         self._open_ports = open_ports
         self._period_ns = round(1e9 / platform.cycle_hz)
-        self._line_ns = 0
+        self._line_ns = self._last_ns = 0
         self._ports: list[BytePort] = []
         self._engines: list[LineEngine] = []
         self._channels: list[Channel] = []
         self._closed_counts: Counter[str] = Counter()
-        self._last_ns = 0
-        self._supervisor: Supervisor | None = None
-        self._vent_plan: list[VentPlan] = []
+        self.vent_plans: list[VentPlan] = []
 
     # -- what a dialect gives ----------------------------------------------------------------------
 
@@ -78,95 +78,94 @@ class SerialRegulator(DriverBase[SerialPlatform]):
     def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
         """Engines with their channels; the channels in the order of the platform's valves."""
 
-    def calm(self, session: Session) -> None:
-        """Stop devices on a line that send without being asked."""
+    def stop_streaming(self, session: Session) -> None:
+        """Stop devices on a line that send without a request."""
 
-    # -- the port ----------------------------------------------------------------------------------
+    # -- the driver's hooks ------------------------------------------------------------------------
 
-    @property
-    def statistics(self) -> BusStatistics:
+    def counts(self) -> Mapping[str, int]:
         counts = self._closed_counts + self._counts()
         kinds = ("sent", "received", "lost", "late", "garbled", "refused")
-        return BusStatistics(self._cycles, **{f"frames_{kind}": counts[kind] for kind in kinds})
+        return {f"frames_{kind}": counts[kind] for kind in kinds}
 
     @property
     def reading_age_s(self) -> float:
         return 1.0 / self.update_hz + self.platform.line.patience_s
 
-    @property
-    def latched(self) -> tuple[Fault, ...]:
-        """Faults that only `configure` clears."""
-        return tuple(fault for channel in self._channels for fault in channel.latched.values())
-
     def probe(self) -> Iterator[Finding]:
-        return look(self.platform, self._open_ports, self.make_lines, self.calm, self.clock)
+        return examine(self.platform, self._open_ports, self.make_lines, self.stop_streaming, self.clock)
 
-    def configure(self) -> None:
-        self._begin()
+    def start_up(self) -> None:
         self._close_ports()
-        ports = self._open_ports()
-        if self.platform.line.supervisor and not self.lockstep:
-            self._supervisor = running(self._supervisor)  # it gets ready while the devices start
-        self._ports = [LockstepPort(port) if self.lockstep else port for port in ports]
+        self._ports = [LockstepPort(port) if self.lockstep else port for port in self._open_ports()]
+        self.supervise()
         self._share()  # as it was before, while the devices start anew
+        self._closed_counts += self._counts()
         self._engines = self.make_lines(self._ports)
         by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
-        self._channels = [by_name[name] for name in self._names]
-        self._start_devices()
-        self._vent_plan = [self._plan_of(engine) for engine in self._engines]
-        self._share()
+        before, self._channels = self._channels, [by_name[name] for name in self._names]
+        self._sources = tuple(channel.source for channel in self._channels)
+        for channel in self._channels:
+            channel.latched = self.latch
+        for channel, old in zip(self._channels, before, strict=False):
+            channel.remember(old)
+        try:
+            start_all(self._engines, self, self.stop_streaming, self.platform.line)
+        finally:  # after a failure too: what has been found so far is vented if this process dies
+            self.vent_plans = [plan_of(engine, self.platform) for engine in self._engines]
+            self._share()
         self._last_ns = now_ns = self.now_ns()
         for channel in self._channels:
             channel.restart(now_ns)
-        self._configured = True
+        self._take()
 
-    def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
-        setpoint, refused = self._checked(setpoint_pa)
+    def transfer(self, setpoint_pa: Array, is_vent: bool) -> Flags:
         dt = self._since_last()
-        lost = [] if self._watched() else [LOST]
-        for channel, target in zip(self._channels, setpoint.tolist(), strict=True):
+        for channel, target in zip(self._channels, setpoint_pa.tolist(), strict=True):
             channel.fresh = False
-            channel.vent() if refused or lost or self.latched else channel.follow(target, dt)
+            channel.vent() if is_vent else channel.follow(target, dt)
         self._cycle()
-        faults = [fault for channel in self._channels for fault in channel.faults(self.now_ns())]
-        return Exchange(
-            sent_pa=np.array([channel.sent_pa for channel in self._channels]),
-            pressure_pa=np.array([channel.pressure_pa for channel in self._channels]),
-            fresh=np.array([channel.fresh for channel in self._channels]),
-            faults=(*refused, *lost, *faults),
-        )
+        self._now_ns = self.now_ns()
+        self._take()
+        return np.array([channel.fresh for channel in self._channels])
 
-    def vent(self) -> None:
-        # A line whose start-up has failed is not known well enough to be spoken to.
-        engines = [engine for engine in self._engines if all(c.started for c in engine.channels)]
-        if not engines:
+    def judge(self) -> Iterable[Fault]:
+        return [fault for channel in self._channels for fault in channel.device_faults()]
+
+    def send_zeros(self) -> None:
+        if not self._engines:
             return
         for channel in self._channels:
             channel.vent()
-        end_s = self.clock() + self.platform.line.vent_s
-        while True:
-            working = [engine for engine in engines if self._advanced(engine)]
-            if self.lockstep:  # a tick is all that a call may take; the caller repeats
-                with contextlib.suppress(HardwareError):
-                    self._tick()
-                return
-            left_s = end_s - self.clock()
-            self._watched()
-            if left_s <= 0 or all(c.at_zero or not c.urgent for e in working for c in e.channels):
-                return
-            self._await_bytes(working, min(left_s, 0.005))
-
-    def close(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
-        if self._configured:
+        if self.lockstep:  # a tick is all that a call may take; the caller repeats
+            self._drive()
             with contextlib.suppress(HardwareError):
-                self._bring_down()
-            self.vent()
-        self._configured = False
-        if self._supervisor is not None:  # before the ports are closed, which has it let them go
-            self._supervisor.dismiss(all(channel.at_zero for channel in self._channels))
+                self._tick()
+        else:
+            end_ns = self.now_ns() + round(1e9 * self.platform.line.vent_s)
+            self._drive_until(lambda channel: channel.at_zero or channel.is_silent, end_ns)
+        self._take()
+
+    def on_lost(self, error: HardwareError) -> None:
+        raise error
+
+    def is_pressed(self, setpoint_pa: Array) -> bool:
+        return bool(setpoint_pa.any()) or not all(channel.at_zero for channel in self._channels)
+
+    def find_empty(self) -> bool:
+        was_empty = {channel.chamber for channel in self._channels if channel.is_empty}
+        end_ns = self.now_ns() + round(1e9 * _LONGEST_WAIT_S)
+        lost = []
+        for _ in range(2):  # another host may give a valve pressure while the others are read
+            for channel in self._channels:
+                channel.vent()
+                channel.doubt()
+            lost = self._drive_until(lambda channel: channel.is_empty, end_ns)
+        # Behind a lost port only the last reading is known.
+        known = was_empty.intersection(channel.chamber for engine in lost for channel in engine.channels)
+        return all(c.is_empty or c.chamber in known for c in self._channels)
+
+    def disconnect(self) -> None:
         self._close_ports()
 
     # -- for start-up ------------------------------------------------------------------------------
@@ -176,58 +175,34 @@ class SerialRegulator(DriverBase[SerialPlatform]):
         return self._line_ns if self.lockstep else round(self.clock() * 1e9)
 
     def wait(self, timeout_s: float) -> None:
-        """Let time pass until bytes come; in lockstep one cycle."""
+        """Wait until bytes arrive; in lockstep for one cycle."""
         if self.lockstep:
             self._tick(START_MARK)
         else:
             self._await_bytes(self._engines, timeout_s)
 
-    def _start_devices(self) -> None:
-        """Start all: one that does not is no reason to leave the others at the pressure that they have."""
-        boot_s, failed = self.platform.line.boot_timeout_s, None
-        for engine in self._engines:
-            try:
-                self.calm(Session(engine, self, engine.port.name, self.platform.line))
-            except HardwareError as error:
-                failed = failed or error
-            for channel in engine.channels:
-                session = Session(engine, self, channel.source, self.platform.line)
-                try:
-                    session.wait_for_boot(channel.wake, boot_s)
-                    channel.start(session)
-                except HardwareError as error:
-                    failed, boot_s = failed or error, _BOOTED_S  # by now the others have had their time
-            with contextlib.suppress(HardwareError):  # a port that is gone has said so
-                engine.discard(self.now_ns())
-        if failed is not None:
-            raise failed
-
     # -- a cycle -----------------------------------------------------------------------------------
 
     def _cycle(self) -> None:
-        for engine in self._engines:
-            self._advance(engine)
-        if self.lockstep:
+        """Advance the lines for a cycle; raise the error of a lost line after the others have had theirs."""
+        lost = self._drive()
+        if self.lockstep and not lost:
             self._tick()
             for engine in self._engines:
                 engine.receive(self.now_ns())
-            return
         end_s = self.clock() + self.platform.cycle_budget_s
-        while (left_s := end_s - self.clock()) > 0:
-            self._await_bytes(self._engines, left_s)
-            for engine in self._engines:
-                self._advance(engine)
+        while not self.lockstep and (left_s := end_s - self.clock()) > 0:
+            self._await_bytes([engine for engine in self._engines if engine not in lost], left_s)
+            lost = {engine: lost.get(engine, error) for engine, error in self._drive().items()}
+        for error in lost.values():
+            raise error
 
     def _since_last(self) -> float:
-        """Time since the last cycle [s], at most two periods: a pause is no licence to jump."""
+        """Return the time since the last cycle [s], at most two periods: no jump follows a pause."""
         # In lockstep a cycle's time comes at its end.
         now_ns = self.now_ns() + (self._period_ns if self.lockstep else 0)
         dt_ns, self._last_ns = now_ns - self._last_ns, now_ns
         return min(dt_ns, 2 * self._period_ns) * 1e-9
-
-    def _advance(self, engine: LineEngine) -> None:
-        engine.receive(self.now_ns())
-        engine.send(self.now_ns())
 
     def _tick(self, mark: bytes = MARK) -> None:
         ports = [port for port in self._ports if isinstance(port, LockstepPort)]
@@ -238,63 +213,62 @@ class SerialRegulator(DriverBase[SerialPlatform]):
         self._line_ns += self._period_ns
 
     def _await_bytes(self, engines: Sequence[LineEngine], timeout_s: float) -> None:
-        """Wait for bytes, at most so long; also when there is no port to wait for."""
+        """Wait for bytes, at most `timeout_s` [s]; without a port for the whole time."""
         descriptors = [engine.port.fileno() for engine in engines]
-        # A port that has gone is readable at once; the next read says so.
+        # A lost port is readable at once; the next read raises its error.
         select.select([number for number in descriptors if number >= 0], [], [], max(timeout_s, 0.0))
 
-    def _bring_down(self) -> None:
-        """Ramp to 0 from what was sent, then wait for the pressure to go; bounded in time."""
-        sent = np.array([0.0 if self.latched else channel.sent_pa for channel in self._channels])
-        fall_pa = self.platform.shutdown_ramp_pa_s * self._period_ns * 1e-9
-        ramp_down(self._rest_cycle, sent, fall_pa, 1, round(LONGEST_WAIT_S * 1e9 / self._period_ns))
+    def _drive_until(self, is_done: Callable[[Channel], bool], end_ns: int) -> list[LineEngine]:
+        """Advance the lines until a condition holds for all readable channels; return the lost lines."""
+        while True:
+            lost = self._drive()
+            working = [engine for engine in self._engines if engine not in lost]
+            is_over = all(is_done(c) for engine in working for c in engine.channels if c.is_known)
+            left_s = (end_ns - self.now_ns()) * 1e-9
+            self._watched(np.zeros(self.n_chambers))
+            if is_over or left_s <= 0:
+                return list(lost)
+            try:
+                self._tick() if self.lockstep else self._await_bytes(working, min(left_s, 0.005))
+            except HardwareError:
+                return self._engines
 
-    def _watched(self) -> bool:
-        """Tell the supervisor whether it would have to vent; false if it has gone."""
-        rests = all(channel.at_zero for channel in self._channels)
-        return self._supervisor is None or self._supervisor.watches(not rests)
-
-    def _rest_cycle(self, setpoint_pa: Array) -> Array:
-        """One cycle of the shutdown, paced; pressures, NaN while a device has not confirmed 0."""
-        start_ns, dt = self.now_ns(), self._since_last()
-        for channel, target in zip(self._channels, setpoint_pa.tolist(), strict=True):
-            channel.follow(target, dt)
-        self._watched()
-        self._cycle()
-        left_s = (start_ns + self._period_ns - self.now_ns()) * 1e-9
-        if not self.lockstep and left_s > 0:
-            select.select([], [], [], left_s)
-        return np.array([channel.pressure_pa if channel.at_zero else np.nan for channel in self._channels])
+    def _drive(self) -> dict[LineEngine, HardwareError]:
+        """Advance the lines and try to reopen lost ones; return those that stay lost, with their errors."""
+        lost = {}
+        for engine in self._engines:
+            try:
+                engine.advance(self.now_ns())
+            except HardwareError as error:
+                if not engine.reopen(self.now_ns(), 0 if self.lockstep else _REOPEN_NS):
+                    lost[engine] = error
+                    continue
+                with contextlib.suppress(HardwareError):  # the driver reports a lost supervisor elsewhere
+                    self._share()
+        return lost
 
     def _share(self) -> None:
-        """Share the ports with the supervisor; before the first start-up it would not know what to send."""
-        if self._supervisor is not None and self._vent_plan:
-            self._supervisor.hold(self._vent_plan, [port.fileno() for port in self._ports])
+        """Share the ports with the supervisor, once the messages for a vent are known."""
+        if self.supervisor is not None and self.vent_plans:
+            there = [n for n, port in enumerate(self._ports) if port.fileno() >= 0]
+            plan = [self.vent_plans[n] for n in there]
+            self.supervisor.hold(plan, [self._ports[n].fileno() for n in there])
 
     def _close_ports(self) -> None:
-        self._closed_counts += self._counts()
-        self._engines = []
-        if self._supervisor is not None:
-            self._supervisor.let_go()
-        ports, self._ports = self._ports, []
-        for port in ports:
+        """Close the ports; the lines stay until the next start-up replaces them."""
+        if self.supervisor is not None:
+            self.supervisor.release()
+        for port in self._ports:
             port.close()
 
     def _counts(self) -> Counter[str]:
         return sum((engine.counts for engine in self._engines), Counter())
 
-    def _plan_of(self, engine: LineEngine) -> VentPlan:
-        """What the supervisor is to do on a line; all of it some twenty times."""
-        steps = tuple(step for channel in engine.channels for step in channel.vent_steps())
-        # Shorter than the driver's own patience: what is not confirmed is sent again at once.
-        timeout_s = min(self.platform.line.answer_timeout_s, 0.03 + 400 / self.platform.baud)
-        longest_s = _ROUNDS * timeout_s * len(steps)
-        return VentPlan(engine.port.name, steps, timeout_s, longest_s, begin="\r\n")
+    def _take(self) -> None:
+        self.sent_pa = np.array([channel.sent_pa for channel in self._channels])
+        self.pressure_pa = np.array([channel.pressure_pa for channel in self._channels])
 
-    def _advanced(self, engine: LineEngine) -> bool:
-        """Advance a line that may have gone; whether it has not."""
-        try:
-            self._advance(engine)
-        except HardwareError:
-            return False
-        return True
+    def _late(self, fresh: Flags) -> list[Fault]:
+        """A device that answers nothing at all is `device_silent`, and not late besides."""
+        codes = [self.latch.has("device_silent", channel.source) for channel in self._channels]
+        return super()._late(fresh | np.array(codes))

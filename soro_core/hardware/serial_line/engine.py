@@ -1,8 +1,8 @@
-"""One request at a time on a serial line, without ever waiting for it.
+"""One request at a time on a serial line, without waiting.
 
-The driver calls `receive` and `send` whenever it has time; between them the line works on its own. Answers
-carry no tag, so that after a lost or malformed one everything is thrown away until the line has been quiet:
-what comes then belongs to the next request.
+The driver calls `receive` and `send` whenever it has time. Answers do not name their request. So after a lost
+or malformed answer all bytes are dropped until the line has been quiet; then the next answer belongs to the
+next request.
 """
 
 from __future__ import annotations
@@ -10,39 +10,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from soro_core.hardware.serial_line.channel import Channel, Request
+from soro_core.hardware.serial_line.channel import Channel
+from soro_core.hardware.serial_line.lines import LineSplitter
+from soro_core.hardware.serial_line.pace import BITS_PER_BYTE
 from soro_core.hardware.serial_line.port import BytePort
+from soro_core.hardware.serial_line.request import Request
 
-BITS_PER_BYTE = 10  # start, 8 data, stop
-LONGEST_LINE = 120
-
-
-class LineSplitter:
-    """Bytes into lines; every terminator byte ends one, and empty lines are dropped."""
-
-    def __init__(self, terminators: bytes) -> None:
-        self._terminators = terminators
-        self._rest = bytearray()
-        self.overlong = 0
-
-    def feed(self, chunk: bytes) -> list[bytes]:
-        """Complete lines, without their ends."""
-        lines = []
-        for byte in chunk:
-            if byte in self._terminators:
-                if self._rest:
-                    lines.append(bytes(self._rest))
-                self._rest.clear()
-            else:
-                self._rest.append(byte)
-                if len(self._rest) > LONGEST_LINE:
-                    self._rest.clear()
-                    self.overlong += 1
-        return lines
-
-    def clear(self) -> None:
-        """Forget what has begun."""
-        self._rest.clear()
+_SILENT_ROUNDS = 10
 
 
 class LineEngine:
@@ -51,13 +25,13 @@ class LineEngine:
     Parameters
     ----------
     port : BytePort
-        The line.
+        Port of the line.
     channels : sequence of Channel
-        The devices on it.
+        Devices on the line.
     baud : int
-        Its rate, for how long requests take.
-    answer_timeout_s, quiet_s
-        Time for an answer after its request; silence that ends a disturbance.
+        Baud rate, for the duration of requests.
+    answer_timeout_s, quiet_s : float
+        Longest wait for an answer after its request, and pause that ends a disturbance [s].
     """
 
     def __init__(
@@ -78,22 +52,41 @@ class LineEngine:
         self._deadline_ns = 0
         self._ready_ns = 0  # earliest time of the next request
         self._disturbed = False
-        self._patience_ns = 0  # until when a disturbance may last
+        self._reopen_ns = 0
+        self._patience_ns = 0  # end of the longest disturbance
+
+    def advance(self, now_ns: int) -> None:
+        """Process received bytes, and send the next request if the line is free."""
+        self.receive(now_ns)
+        self.send(now_ns)
+
+    def reopen(self, now_ns: int, pause_ns: int) -> bool:
+        """Try to open a lost port, with pauses; its devices then get zeros until the start-up."""
+        if now_ns < self._reopen_ns:
+            return False
+        self._reopen_ns = now_ns + pause_ns
+        if not self.port.reopen():
+            return False
+        self._waiting, self._disturbed = None, False
+        self._splitter.clear()
+        for channel in self.channels:
+            channel.reconnected()
+        return True
 
     def receive(self, now_ns: int) -> None:
-        """Take what has come, and give up what has not."""
+        """Process received bytes, and count a missing answer after its timeout."""
         chunk = self.port.read()
         if chunk:
             self._take(chunk, now_ns)
         if self._waiting is not None and now_ns >= self._deadline_ns:
-            channel, request = self._waiting
+            channel, _ = self._waiting
             self._waiting = None
             self.counts["lost"] += 1
             self._disturb(now_ns)
-            channel.missed_answer(request, now_ns)
+            channel.missed_answer()
 
     def send(self, now_ns: int) -> None:
-        """Ask the next question if the line is free."""
+        """Send the next request if the line is free."""
         if self._waiting is not None or now_ns < self._ready_ns:
             return
         if self._disturbed:
@@ -107,7 +100,7 @@ class LineEngine:
         self.port.write(request.data)
 
     def discard(self, now_ns: int) -> bytes:
-        """Throw away what has come and what is awaited; what was thrown away (start-up only)."""
+        """Drop received bytes and the open request; return the bytes (start-up only)."""
         chunk = self.port.read()
         self._waiting, self._disturbed = None, False
         self._splitter.clear()
@@ -119,8 +112,8 @@ class LineEngine:
         lines = self._splitter.feed(chunk)
         self.counts["garbled"] += self._splitter.overlong - before
         if self._disturbed:
-            # Still noise, or an answer that came too late: the silence begins anew. A line that is never
-            # quiet is asked all the same, for a vent must get through.
+            # Noise or a late answer: the pause starts again. After the longest disturbance a request is sent
+            # also on a line that is never quiet, because a vent must reach the device.
             self.counts["late"] += len(lines)
             self._ready_ns = min(now_ns + self._quiet_ns, self._patience_ns)
             return
@@ -145,12 +138,15 @@ class LineEngine:
         self._patience_ns = now_ns + self._timeout_ns
 
     def _next_channel(self) -> Channel:
-        """In turn; those that must vent come first, a silent one is asked in every tenth round only."""
+        """Return the next channel in turn: urgent ones first, silent ones only in every tenth round."""
         count = len(self.channels)
         order = [(self._last + 1 + k) % count for k in range(count)]
-        urgent = [number for number in order if self.channels[number].urgent]
-        heard = [number for number in order if self.channels[number].due_round(self._round)]
-        number = (urgent or heard or order)[0]
+        turns = {number: self.channels[number].urgency for number in order}
+        if urgent := {number: had for number, had in turns.items() if had is not None}:
+            return self.channels[min(urgent, key=urgent.__getitem__)]
+        is_for_all = self._round % _SILENT_ROUNDS == 0
+        answering = [number for number in order if is_for_all or not self.channels[number].is_silent]
+        number = (answering or order)[0]
         self._round += number <= self._last
         self._last = number
         return self.channels[number]

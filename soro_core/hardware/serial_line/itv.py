@@ -1,29 +1,28 @@
-"""SMC ITV over RS-232C: `SET n`, `REQ`, `MON`, each answered with one number of 10 bit and CR LF.
+"""SMC ITV over RS-232C: `SET n`, `REQ`, `MON`, each answered with one number of 10 bits and CR LF.
 
-An answer does not say to which question it belongs, and nothing has a checksum. So there is one question at
-a time; every SET is checked by its echo, and now and then REQ asks whether the device still has the set point
-that it confirmed: one that restarted has not. A wrong digit in a reading cannot be told from a right one
-here; the limiter's plausibility check is for that.
+An answer does not name its request, and there is no checksum. So only one request is open at a time, the echo
+confirms every SET, and REQ periodically checks the confirmed set point, which a device loses when it
+restarts. The driver cannot detect a wrong digit in a reading; the monitors of the limiter can.
 """
 
 from __future__ import annotations
 
 import re
+from typing import Any
 
-from soro_core.hardware.serial_line.channel import Channel, Outcome, Request
+from soro_core.hardware.port import EMPTY_PA
+from soro_core.hardware.serial_line.channel import Channel
 from soro_core.hardware.serial_line.config import ItvPlatform, ItvValve
+from soro_core.hardware.serial_line.request import Outcome, Request
 from soro_core.hardware.serial_line.session import Session
 
 FULL_COUNTS = 1023
 _NUMBER = re.compile(rb"[0-9]{1,4}")
 _REFUSALS = (b"UNKNOWN COMMAND", b"OUT OF RANGE")
 
-# Longest question and answer of SET and of MON: a chamber gets a set point and gives a reading.
-PAIR_BYTES = len(b"SET 1023\r\n1023\r\nMON\r\n1023\r\n")
-
 
 def parse(line: bytes) -> int | None:
-    """Counts of an answer, or None if it is no number of 10 bit."""
+    """Return the counts of an answer, or None if it is no number of 10 bits."""
     if not _NUMBER.fullmatch(line):
         return None
     counts = int(line)
@@ -35,12 +34,22 @@ def _zero(line: bytes) -> int | None:
 
 
 def is_refusal(line: bytes) -> bool:
-    """Whether the device has refused the command."""
+    """Return whether an answer is a refusal."""
     return any(text in line.upper() for text in _REFUSALS)
 
 
 class ItvChannel(Channel):
-    """One ITV on a port of its own."""
+    """One ITV on its own port.
+
+    Parameters
+    ----------
+    platform : ItvPlatform
+        Range and times.
+    valve : ItvValve
+        Entry of the platform file.
+    place : str
+        Name of the port.
+    """
 
     wake = b"\r\nREQ\r\n"
 
@@ -51,17 +60,18 @@ class ItvChannel(Channel):
 
     def restart(self, now_ns: int) -> None:
         super().restart(now_ns)
-        self._last = ""
+        self._last, self._was_check = "", False
 
-    def next_request(self, now_ns: int) -> Request:
-        """SET and MON in turn while the set point moves, else MON; REQ in between."""
-        kind = self._kind(now_ns)
+    def request(self, now_ns: int) -> Request:
+        """Return SET and MON in turn while the set point changes, otherwise MON; REQ periodically."""
         disturbed = self.missed > 0 or any(self.strikes.values())
+        kind = self._way_to_zero() if self.must_zero else self._kind(now_ns)
+        self._was_check = kind == "check"
         if kind != "check":
             self._last = kind
-        elif disturbed:
-            self._last = "set"  # the reading comes first now, it is old by then
-        # What is left in the device of a command that it has not understood ends here.
+        elif disturbed and not self.must_zero:
+            self._last = "set"  # next is MON, because the last reading is old
+        # This ends an incomplete command in the device.
         flush = b"\r\n" if disturbed else b""
         if kind == "set":
             counts = self.wanted_counts(now_ns)
@@ -70,6 +80,7 @@ class ItvChannel(Channel):
         return Request(flush + (b"REQ\r\n" if kind == "check" else b"MON\r\n"), kind)
 
     def read_answer(self, request: Request, line: bytes, now_ns: int) -> Outcome:
+        """Process the answer in this dialect; parameters as in `Channel.answer`."""
         counts = parse(line)
         if counts is None:
             return "refused" if is_refusal(line) else "garbled"
@@ -77,29 +88,39 @@ class ItvChannel(Channel):
             return self.confirm(request.counts, counts)
         if request.kind == "check":
             return self.check(counts, now_ns)
-        self.read(counts * self.resolution_pa, now_ns)
+        self.read(counts * self.resolution_pa)
         return "good"
 
-    def look(self, session: Session) -> str:
+    def describe(self, session: Session) -> str:
         kpa = self.resolution_pa / 1e3
         setpoint, pressure = (kpa * session.ask(q + b"\r\n", q.decode(), parse) for q in (b"REQ", b"MON"))
-        return f"answers: set point {setpoint:.1f}, pressure {pressure:.1f} kPa (an ITV tells no identity)"
+        return f"answers: set point {setpoint:.1f}, pressure {pressure:.1f} kPa (an ITV reports no identity)"
 
     def start(self, session: Session) -> None:
         for question in (b"SET 0", b"REQ"):
             session.ask(question + b"\r\n", question.decode(), _zero)
         counts = session.ask(b"MON\r\n", "MON", parse)
         self.restart(session.now_ns())
-        self.read(counts * self.resolution_pa, session.now_ns())
+        self.read(counts * self.resolution_pa)
 
-    def vent_steps(self) -> list[dict[str, str]]:
-        """Set point 0 and its echo."""
-        return [{"send": "SET 0\r\n", "line": "0+"}]
+    def vent_steps(self) -> list[dict[str, Any]]:
+        """Return the steps: set point 0 with its echo, and a reading that shows the chamber empty."""
+        high = EMPTY_PA / self.resolution_pa
+        reading = {"send": "MON\r\n", "line": r"(\d{1,4})", "low": -1.0, "high": high}
+        return [{"send": "SET 0\r\n", "line": "0+", "of": self.chamber}, {**reading, "of": self.chamber}]
 
     def _kind(self, now_ns: int) -> str:
-        if self.must_vent:
-            return "set"
         moves = self.confirmed is None or self.wanted_counts(now_ns) != self.sent_counts
         if self.must_check(now_ns):
             return "check"
         return "set" if moves and self._last != "set" else "read"
+
+    def _way_to_zero(self) -> str:
+        """Return SET and MON in turn; REQ after them if the echo of SET is not sufficient."""
+        if self.is_first_turn:
+            return "set"
+        if self._was_check:
+            return "check" if self.must_ask_again else "set"
+        if self._last == "set":
+            return "read"
+        return "check" if self.is_doubtful else "set"

@@ -1,9 +1,9 @@
-"""How a serial line keeps lockstep: a mark from the host ends its cycle, the devices' mark answers it.
+"""Lockstep on a serial line: a mark of the host ends its cycle, and the emulator returns the mark.
 
-Real devices know no such thing; it exists between the driver and the emulator only. The emulator advances its
-time by one cycle when it has the mark (SYN) on every line, lets out what the line carries in that time, and
-then gives the mark back on every line. While devices are started the mark is another one (ENQ): it lets the
-same time pass, but no cycle of the control loop, so that the twin of the arm is told nothing of it.
+Marks exist only between the driver and the emulator. When the emulator has received the mark (SYN) on every
+line, it advances its time by one cycle, sends the bytes of that time, and returns the mark on every line.
+During the start-up the mark is ENQ: the time advances without a cycle of the control loop, and the twin of
+the arm makes no step.
 """
 
 from __future__ import annotations
@@ -19,16 +19,19 @@ START_MARK = b"\x05"  # ASCII ENQ, "enquiry"
 
 
 class LockstepPort:
-    """A port whose reader does not see the marks."""
+    """A port that hides the marks from its reader."""
 
     def __init__(self, port: BytePort) -> None:
         self.name = port.name
         self._port = port
         self._bytes = b""
         self._marks = 0
+        self._gone: HardwareError | None = None
 
     def read(self) -> bytes:
-        """Bytes that came before the last mark."""
+        """Return the bytes received before the last mark."""
+        if self._gone is not None:
+            raise self._gone
         chunk, self._bytes = self._bytes, b""
         return chunk
 
@@ -40,21 +43,32 @@ class LockstepPort:
         """Descriptor of the port."""
         return self._port.fileno()
 
+    def reopen(self) -> bool:
+        """Try once to open the port again; return whether it is open."""
+        if not self._port.reopen():
+            return False
+        self._bytes, self._marks, self._gone = b"", 0, None
+        return True
+
     def close(self) -> None:
         """Close the port."""
         self._port.close()
 
     def end_cycle(self, mark: bytes = MARK) -> None:
         """Send the mark."""
-        self._port.write(mark)
+        try:
+            self._port.write(mark)
+        except HardwareError as error:
+            self._gone = error
+            raise
 
     def await_cycle(self, timeout_s: float, clock: Callable[[], float]) -> None:
-        """Take what has come up to the devices' mark.
+        """Receive bytes up to the mark of the devices.
 
         Raises
         ------
         HardwareError
-            If it does not come.
+            If the mark does not arrive within `timeout_s` [s].
         """
         deadline = clock() + timeout_s
         while True:
@@ -67,8 +81,7 @@ class LockstepPort:
                 return
             left_s = deadline - clock()
             if left_s <= 0:
-                raise HardwareError(
-                    f"{self.name}: no end of cycle for {timeout_s:g} s; is it an emulator in lockstep?"
-                )
+                text = f"no end of cycle for {timeout_s:g} s; is it an emulator in lockstep?"
+                raise HardwareError(text, self.name, "silent")
             if self._port.fileno() >= 0:
                 select.select([self._port.fileno()], [], [], left_s)

@@ -1,4 +1,4 @@
-"""A serial port without waiting: bytes that have come, bytes to send, an error that names it when it goes."""
+"""A serial port without blocking reads and writes."""
 
 from __future__ import annotations
 
@@ -21,18 +21,21 @@ _FIRST_RETRY_S = 0.05
 
 
 class BytePort(Protocol):
-    """What the driver needs of a port."""
+    """A port as the driver uses it."""
 
     name: str
 
     def read(self) -> bytes:
-        """Bytes that have come; raises HardwareError when the port has gone."""
+        """Return the received bytes; raises `HardwareError` if the port is lost."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes, at once or as soon as the port takes them."""
+        """Send bytes, at once or as soon as possible."""
 
     def fileno(self) -> int:
-        """Descriptor that is readable when bytes have come; -1 for none."""
+        """Return the descriptor for `select`; -1 for none."""
+
+    def reopen(self) -> bool:
+        """Try once, without waiting, to open a lost port; return whether it is open."""
 
     def close(self) -> None:
         """Close; never raises."""
@@ -44,20 +47,38 @@ class SerialPort:
     Modem lines are never read: a pseudo-terminal has none, and many cables do not carry them. The port is
     locked, so that two programs cannot talk to one valve.
 
+    Parameters
+    ----------
+    path : str
+        Path of the port.
+    baud : int
+        Baud rate.
+    is_there : bool
+        False if the port may be missing; then it counts as lost until `reopen` succeeds.
+
     Raises
     ------
     HardwareError
-        If it cannot be opened; later, from the call that finds it gone.
+        If the port cannot be opened; in the methods, if the port is lost.
     """
 
-    def __init__(self, path: str, baud: int) -> None:
-        self.name = path
+    def __init__(self, path: str, baud: int, is_there: bool = True) -> None:
+        self.name, self._baud = path, baud
         self._waiting = b""
+        self._port: serial.Serial | None = None
+        self._fd, self._why = -1, ""
+        if is_there:
+            self._open()
+        else:
+            self.reopen()
+
+    def _open(self) -> None:
         try:
-            self._port = serial.Serial(path, baud, timeout=0, exclusive=True)
+            self._port = serial.Serial(self.name, self._baud, timeout=0, exclusive=True)
         except (OSError, serial.SerialException, ValueError, termios.error) as error:
-            raise HardwareError(f"{path}: cannot open the port ({reason(error)})") from None
-        self._fd: int = self._port.fileno()
+            self._why = f"cannot open the port ({reason(error)})"
+            raise HardwareError(self._why, self.name, "open") from None
+        self._fd = self._port.fileno()
         os.set_blocking(self._fd, False)
         # With VMIN = 1 "nothing yet" is EAGAIN, so that an empty read always means that the port is gone.
         attributes = termios.tcgetattr(self._fd)
@@ -65,33 +86,50 @@ class SerialPort:
         termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
     def fileno(self) -> int:
-        """File descriptor."""
+        """Return the file descriptor."""
         return self._fd
 
+    def reopen(self) -> bool:
+        """Try once, without waiting, to open a lost port; return whether it is open."""
+        self.close()
+        with contextlib.suppress(HardwareError):
+            self._open()
+        return self._port is not None
+
     def read(self) -> bytes:
-        """Bytes that have come."""
+        """Return the received bytes."""
+        self._require()
         self._send()
         try:
             chunk = os.read(self._fd, _CHUNK)
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise HardwareError(f"{self.name}: the port is gone ({reason(error)})") from None
+            raise HardwareError(f"the port is gone ({reason(error)})", self.name, "gone") from None
         if not chunk:
-            raise HardwareError(f"{self.name}: the port is gone (end of file)")
+            raise HardwareError("the port is gone (end of file)", self.name, "gone")
         return chunk
 
     def write(self, data: bytes) -> None:
-        """Send bytes; what the port does not take now goes out with the next call."""
+        """Send bytes; the next call sends those that the port does not accept now."""
+        self._require()
         self._waiting += data
         self._send()
 
     def close(self) -> None:
         """Close; never raises."""
+        port, self._port = self._port, None
+        if port is None:
+            return
         with contextlib.suppress(OSError, serial.SerialException, termios.error):
             fcntl.flock(self._fd, fcntl.LOCK_UN)  # the supervisor may have the port for a moment longer
         with contextlib.suppress(OSError, serial.SerialException, termios.error):
-            self._port.close()
+            port.close()
+        self._fd, self._waiting = -1, b""
+
+    def _require(self) -> None:
+        if self._port is None:
+            raise HardwareError(self._why or "the port is closed", self.name, "open" if self._why else "gone")
 
     def _send(self) -> None:
         while self._waiting:
@@ -100,11 +138,28 @@ class SerialPort:
             except BlockingIOError:
                 return
             except OSError as error:
-                raise HardwareError(f"{self.name}: the port is gone ({reason(error)})") from None
+                raise HardwareError(f"the port is gone ({reason(error)})", self.name, "gone") from None
 
 
 def open_with_retries(path: str, baud: int, limit_s: float, clock: Callable[[], float]) -> SerialPort:
-    """Open a port that may be coming back: again after 50, 100, 200 ms, ... until `limit_s` is over."""
+    """Open a port that may be missing for some time, with tries after 50, 100, 200 ms and so on.
+
+    Parameters
+    ----------
+    path : str
+        Path of the port.
+    baud : int
+        Baud rate.
+    limit_s : float
+        Time for all tries [s].
+    clock : callable
+        Returns a monotonic time [s].
+
+    Raises
+    ------
+    HardwareError
+        If the last try fails.
+    """
     deadline, pause_s = clock() + limit_s, _FIRST_RETRY_S
     while True:
         try:
@@ -117,7 +172,7 @@ def open_with_retries(path: str, baud: int, limit_s: float, clock: Callable[[], 
 
 
 def paths_of(endpoint: str, count: int) -> list[str]:
-    """Paths of `count` ports: a folder of links 0, 1, ..., or a list with commas.
+    """Return the paths of `count` ports: the links 0, 1, ... in a folder, or a list separated by commas.
 
     Raises
     ------
@@ -129,5 +184,5 @@ def paths_of(endpoint: str, count: int) -> list[str]:
         return [str(folder / str(number)) for number in range(count)]
     paths = endpoint.split(",")
     if len(paths) != count:
-        raise HardwareError(f"{endpoint}: {len(paths)} ports named, the platform has {count}")
+        raise HardwareError(f"{len(paths)} ports named, the platform has {count}", endpoint, "setting")
     return paths

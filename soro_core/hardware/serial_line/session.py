@@ -1,4 +1,4 @@
-"""Questions that are waited for: the start-up of a device on its line."""
+"""Requests with a wait for the answer, for the start-up of a device on its line."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.serial_line.channel import shown
 from soro_core.hardware.serial_line.config import LineOptions
-from soro_core.hardware.serial_line.engine import LineEngine, LineSplitter
+from soro_core.hardware.serial_line.lines import LineSplitter
+from soro_core.hardware.serial_line.port import BytePort
+from soro_core.hardware.serial_line.request import shown
 
 TRIES = 3
 
@@ -16,13 +17,22 @@ Value = TypeVar("Value")
 
 
 class Waiter(Protocol):
-    """The driver's time."""
+    """Time of the driver."""
 
     def now_ns(self) -> int:
-        """Time of the line."""
+        """Return the time of the line [ns]."""
 
     def wait(self, timeout_s: float) -> None:
-        """Let some time pass, at most `timeout_s`, less when bytes come."""
+        """Wait until bytes arrive, at most `timeout_s` [s]."""
+
+
+class SharedLine(Protocol):
+    """The line of some devices, without requests of the control loop."""
+
+    port: BytePort
+
+    def discard(self, now_ns: int) -> bytes:
+        """Drop received bytes and the open request; return the bytes."""
 
 
 class Session:
@@ -30,124 +40,151 @@ class Session:
 
     Parameters
     ----------
-    engine : LineEngine
-        Its line; the engine's own requests rest meanwhile.
+    line : SharedLine
+        Line of the device.
     waiter : Waiter
-        Lets time pass.
+        Time of the driver.
     source : str
-        How errors name the device.
+        Name of the device in errors.
     options : LineOptions
-        Times.
+        Times of the line.
     """
 
-    def __init__(self, engine: LineEngine, waiter: Waiter, source: str, options: LineOptions) -> None:
-        self._engine, self._waiter, self._options = engine, waiter, options
+    def __init__(self, line: SharedLine, waiter: Waiter, source: str, options: LineOptions) -> None:
+        self._line, self._waiter, self._options = line, waiter, options
         self.source = source
         self.now_ns = waiter.now_ns
 
     def ask(self, question: bytes, step: str, read: Callable[[bytes], Value | None]) -> Value:
-        """What `read` makes of the answer, one line; asked again while that is None.
+        """Send a request and return its decoded answer of one line; repeat it after an invalid answer.
 
-        Answers do not say what they answer, and one that was held up comes to the next question.
+        An answer does not name its request, and a delayed one arrives after the next request.
+
+        Parameters
+        ----------
+        question : bytes
+            Request.
+        step : str
+            Name of the step in errors.
+        read : callable
+            Decodes the line; returns None for an invalid answer.
 
         Raises
         ------
         HardwareError
-            If no good answer comes, again and again.
+            If no try has a valid answer.
         """
-        said = f"no answer to {TRIES} requests"
+        found, code = f"no answer to {TRIES} requests", "silent"
         for _ in range(TRIES):
             if (line := self.try_ask(question)) is not None:
-                if (found := read(line)) is not None:
-                    return found
-                said = f"answers {shown(line)}"
-        raise self.error(step, said)
+                if (value := read(line)) is not None:
+                    return value
+                found, code = f"answers {shown(line)}", "refused"
+        raise self.error(step, found, code)
 
     def ask_table(self, question: bytes, step: str, read: Callable[[list[bytes]], Value]) -> Value:
-        """What `read` makes of an answer of many lines; asked again while that is a ValueError.
+        """Send a request and return its decoded answer of many lines; repeat it after an invalid answer.
+
+        Parameters
+        ----------
+        question : bytes
+            Request.
+        step : str
+            Name of the step in errors.
+        read : callable
+            Decodes the lines; raises `ValueError` for an invalid answer.
 
         Raises
         ------
         HardwareError
-            If it stays one.
+            If no try has a valid answer.
         """
-        said = ""
+        reason = ""
         for _ in range(TRIES):
             try:
                 return read(self.try_ask_table(question))
             except ValueError as error:
-                said = str(error)
-        raise self.error(step, said)
+                reason = str(error)
+        raise self.error(step, reason)
 
     def try_ask_table(self, question: bytes) -> list[bytes]:
-        """Answer of many lines, which ends with silence."""
+        """Return an answer of many lines, which ends with a pause."""
         self.settle()
-        self._engine.port.write(question)
+        self._line.port.write(question)
         lines: list[bytes] = []
         splitter = LineSplitter(b"\r\n")
         timeout_s = self._options.answer_timeout_s + len(question) * 0.005
         end_ns = self.now_ns() + round(1e9 * self._options.boot_timeout_s)
-        # On a line that is never quiet there is no end of an answer.
+        # On a line that is never quiet an answer has no end.
         while self.now_ns() < end_ns and (found := self._lines(splitter, timeout_s)):
             lines += found
         return lines
 
     def try_ask(self, question: bytes) -> bytes | None:
-        """Answer of one line, or None if there is none in time."""
+        """Return an answer of one line, or None without an answer in time."""
         self.settle()
-        self._engine.port.write(question)
+        self._line.port.write(question)
         found = self._lines(LineSplitter(b"\r\n"), self._options.answer_timeout_s + len(question) * 0.005)
         return found[0] if found else None
 
     def wait_for_boot(self, question: bytes, limit_s: float) -> None:
-        """Ask until something comes back.
+        """Repeat a request until the device answers.
 
         Raises
         ------
         HardwareError
-            If nothing does.
+            If there is no answer within `limit_s` [s].
         """
         end_ns = self.now_ns() + round(1e9 * limit_s)
         while self.try_ask(question) is None:
             if self.now_ns() > end_ns:
-                raise self.error(
-                    "boot", f"no answer for {limit_s:g} s; is it powered, on this port, at this rate?"
-                )
+                text = f"no answer for {limit_s:g} s; is it powered, on this port, at this rate?"
+                raise self.error("boot", text, "silent")
 
     def listen(self, duration_s: float) -> bytes:
-        """Everything that comes unasked for a while."""
+        """Return the bytes that arrive without a request within `duration_s` [s]."""
         end_ns = self.now_ns() + round(1e9 * duration_s)
-        heard = self._engine.discard(self.now_ns())
+        received = self._line.discard(self.now_ns())
         while (left_s := (end_ns - self.now_ns()) * 1e-9) > 0:
             self._waiter.wait(left_s)
-            heard += self._engine.port.read()
-        return heard
+            received += self._line.port.read()
+        return received
 
     def settle(self) -> None:
-        """Wait until the line has been quiet for a moment, or it never is."""
+        """Wait until the line is quiet, at most 20 times."""
         for _ in range(20):
             if not self.listen(self._options.quiet_s):
                 return
 
     def in_gap(self, data: bytes) -> None:
-        """Send something in the pause after what a device sends by itself."""
-        heard = b""
+        """Send bytes in the pause after a line of a streaming device."""
+        received = b""
         end_ns = self.now_ns() + 200_000_000
-        while not heard.endswith((b"\r", b"\n")) and (left_s := (end_ns - self.now_ns()) * 1e-9) > 0:
+        while not received.endswith((b"\r", b"\n")) and (left_s := (end_ns - self.now_ns()) * 1e-9) > 0:
             self._waiter.wait(left_s)
-            heard += self._engine.port.read()
-        self._engine.port.write(data)
+            received += self._line.port.read()
+        self._line.port.write(data)
 
-    def error(self, step: str, text: str) -> HardwareError:
-        """Error that names the device and the step."""
-        return HardwareError(f"{self.source}: {step}: {text}")
+    def error(self, step: str, text: str, code: str = "refused") -> HardwareError:
+        """Return an error that states the device and the step.
+
+        Parameters
+        ----------
+        step : str
+            Step of the start-up.
+        text : str
+            What went wrong.
+        code : str
+            Cause, of `HARDWARE_CODES`.
+        """
+        return HardwareError(text, self.source, code, step)
 
     def _lines(self, splitter: LineSplitter, timeout_s: float) -> list[bytes]:
-        """Lines up to the first pause; none after `timeout_s` without a byte, or of bytes without an end."""
+        """Return the lines up to the first pause; none after `timeout_s` [s] or from bytes without an end."""
         end_ns = self.now_ns() + round(1e9 * timeout_s)
         last_ns = self.now_ns() + round(1e9 * self._options.boot_timeout_s)
         while True:
-            lines = splitter.feed(chunk) if (chunk := self._engine.port.read()) else []
+            lines = splitter.feed(chunk) if (chunk := self._line.port.read()) else []
             if lines:
                 return lines
             if chunk:

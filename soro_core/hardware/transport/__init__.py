@@ -1,1 +1,1 @@
-"""Ways to a bus: CAN frames over serial lines and pseudo-terminals."""
+"""Transports: CAN frames over adapters and servers, byte streams over TCP."""

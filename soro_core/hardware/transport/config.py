@@ -1,4 +1,4 @@
-"""Transports of a platform file: the ways to a CAN bus, told apart by `kind`."""
+"""Transports to a CAN bus in a platform file, each with its `kind`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BITRATES = (10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 1_000_00
 
 
 class CanTransport(Strict):
-    """What every way to a CAN bus has."""
+    """Keys of all transports to a CAN bus."""
 
     bitrate: int = Field(1_000_000, description="CAN bit rate [bit/s]")
     open_timeout_s: float = Field(
@@ -29,7 +29,7 @@ class CanTransport(Strict):
 
     @property
     def address(self) -> str | None:
-        """What is opened, or None where it is given when opened."""
+        """Path, name or address to open, or None if the platform file states none."""
         return None
 
 
@@ -38,9 +38,14 @@ class SlcanTransport(CanTransport):
 
     kind: Literal["slcan"]
     device: str | None = Field(
-        None, description="path of the serial port; none where it is given when opened"
+        None, description="path of the serial port; none: the user gives it with --device"
     )
     serial_baud: int = Field(1_000_000, ge=9600, le=12_000_000, description="baud rate of the serial port")
+    acknowledges: bool | None = Field(
+        None,
+        description="whether the adapter acknowledges commands; false: never, as the CANable with its stock "
+        "firmware; none: found out when it is opened",
+    )
 
     @property
     def address(self) -> str | None:
@@ -62,9 +67,9 @@ class SocketcandTransport(CanTransport):
     """A CAN bus of another machine, served over TCP by socketcand."""
 
     kind: Literal["socketcand"]
-    host: str | None = Field(None, description="name or address; none where it is given when opened")
+    host: str | None = Field(None, description="name or address; none: the user gives it with --device")
     port: int = Field(29536, ge=1, le=65535)
-    channel: str = Field("can0", min_length=1, max_length=15, description="the server's name of the bus")
+    channel: str = Field("can0", min_length=1, max_length=15, description="name of the bus on the server")
 
     @property
     def address(self) -> str | None:
@@ -75,8 +80,8 @@ class PythonCanTransport(CanTransport):
     """Any interface that python-can knows, by its name (pcan, kvaser, ixxat, vector, gs_usb, ...)."""
 
     kind: Literal["python_can"]
-    interface: str = Field(min_length=1, description="python-can's name of the interface")
-    channel: str | int = Field(description="as the interface wants it")
+    interface: str = Field(min_length=1, description="name of the interface in python-can")
+    channel: str | int = Field(description="channel as the interface requires it")
     options: dict[str, bool | int | float | str] = Field(
         default_factory=dict, description="further arguments of the interface"
     )

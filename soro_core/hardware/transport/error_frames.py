@@ -1,4 +1,4 @@
-"""Error frames of the Linux kernel (linux/can/error.h): what they say of the controller and the wire."""
+"""Error frames of the Linux kernel (linux/can/error.h)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _LETTERS = {NO_ACKNOWLEDGE: "a", PROTOCOL: "b"}
 
 
 def letters(classes: int, data: bytes = b"") -> str:
-    """Errors on the wire in the letters of slcan: a = no acknowledge, b = bit or form, o = overrun."""
+    """Return bus errors as letters of slcan: a = no acknowledge, b = bit or form, o = overrun."""
     found = "".join(letter for bit, letter in _LETTERS.items() if classes & bit)
     overrun = bool(classes & CONTROLLER and len(data) > 1 and data[1] & _OVERFLOW)
     return found + ("o" if overrun else "")

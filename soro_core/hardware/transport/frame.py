@@ -1,4 +1,4 @@
-"""A CAN frame as the pure protocol layers see it, and how long it occupies the wire."""
+"""A CAN frame, and the number of its bits on the bus."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Frame(NamedTuple):
-    """One classic CAN frame; `length` is the DLC, which a remote frame has without data."""
+    """One classic CAN frame; `length` is the DLC of a remote frame, which has no data."""
 
     can_id: int
     data: bytes = b""
@@ -26,9 +26,9 @@ class Frame(NamedTuple):
 
 
 def frame_bits(frame: Frame) -> int:
-    """Bits on the wire with worst-case stuffing and the three bits between frames (ISO 11898-1).
+    """Return the bits of a frame with worst-case stuffing and three bits between frames (ISO 11898-1).
 
-    The worst case is what a bus has to be planned for; a frame of 4 bytes takes 95 bits, of 8 bytes 135.
+    The budget of a bus uses this worst case: 95 bits for 4 bytes, 135 bits for 8 bytes.
     """
     payload = 0 if frame.remote else 8 * len(frame.data)
     if frame.extended:

@@ -1,4 +1,4 @@
-"""What the drivers need of a CAN bus, on top of any python-can bus."""
+"""The drivers' interface to any python-can bus."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from soro_core.hardware.transport.error_frames import BUS_OFF, RESTARTED, letter
 from soro_core.hardware.transport.frame import Frame
 
 _FULL_TRIES, _FULL_WAIT_S = 20, 0.0005
-# Of the shortest ones 1 Mbit/s carries 21,000 a second; a host that is held up for longer has tripped.
+# A bus of 1 Mbit/s carries at most 21,000 frames per second; after a longer stall the limiter has tripped.
 _MOST_WAITING = 20_000
 
 
 class CanLink:
-    """Frames in and out of a python-can bus, counted over reopenings, with every failure as `HardwareError`.
+    """Sends and receives frames on a python-can bus; every failure is a `HardwareError`.
 
-    A bus that has `send_frames` and `recv_frame` (SlcanBus) is used through them: one write a cycle.
+    The counts continue after a reopening. A bus with `send_frames` and `recv_frame` (`StreamBus`) is used
+    through them, with one write in each cycle.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ class CanLink:
     """
 
     def __init__(self, open_bus: Callable[[], can.BusABC]) -> None:
-        self._open_bus = open_bus
+        self.open_bus = open_bus
         self._bus: can.BusABC | None = None
         self._send_frames: Callable[[Sequence[Frame]], None] | None = None
         self._recv_frame: Callable[[float], Frame | None] | None = None
@@ -44,26 +45,31 @@ class CanLink:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a bus; it may have failed since."""
+        """Whether a bus is open; it may have failed since."""
         return self._bus is not None
 
     @property
     def is_bus_off(self) -> bool:
-        """Whether the controller has taken itself off the bus."""
+        """Whether the controller is in bus-off."""
         if self._bus is None:
             return False
         return self._bus_off or bool(self._bus.state == can.BusState.ERROR)
 
     @property
+    def bus(self) -> can.BusABC | None:
+        """The open bus, or None."""
+        return self._bus
+
+    @property
     def counts(self) -> Counter[str]:
-        """What the adapter counts: garbled (malformed lines), refused (frames), errors (on the wire)."""
+        """Counts of the adapter: garbled (malformed lines), refused (frames), errors (on the bus)."""
         errors = Counter(errors=sum(self._error_frames.values()))
         return self._closed_counts + self._bus_counts() + errors
 
     def open(self) -> None:
-        """Open the bus anew: an adapter that was pulled or went off the bus needs it, and none is harmed."""
+        """Close and open the bus, as an adapter needs it that was unplugged or in bus-off."""
         self.close()
-        self._bus, self._bus_off = self._open_bus(), False
+        self._bus, self._bus_off = self.open_bus(), False
         self._send_frames = getattr(self._bus, "send_frames", None)
         self._recv_frame = getattr(self._bus, "recv_frame", None)
 
@@ -85,11 +91,11 @@ class CanLink:
                 for frame in frames:
                     _send(bus, to_message(frame))
         except (can.CanError, OSError) as error:
-            raise HardwareError(f"{bus.channel_info}: sending failed ({reason(error)})") from None
+            raise HardwareError(f"sending failed ({reason(error)})", bus.channel_info, "gone") from None
         self.sent += len(frames)
 
     def receive(self, timeout_s: float) -> Frame | None:
-        """Next frame, waiting at most `timeout_s`; None if there is none."""
+        """Return the next frame, or None after `timeout_s` [s]."""
         bus = self._require()
         try:
             if self._recv_frame is not None:
@@ -101,26 +107,26 @@ class CanLink:
                     message = bus.recv(0.0)
                 frame = None if message is None else from_message(message)
         except (can.CanError, OSError) as error:
-            raise HardwareError(f"{bus.channel_info}: receiving failed ({reason(error)})") from None
+            raise HardwareError(f"receiving failed ({reason(error)})", bus.channel_info, "gone") from None
         self.received += frame is not None
         return frame
 
     def waiting(self) -> Iterator[Frame]:
-        """Frames that have come, without waiting.
+        """Yield the received frames without waiting.
 
         Raises
         ------
         HardwareError
-            If there is no end to them: it would be that of the control loop.
+            If there are more frames than a bus carries, which would block the control loop.
         """
         for _ in range(_MOST_WAITING):
             if (frame := self.receive(0.0)) is None:
                 return
             yield frame
-        raise HardwareError(f"{self._require().channel_info}: more frames than a bus can carry")
+        raise HardwareError("more frames than a bus can carry", self._require().channel_info, "flood")
 
     def _on_error_frame(self, message: can.Message) -> None:
-        """Take what the kernel says of the controller; it is no frame of the bus."""
+        """Process an error frame of the kernel."""
         classes = message.arbitration_id
         self._error_frames.update(letters(classes, bytes(message.data)) or "?")
         if classes & (BUS_OFF | RESTARTED):
@@ -128,7 +134,7 @@ class CanLink:
 
     def _require(self) -> can.BusABC:
         if self._bus is None:
-            raise HardwareError("the bus is not open")
+            raise HardwareError("the bus is not open", code="order")
         return self._bus
 
     def _bus_counts(self) -> Counter[str]:
@@ -140,7 +146,7 @@ class CanLink:
 
 
 def _send(bus: can.BusABC, message: can.Message) -> None:
-    """Send; where the kernel's queue of the interface is full, wait for a frame or so to leave it."""
+    """Send a message; if the kernel's transmit queue is full, wait for a place."""
     for _ in range(_FULL_TRIES):
         try:
             bus.send(message)
@@ -154,7 +160,7 @@ def _send(bus: can.BusABC, message: can.Message) -> None:
 
 
 def to_message(frame: Frame) -> can.Message:
-    """Frame as python-can has it."""
+    """Convert a frame to a message of python-can."""
     return can.Message(
         arbitration_id=frame.can_id,
         is_extended_id=frame.extended,
@@ -165,7 +171,7 @@ def to_message(frame: Frame) -> can.Message:
 
 
 def from_message(message: can.Message) -> Frame:
-    """The reverse of `to_message`."""
+    """Convert a message of python-can to a frame."""
     remote = message.is_remote_frame
     data = b"" if remote else bytes(message.data)
     return Frame(message.arbitration_id, data, message.is_extended_id, remote, message.dlc if remote else -1)

@@ -1,4 +1,4 @@
-"""Open the CAN bus of a platform, whatever its transport; every failure is one line that says what to do."""
+"""Open the CAN bus of a platform; each error is one line with advice."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 
 import can
 
+from soro_core.config import changed
 from soro_core.errors import HardwareError
 from soro_core.hardware.transport.config import (
     CanTransport,
@@ -28,12 +29,12 @@ def open_bus(transport: CanTransport, endpoint: str | None = None, lockstep: boo
     Parameters
     ----------
     transport : CanTransport
-        That of a platform.
+        Transport of a platform.
     endpoint : str, optional
-        What takes the place of its device: the path of a serial port or pseudo-terminal (slcan, whatever the
-        platform's transport is), ``host:port`` (socketcand), or the name of a channel.
+        Replaces the platform's device: the path of a serial port or pseudo-terminal (slcan, for every
+        transport of the platform), ``host:port`` (socketcand), or the name of a channel.
     lockstep : bool
-        Whether an emulator in lockstep is there.
+        Whether the bus is that of an emulator in lockstep.
 
     Raises
     ------
@@ -43,7 +44,15 @@ def open_bus(transport: CanTransport, endpoint: str | None = None, lockstep: boo
     if endpoint is not None:
         transport = _replaced(transport, endpoint)
     if isinstance(transport, SlcanTransport | SocketcandTransport):
-        own = _own(transport)
+        own: StreamBus = (
+            SlcanBus.from_transport(transport)
+            if isinstance(transport, SlcanTransport)
+            else SocketcandBus.from_transport(transport)
+        )
+        if lockstep and isinstance(own, SlcanBus) and not own.acknowledges:
+            own.shutdown()
+            text = "the adapter never acknowledges, as lockstep needs: run it in real time"
+            raise HardwareError(text, own.channel_info, "setting")
         own.lockstep = lockstep
         return own
     if isinstance(transport, SocketcanTransport):
@@ -51,12 +60,6 @@ def open_bus(transport: CanTransport, endpoint: str | None = None, lockstep: boo
     assert isinstance(transport, PythonCanTransport)
     options = {"bitrate": transport.bitrate, **transport.options}
     return _python_can(transport.interface, transport.channel, options, transport.bitrate)
-
-
-def _own(transport: SlcanTransport | SocketcandTransport) -> StreamBus:
-    if isinstance(transport, SlcanTransport):
-        return SlcanBus.from_transport(transport)
-    return SocketcandBus.from_transport(transport)
 
 
 def _replaced(transport: CanTransport, endpoint: str) -> CanTransport:
@@ -73,10 +76,10 @@ def _replaced(transport: CanTransport, endpoint: str) -> CanTransport:
             open_timeout_s=timeout_s,
         )
     if isinstance(transport, SlcanTransport):
-        return transport.model_copy(update={"device": endpoint})
+        return changed(transport, device=endpoint)
     if "/" in endpoint:
         return SlcanTransport(kind="slcan", device=endpoint, bitrate=bitrate, open_timeout_s=timeout_s)
-    return transport.model_copy(update={"channel": endpoint})
+    return changed(transport, channel=endpoint)
 
 
 def _python_can(
@@ -84,15 +87,27 @@ def _python_can(
 ) -> can.BusABC:
     known = sorted(can.VALID_INTERFACES)
     if interface not in known:
-        raise HardwareError(f"python-can has no interface {interface!r}; it knows {', '.join(known)}")
+        raise HardwareError(
+            f"python-can has no interface {interface!r}; it knows {', '.join(known)}", code="setting"
+        )
     try:
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except (can.CanError, OSError, ImportError, ValueError, TypeError, AttributeError) as error:
-        raise HardwareError(f"{interface} {channel}: {explain(error, str(channel), bitrate)}") from None
+        raise HardwareError(explain(error, str(channel), bitrate), f"{interface} {channel}", "open") from None
 
 
 def explain(error: Exception, channel: str, bitrate: int) -> str:
-    """Say in one line what is wrong with an interface, and what to do where that is known."""
+    """Return the reason of an error in one line, with advice if the cause is known.
+
+    Parameters
+    ----------
+    error : Exception
+        Error of python-can or of the system.
+    channel : str
+        Name of the interface.
+    bitrate : int
+        Bit rate [bit/s].
+    """
     number = getattr(error, "errno", None) or getattr(error, "error_code", None)
     cause = error.__cause__ or error.__context__
     if number is None and isinstance(cause, OSError):

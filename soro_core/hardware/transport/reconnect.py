@@ -1,4 +1,4 @@
-"""When to open a lost bus again: with a growing pause after a broken connection, seldom after bus-off."""
+"""Times at which to open a lost bus again: with a growing pause, and at most three times after bus-off."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ MOST_TRIES, WINDOW_S = 3, 60.0
 
 
 class Reconnect:
-    """Times of attempts; the clock is given from outside.
+    """Times of attempts to open a bus; the caller states the present time.
 
-    After a break the pause doubles from 0.5 s to 10 s. After bus-off it is 0.5 s, and there are at most three
-    openings a minute: a controller that goes off again and again has a fault on its wire, which more attempts
-    do not mend but disturb others with.
+    After a lost connection the pause doubles from 0.5 s to 10 s. After bus-off it is 0.5 s, with at most
+    three openings per minute: repeated bus-off has its cause in the wiring, and more attempts only disturb
+    other nodes.
     """
 
     def __init__(self) -> None:
@@ -23,24 +23,21 @@ class Reconnect:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the bus is gone and has not been opened again."""
+        """Whether the bus is lost and has not been opened again."""
         return self._due_s is not None
 
     def broken(self, now_s: float) -> None:
-        """The connection broke, or could not be opened."""
+        """Record that the connection was lost, or could not be opened."""
         self._due_s = now_s + self._pause_s
         self._pause_s = min(2 * self._pause_s, LONGEST_S)
 
     def bus_off(self, now_s: float) -> None:
-        """The controller took itself off the bus."""
+        """Record bus-off."""
         self._due_s = now_s + FIRST_S
         self._bus_offs.append(now_s)
 
     def wait_s(self, now_s: float, keep: int = 0) -> float:
-        """Time to wait before the next attempt [s]; 0 when it may be now.
-
-        `keep` of the attempts that a minute has after bus-off are left for others.
-        """
+        """Return the time until the next attempt [s]; `keep` attempts of each minute stay reserved."""
         if self._due_s is None:
             return 0.0
         wait = self._due_s - now_s
@@ -50,9 +47,9 @@ class Reconnect:
         return max(wait, 0.0)
 
     def opened(self) -> None:
-        """The bus is open again."""
+        """Record that the bus is open again."""
         self._due_s = None
 
     def healthy(self) -> None:
-        """The devices have been configured over it: a later break starts with a short pause."""
+        """Reset the pause to its shortest value, after the configuration of the devices."""
         self._pause_s = FIRST_S

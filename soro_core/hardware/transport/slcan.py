@@ -1,11 +1,15 @@
 """CAN over LAWICEL ASCII (slcan) on a serial port or a pseudo-terminal, as a python-can bus.
 
 (python-can's own slcan reads byte by byte and its receive thread ends at the first malformed line.)
+
+An adapter acknowledges each command, except a CANable with its stock firmware, which answers only V. The bus
+detects this when it is opened; it cannot detect frames that such an adapter loses.
 """
 
 from __future__ import annotations
 
 import contextlib
+import re
 import termios
 import time
 from collections import deque
@@ -17,7 +21,7 @@ from soro_core.errors import HardwareError
 from soro_core.hardware.reason import reason
 from soro_core.hardware.transport.config import SlcanTransport
 from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.slcan_codec import SPEEDS, BusErrors, Decoder, Health, Reply, encode
+from soro_core.hardware.transport.slcan_codec import SPEEDS, BusErrors, Health, Reply, SlcanDecoder, encode
 from soro_core.hardware.transport.stream import StreamBus
 
 _STATES = {
@@ -26,6 +30,12 @@ _STATES = {
     "passive": can.BusState.PASSIVE,
     "bus_off": can.BusState.ERROR,
 }
+
+
+# Longest time to an acknowledgement [s]; after it the bus tests whether the adapter never acknowledges.
+_ACKNOWLEDGED_S = 0.25
+# Of a version: text, as "b158aa7 https://github.com/normaldotcom/canable-fw.git".
+_VERSION = re.compile(rb"[\x20-\x7e]{2,}")
 
 
 class SlcanBus(StreamBus):
@@ -40,39 +50,56 @@ class SlcanBus(StreamBus):
     serial_baud : int
         Baud rate of the serial port; without effect on a pseudo-terminal and on USB adapters.
     timeout_s : float
-        Time in which the adapter must answer a command, or take the bytes of a frame.
+        Longest time in which the adapter answers a command, or accepts the bytes of a frame [s].
+    acknowledges : bool, optional
+        Whether the adapter acknowledges commands; None to find out.
+
+    Attributes
+    ----------
+    acknowledges : bool
+        Whether the adapter acknowledges commands.
 
     Raises
     ------
     HardwareError
-        If the port cannot be opened or the adapter does not open the bus; later by every call that finds the
-        adapter gone.
+        If the port cannot be opened or the adapter does not open the bus; in the methods, if the adapter is
+        lost.
     """
 
     farewell = b"C\r"
+    encode = staticmethod(encode)
 
     def __init__(
-        self, channel: str, bitrate: int, serial_baud: int = 1_000_000, timeout_s: float = 1.0
+        self,
+        channel: str,
+        bitrate: int,
+        serial_baud: int = 1_000_000,
+        timeout_s: float = 1.0,
+        acknowledges: bool | None = None,
     ) -> None:
         super().__init__(channel, timeout_s)
+        self.acknowledges = acknowledges is not False
         self.health = Health("active", 0, 0)
         self._running = False
-        self._decoder = Decoder()
+        self._decoder = SlcanDecoder()
         self._replies: deque[Reply] = deque()
+        self._line = b""  # received part of an answer to V
         try:
             # pyserial sets raw mode and any baud rate; the bytes then go through the descriptor. Modem lines
             # are never read: a pseudo-terminal has none.
-            # A second program on the port would take the adapter off the bus under the first one's feet.
+            # A second program on the port would close the bus that the first one uses.
             self._port = serial.Serial(channel, serial_baud, timeout=0, exclusive=True)
         except (OSError, serial.SerialException, ValueError, termios.error) as error:
-            raise HardwareError(f"{channel}: cannot open the adapter's port ({reason(error)})") from None
+            raise HardwareError(
+                f"cannot open the adapter's port ({reason(error)})", channel, "open"
+            ) from None
         self.attach(self._port.fileno())
         # With VMIN = 1 "nothing yet" is EAGAIN, so that an empty read always means that the adapter is gone.
         attributes = termios.tcgetattr(self.fileno())
         attributes[6][termios.VMIN] = 1
         termios.tcsetattr(self.fileno(), termios.TCSANOW, attributes)
         try:
-            self._start(SPEEDS[bitrate])
+            self._start(SPEEDS[bitrate], acknowledges)
         except HardwareError:
             self.release()
             raise
@@ -80,14 +107,18 @@ class SlcanBus(StreamBus):
         can.BusABC.__init__(self, channel)
 
     @classmethod
-    def from_transport(cls, transport: SlcanTransport, endpoint: str | None = None) -> SlcanBus:
-        """Open the adapter of a platform; `endpoint` takes the place of its device."""
-        device = endpoint or transport.device
-        if device is None:
-            raise HardwareError(
-                "slcan: no adapter named: give transport.device in the platform, or an endpoint"
-            )
-        return cls(device, transport.bitrate, transport.serial_baud, transport.open_timeout_s)
+    def from_transport(cls, transport: SlcanTransport) -> SlcanBus:
+        """Open the adapter of a platform."""
+        if transport.device is None:
+            text = "no adapter named: give transport.device in the platform, or an endpoint"
+            raise HardwareError(text, "slcan", "setting")
+        return cls(
+            transport.device,
+            transport.bitrate,
+            transport.serial_baud,
+            transport.open_timeout_s,
+            transport.acknowledges,
+        )
 
     @property
     def frames_garbled(self) -> int:
@@ -98,10 +129,8 @@ class SlcanBus(StreamBus):
         """State of the CAN controller as the adapter last reported it."""
         return _STATES[self.health.state]
 
-    def encode(self, frame: Frame) -> bytes:
-        return encode(frame)
-
     def take(self, chunk: bytes) -> None:
+        self._line = b"" if self._running else (self._line + chunk)[-256:]
         for event in self._decoder.feed(chunk):
             if isinstance(event, Frame):
                 self._frames.append(event)
@@ -117,31 +146,47 @@ class SlcanBus(StreamBus):
         while len(self._replies) > 16:
             self._replies.popleft()
 
-    def let_go(self) -> None:
+    def close_descriptor(self) -> None:
         with contextlib.suppress(serial.SerialException, termios.error):
             self._port.close()
 
-    def _start(self, speed: int) -> None:
-        # The empty lines end whatever half command a former owner left; a closed adapter may refuse C.
-        self.write(b"\r\rC\r")
+    def _start(self, speed: int, acknowledges: bool | None) -> None:
+        # The first C ends a half command that a former owner left; a closed adapter may refuse the second. No
+        # empty lines: the CANable takes one for the last command over again.
+        self.write(b"C\rC\r")
         self._drain(0.02)
         self._decoder.reset()
         self._frames.clear()
+        deadline = time.monotonic() + self._timeout_s
         for command, what in ((b"S%d\r" % speed, "set the bit rate"), (b"O\r", "open the bus")):
             self._replies.clear()
             self.write(command)
-            self._confirm(command, what)
+            if acknowledges is None:
+                acknowledges = self.acknowledges = self._acknowledges(deadline)
+            if acknowledges:
+                self._confirm(command, what, deadline)
+        self._decoder.garbled = 0  # a version is no garbled frame
 
-    def _confirm(self, command: bytes, what: str) -> None:
-        deadline = time.monotonic() + self._timeout_s
-        while not self._replies:
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise HardwareError(f"{self.channel_info}: the adapter did not answer {command!r} ({what})")
-            self.poll(left)
-            self.fill()
+    def _confirm(self, command: bytes, what: str, deadline: float) -> None:
+        if not self.read_until(lambda: self._replies, deadline):
+            raise HardwareError(
+                f"the adapter did not answer {command!r} ({what}); "
+                "if its firmware never answers, give transport.acknowledges: false",
+                self.channel_info,
+                "silent",
+            )
         if not self._replies.popleft().ok:
-            raise HardwareError(f"{self.channel_info}: the adapter refused {command!r} ({what})")
+            raise HardwareError(f"the adapter refused {command!r} ({what})", self.channel_info, "refused")
+
+    def _acknowledges(self, deadline: float) -> bool:
+        """Return whether the adapter acknowledges the last command; if not, test it with a V command."""
+        if self.read_until(lambda: self._replies, min(time.monotonic() + _ACKNOWLEDGED_S, deadline)):
+            return True
+        self._line = b""
+        self.write(b"V\r")
+        self.read_until(lambda: self._replies or b"\r" in self._line, deadline)
+        line, end, _ = self._line.partition(b"\r")
+        return not end or _VERSION.fullmatch(line) is None  # an empty line is a late acknowledgement
 
     def _drain(self, quiet_s: float) -> None:
         deadline = time.monotonic() + self._timeout_s

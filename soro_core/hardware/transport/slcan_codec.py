@@ -1,4 +1,4 @@
-"""LAWICEL ASCII (slcan): bytes <-> frames, replies and bus health. Pure; nothing in here can raise on input.
+"""LAWICEL ASCII (slcan) as pure functions: frames, replies and bus health; no input raises an error.
 
 A line ends with CR; an adapter refuses a command with a lone BEL. Health lines are those of the Linux driver
 (drivers/net/can/slcan/slcan-core.c): ``s[abpw]RRRTTT`` state and error counters, ``eN<codes>`` bus errors.
@@ -38,7 +38,7 @@ class Health:
 
 @dataclass(frozen=True)
 class BusErrors:
-    """Errors on the wire: a = no acknowledge, b B = bit, c = CRC, f = form, o O = overrun, s = stuff."""
+    """Errors on the bus: a = no acknowledge, b B = bit, c = CRC, f = form, o O = overrun, s = stuff."""
 
     codes: str
 
@@ -51,7 +51,7 @@ class Reply:
 
     @property
     def ok(self) -> bool:
-        """Whether the adapter did as it was told."""
+        """Whether the adapter has executed the command."""
         return self.text != "\x07"
 
 
@@ -61,14 +61,14 @@ Event: TypeAlias = Frame | Health | BusErrors | Reply
 
 
 def encode(frame: Frame) -> bytes:
-    """One frame as a line with its CR."""
+    """Return a frame as a line with its CR."""
     kind = ("R" if frame.extended else "r") if frame.remote else ("T" if frame.extended else "t")
     identifier = f"{frame.can_id:08X}" if frame.extended else f"{frame.can_id:03X}"
     return f"{kind}{identifier}{frame.dlc}{'' if frame.remote else frame.data.hex().upper()}\r".encode()
 
 
 def decode_frame(line: bytes) -> Frame | None:
-    """Frame in a line without its CR, or None if it is not exactly one well-formed frame."""
+    """Return the frame in a line without CR, or None if the line is malformed."""
     match = _STANDARD.fullmatch(line) or _EXTENDED.fullmatch(line)
     if match is None:
         return None
@@ -82,8 +82,8 @@ def decode_frame(line: bytes) -> Frame | None:
 
 
 @dataclass
-class Decoder:
-    """Cuts a byte stream from an adapter into events; what is malformed is counted and dropped."""
+class SlcanDecoder:
+    """Splits the byte stream of an adapter into events; malformed lines are counted and dropped."""
 
     garbled: int = 0
     _rest: bytes = b""
@@ -114,7 +114,7 @@ class Decoder:
         return events
 
     def reset(self) -> None:
-        """Forget a half line, as after a flush."""
+        """Drop an incomplete line."""
         self._rest, self._skipping = b"", False
 
 

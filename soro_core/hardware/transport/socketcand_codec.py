@@ -1,4 +1,4 @@
-"""socketcand's protocol in raw mode: text between angle brackets <-> frames. Pure; no input can raise.
+"""Protocol of socketcand in raw mode as pure functions: text in angle brackets; no input raises an error.
 
 Host to server: ``< open can0 >``, ``< rawmode >``, ``< send 201 4 7 0 D0 7 >``. Server to host: ``< hi >``,
 ``< ok >``, ``< frame 181 12.345678 0F01D007 >``, ``< error 20000040 12.345678 >``. An identifier of three
@@ -38,25 +38,25 @@ Message: TypeAlias = Frame | WireError | Word
 
 
 def encode_send(frame: Frame) -> bytes:
-    """Let the server send a frame."""
+    """Return the message with which the server sends a frame."""
     data = "".join(f" {byte:X}" for byte in frame.data)
     return f"< send {_identifier(frame)} {frame.dlc}{data} >".encode()
 
 
 def encode_frame(frame: Frame, now_ns: int) -> bytes:
-    """Tell the host of a frame."""
+    """Return the message to the host with a frame."""
     stamp = f"{now_ns // 1_000_000_000}.{now_ns % 1_000_000_000 // 1000:06d}"
     return f"< frame {_identifier(frame)} {stamp} {frame.data.hex().upper()} >".encode()
 
 
 def encode_error(classes: int, now_ns: int) -> bytes:
-    """Tell the host of an error frame."""
+    """Return the message to the host with an error frame."""
     stamp = f"{now_ns // 1_000_000_000}.{now_ns % 1_000_000_000 // 1000:06d}"
     return f"< error {classes | 0x2000_0000:08X} {stamp} >".encode()
 
 
-class Decoder:
-    """Cuts a byte stream into messages; what is malformed is counted and dropped."""
+class SocketcandDecoder:
+    """Splits a byte stream into messages; malformed ones are counted and dropped."""
 
     def __init__(self) -> None:
         self.garbled = 0

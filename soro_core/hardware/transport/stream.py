@@ -1,8 +1,7 @@
-"""What the own CAN buses over byte streams (slcan, socketcand) have in common.
+"""Base of soro's own CAN buses over byte streams (slcan, socketcand).
 
-They read in chunks and without a thread: whoever wants frames polls the file descriptor. So nothing can die
-unnoticed between two cycles, an unplugged adapter raises in the very call that touches it, the order of
-events is that of the bytes, and no lock or hand-over costs time in the control loop.
+They read in chunks and without a thread: the reader of frames polls the file descriptor. So an unplugged
+adapter raises in the next call, events have the order of the bytes, and the control loop needs no locks.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import select
 import time
 from abc import abstractmethod
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import can
 
@@ -26,20 +25,20 @@ CHUNK = 65536
 
 
 class StreamBus(can.BusABC):  # type: ignore[misc]
-    """python-can bus on a file descriptor that is opened and closed by the derived class.
+    """python-can bus on a file descriptor, which the derived class opens and closes.
 
     Parameters
     ----------
     channel_info : str
-        How errors name the adapter.
+        Name of the adapter in errors.
     timeout_s : float
-        Time in which it must answer a command, or take the bytes of a frame.
+        Longest time in which the adapter answers a command, or accepts the bytes of a frame [s].
 
     Attributes
     ----------
     lockstep : bool
-        Whether an emulated adapter in lockstep is behind it. That one acknowledges a frame when everything
-        that comes of it has been given: what has not come by then never comes, and is not waited for.
+        Whether the adapter is an emulated one in lockstep, which acknowledges a frame after all answers to
+        it: so after the acknowledgement there is nothing to wait for.
     """
 
     lockstep = False
@@ -55,7 +54,7 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         self._fd = -1
 
     def attach(self, fd: int) -> None:
-        """Use a descriptor from now on; reads and writes on it do not block."""
+        """Set the descriptor, with non-blocking reads and writes."""
         self._fd = fd
         os.set_blocking(fd, False)
         self._poll.register(fd, select.POLLIN)
@@ -63,29 +62,29 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
     @property
     @abstractmethod
     def frames_garbled(self) -> int:
-        """Malformed lines dropped so far."""
+        """Number of malformed lines, which were dropped."""
 
     @abstractmethod
     def encode(self, frame: Frame) -> bytes:
-        """Bytes that send a frame, and have the adapter acknowledge it where it can."""
+        """Return the bytes that send a frame, with a request to acknowledge it if possible."""
 
     @abstractmethod
     def take(self, chunk: bytes) -> None:
-        """Take bytes from the adapter."""
+        """Process bytes from the adapter."""
 
     @abstractmethod
-    def let_go(self) -> None:
+    def close_descriptor(self) -> None:
         """Close the descriptor; may raise OSError."""
 
     def acknowledged(self) -> None:
-        """Note that the adapter has acknowledged a frame."""
+        """Count an acknowledgement of the adapter."""
         self._unacknowledged = max(self._unacknowledged - 1, 0)
 
     def after_read(self) -> None:
-        """Do what the stream needs after bytes have come."""
+        """Prepare the stream for the next read."""
 
     def fileno(self) -> int:
-        """File descriptor of the stream."""
+        """Return the file descriptor of the stream."""
         return self._fd
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
@@ -93,13 +92,13 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         self.send_frames([from_message(msg)])
 
     def send_frames(self, frames: Iterable[Frame]) -> None:
-        """Send frames in one write: on USB adapters one transfer in place of many."""
+        """Send frames in one write, which is one transfer to a USB adapter."""
         messages = [self.encode(frame) for frame in frames]
         self.write(b"".join(messages))
         self._unacknowledged += len(messages) if self.lockstep else 0
 
     def recv_frame(self, timeout_s: float) -> Frame | None:
-        """Take the next frame, waiting at most `timeout_s` (0: only what has already come)."""
+        """Return the next frame, or None after `timeout_s` [s]."""
         if not self._frames:
             self.fill()
             if not self._frames and timeout_s > 0:
@@ -115,7 +114,7 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         return message, False
 
     def shutdown(self) -> None:
-        """Close the bus and what it stands on; safe to call again."""
+        """Close the bus and its descriptor; idempotent."""
         if not self._is_shutdown:
             super().shutdown()
             with contextlib.suppress(HardwareError):
@@ -125,17 +124,17 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
     farewell = b""
 
     def release(self) -> None:
-        """Close the descriptor and forget it: its number may soon be another file's."""
+        """Close and reset the descriptor, whose number another file may get."""
         with contextlib.suppress(OSError):
-            self.let_go()
+            self.close_descriptor()
         self._fd, self._is_shutdown = -1, True
 
     def poll(self, timeout_s: float) -> bool:
-        """Wait until there are bytes to read."""
+        """Wait until there are bytes to read, at most `timeout_s` [s]."""
         return bool(self._poll.poll(1e3 * timeout_s))
 
     def fill(self) -> None:
-        """Read what has come. A stream that is gone reads as end of file or as an error."""
+        """Read the received bytes; raises `HardwareError` if the adapter is lost."""
         try:
             chunk = os.read(self._fd, CHUNK)
         except BlockingIOError:
@@ -148,29 +147,36 @@ class StreamBus(can.BusABC):  # type: ignore[misc]
         self.take(chunk)
 
     def gone(self, why: str) -> HardwareError:
-        """Error of an adapter that is no longer there."""
-        return HardwareError(f"{self.channel_info}: the adapter is gone ({why})")
+        """Return the error of a lost adapter."""
+        return HardwareError(f"the adapter is gone ({why})", self.channel_info, "gone")
 
     def write(self, data: bytes) -> None:
-        """Write everything, waiting for a slow adapter."""
+        """Write all bytes, with a wait for a slow adapter."""
         deadline = time.monotonic() + self._timeout_s
         while data:
             try:
                 data = data[os.write(self._fd, data) :]
             except BlockingIOError:
                 if time.monotonic() > deadline:
-                    raise HardwareError(f"{self.channel_info}: the adapter takes no more bytes") from None
+                    raise HardwareError(
+                        "the adapter takes no more bytes", self.channel_info, "gone"
+                    ) from None
                 select.select([], [self._fd], [], 0.01)
             except OSError as error:
                 raise self.gone(reason(error)) from None
 
-    def _wait(self, timeout_s: float) -> None:
-        deadline = time.monotonic() + timeout_s
-        while not self._frames and not (self.lockstep and not self._unacknowledged):
-            left = deadline - time.monotonic()
-            if left <= 0:
-                if timeout_s >= self._timeout_s:  # got lost on its way: it does not come any more
-                    self._unacknowledged = 0
-                return
-            self.poll(left)
+    def read_until(self, is_there: Callable[[], object], deadline_s: float) -> bool:
+        """Read until `is_there`, at most until a time of `time.monotonic`; return whether it is."""
+        while not is_there():
+            if (left_s := deadline_s - time.monotonic()) <= 0:
+                return False
+            self.poll(left_s)
             self.fill()
+        return True
+
+    def _wait(self, timeout_s: float) -> None:
+        def is_there() -> object:
+            return self._frames or (self.lockstep and not self._unacknowledged)
+
+        if not self.read_until(is_there, time.monotonic() + timeout_s) and timeout_s >= self._timeout_s:
+            self._unacknowledged = 0  # a lost acknowledgement

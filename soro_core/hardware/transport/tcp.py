@@ -1,6 +1,6 @@
-"""A byte stream to a device over TCP: never blocks for long, says at once when the other side is gone.
+"""A byte stream to a device over TCP, without a thread and without long blocking.
 
-Like the slcan bus it has no thread: a connection that breaks is noticed by the call that touches it.
+The next call detects a lost connection.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from soro_core.hardware.reason import reason
 _CHUNK = 65536
 _LAST_PORT = 65535
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.1, 2.0
-# More than any device has sent when its host comes back after seconds.
+# More chunks than any device has sent when its host reads again after seconds.
 _MOST_CHUNKS = 8
 
 
 class TcpTransport(Strict):
-    """Where a device listens."""
+    """Address of a device."""
 
     kind: Literal["tcp"]
-    host: str | None = Field(None, description="name or address; none where it is given when opened")
+    host: str | None = Field(None, description="name or address; none: the user gives it with --device")
     port: int = Field(ge=1, le=65535, description="TCP port")
     connect_timeout_s: float = Field(2.0, gt=0, le=30, description="longest time for connecting")
 
@@ -40,29 +40,29 @@ class TcpTransport(Strict):
 
 
 class ByteLink(Protocol):
-    """What the drivers need of a connection; every failure is a `HardwareError` and ends the connection."""
+    """A connection as the drivers use it; every failure is a `HardwareError` and ends the connection."""
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; it may have failed since."""
+        """Whether the connection is open; it may have failed since."""
 
     def open(self) -> None:
-        """Connect, waiting for it; an older connection is closed."""
+        """Close an older connection, connect, and wait for the connection."""
 
     def close(self) -> None:
         """Close the connection; never raises."""
 
     def send(self, data: bytes) -> None:
-        """Send all of it."""
+        """Send all bytes."""
 
     def receive(self, timeout_s: float) -> bytes:
-        """What has come, waiting at most `timeout_s` for the first byte; empty if nothing came."""
+        """Return the received bytes, waiting at most `timeout_s` [s] for the first; empty for none."""
 
     def reconnect(self) -> bool:
-        """Take one step, without waiting, to get a lost connection back; True once it stands."""
+        """Try once to restore a lost connection, without waiting; return whether it is open."""
 
     def fileno(self) -> int:
-        """Descriptor of the connection."""
+        """Return the descriptor of the connection."""
 
 
 class TcpLink:
@@ -71,14 +71,14 @@ class TcpLink:
     Parameters
     ----------
     address : str
-        ``192.168.4.3:8888``, ``[::1]:8888``, or the path of a symbolic link that reads so, as `soro emulate`
-        makes it.
+        ``192.168.4.3:8888``, ``[::1]:8888``, or the path of a symbolic link with such a target, as
+        `soro emulate` makes it.
     connect_timeout_s : float
-        Longest time for making the connection.
+        Longest time to connect [s].
     send_timeout_s : float
-        Longest time in which the other side must take the bytes of one `send`.
+        Longest time in which the other side accepts the bytes of one `send` [s].
     clock : callable
-        Monotonic time [s].
+        Returns a monotonic time [s].
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class TcpLink:
         self._connect_timeout_s, self._send_timeout_s, self._clock = connect_timeout_s, send_timeout_s, clock
         self._target: tuple[int, Any] | None = None  # family and address, resolved by `open`
         self._socket: socket.socket | None = None
-        self._pending: socket.socket | None = None  # a connection that is being made
+        self._pending: socket.socket | None = None  # a connection in progress
         self._pending_since_s = self._next_try_s = 0.0
         self._delay_s = FIRST_DELAY_S
 
@@ -110,7 +110,7 @@ class TcpLink:
             sock.connect(where)
         except OSError as error:
             sock.close()
-            raise HardwareError(f"{self.address}: cannot connect ({reason(error)})") from None
+            raise HardwareError(f"cannot connect ({reason(error)})", self.address, "open") from None
         self._take(sock)
 
     def close(self) -> None:
@@ -182,7 +182,7 @@ class TcpLink:
             self._back_off(now)
 
     def _back_off(self, now: float) -> None:
-        """Wait before the next attempt, longer each time until bytes have come."""
+        """Wait before the next attempt, longer each time until bytes arrive."""
         if self._pending is not None:
             self._pending.close()
         self._pending = None
@@ -191,36 +191,47 @@ class TcpLink:
 
     def _take(self, sock: socket.socket) -> None:
         sock.setblocking(False)
-        # Without this a small message waits for the acknowledgement of the one before: 40 ms a cycle.
+        # Otherwise a small message waits for the acknowledgement of the last one: 40 ms in each cycle.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket = sock
 
     def _require(self) -> socket.socket:
         if self._socket is None:
-            raise HardwareError(f"{self.address}: not connected")
+            raise HardwareError("not connected", self.address, "gone")
         return self._socket
 
     def _lost(self, why: str) -> HardwareError:
         self.close()
         self._back_off(self._clock())
-        return HardwareError(f"{self.address}: the connection is gone ({why})")
+        return HardwareError(f"the connection is gone ({why})", self.address, "gone")
 
 
 def drain(take: Callable[[float], bool]) -> bool:
-    """Take what has come, without waiting; whether there is an end to it.
+    """Receive chunks without waiting, at most a fixed number; return whether the device has paused.
 
-    Who sends faster than it is read would keep the caller, and its vent, for ever.
+    The limit keeps a device that sends without a pause from blocking the caller and its vent.
 
     Parameters
     ----------
     take : callable
-        Takes a chunk, given a time to wait; whether one came.
+        Receives a chunk within a time [s]; returns whether one arrived.
     """
     return any(not take(0.0) for _ in range(_MOST_CHUNKS))
 
 
 def link_to(address: str | None, who: str, connect_timeout_s: float, clock: Callable[[], float]) -> TcpLink:
-    """Link to what a platform or a caller names; `who` is named where neither does.
+    """Make the link to an address.
+
+    Parameters
+    ----------
+    address : str or None
+        Address as in `TcpLink`.
+    who : str
+        Name of the device in errors.
+    connect_timeout_s : float
+        Longest time to connect [s].
+    clock : callable
+        Returns a monotonic time [s].
 
     Raises
     ------
@@ -228,35 +239,37 @@ def link_to(address: str | None, who: str, connect_timeout_s: float, clock: Call
         If there is no address.
     """
     if address is None:
-        raise HardwareError(f"{who}: no address: give transport.host in the platform, or an endpoint")
+        raise HardwareError("no address: give transport.host in the platform, or an endpoint", who, "setting")
     return TcpLink(address, connect_timeout_s, clock)
 
 
 def _wait(sock: socket.socket, events: int, timeout_s: float) -> bool:
-    """Whether something of `events`, or an error, is there within the time."""
+    """Wait for events or an error, at most `timeout_s` [s]; return whether there is one."""
     poll = select.poll()
     poll.register(sock, events)
     return bool(poll.poll(max(1e3 * timeout_s, 0.0)))
 
 
 def _resolve(address: str) -> tuple[int, Any]:
-    """Family and socket address."""
+    """Return family and socket address."""
     try:
         target = os.readlink(address) if "/" in address else address
         host, _, number = target.rpartition(":")
-        if not 1 <= (port := int(number)) <= _LAST_PORT:  # it would be taken modulo 65536
+        if not 1 <= (port := int(number)) <= _LAST_PORT:  # getaddrinfo uses it modulo 65536
             raise ValueError
         found = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM)
     except ValueError:
         allowed = f"expected host:port, with a port of 1 to {_LAST_PORT}"
-        raise HardwareError(f"{address}: no such address, {allowed}") from None
+        raise HardwareError(f"no such address, {allowed}", address, "setting") from None
     except OSError as error:
-        raise HardwareError(f"{address}: no such address, expected host:port ({reason(error)})") from None
+        raise HardwareError(
+            f"no such address, expected host:port ({reason(error)})", address, "setting"
+        ) from None
     return found[0][0], found[0][4]
 
 
-def hang_up(host: socket.socket, told: bytes) -> None:
-    """End a connection that has just come, after telling it why."""
+def hang_up(host: socket.socket, message: bytes) -> None:
+    """Close a new connection after a message with the reason."""
     with contextlib.suppress(OSError):
-        host.send(told)
+        host.send(message)
     host.close()

@@ -6,8 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
-from soro_core.hardware.transport.tcp import TcpTransport
+from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, repeated
 from soro_core.hardware.veab.protocol import LOWEST_PA, SPAN_PA
 
 
@@ -24,11 +23,11 @@ class VeabOptions(Freshness):
         0.1,
         ge=0.01,
         le=0.2,
-        description="pause between exchanges after which 0 Pa is sent; the server ends, and holds its "
-        "pressures, when it hears nothing for 0.5 s",
+        description="pause between exchanges after which the driver sends 0 Pa; after 0.5 s without a "
+        "message the server ends and holds its pressures",
     )
     supervisor: bool = Field(
-        True, description="run a process beside the driver that vents when it dies; not in lockstep"
+        True, description="run a process beside the driver that vents when the driver dies; not in lockstep"
     )
     vented_pa: float = Field(
         5e3, gt=0, le=20e3, description="pressure below which a chamber counts as vented"
@@ -37,37 +36,59 @@ class VeabOptions(Freshness):
         2.0, gt=0, le=10, description="longest wait for vented chambers at start-up and at the end"
     )
     stale_cycles: int = Field(5, ge=1, le=100, description="missed readings in a row that make a fault")
+    push_hz: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="largest number of readings a second from the server; none: emulation.push_hz. Another "
+        "rate shows that the server has another number of ports",
+    )
 
 
 class VeabEmulation(EmulationBase):
     """How the emulated server behaves."""
 
-    push_hz: float = Field(250.0, gt=0, le=1000, description="rate at which it sends readings, in real time")
+    push_hz: float = Field(
+        250.0, gt=0, le=1000, description="readings a second that the server sends, in real time"
+    )
+    ports: int | None = Field(
+        None, ge=1, le=64, description="ports of the server; none: as many as the platform has"
+    )
+    gather_s: float = Field(
+        0.0,
+        ge=0,
+        le=0.2,
+        description="longest delay of readings that TCP sends in one segment, in real time; a message of the "
+        "host, which acknowledges the segment before, ends the delay",
+    )
     restart_s: float | None = Field(
         None,
         gt=0,
         le=60,
-        description="time after which a server that has ended is started again; none: never",
+        description="time from the end of the server to its restart; none: no restart",
     )
 
 
-class VeabPlatform(PlatformBase):
+class VeabPlatform(TcpPlatform):
     """VEAB valves behind the published server."""
 
-    where_device: ClassVar[str] = "transport.host"
     start_advice: ClassVar[str] = "start the server on the Pi, it ends with each client"
     where_supervisor: ClassVar[str] = "host.supervisor"
 
     family: Literal["veab_tcp"]
-    transport: TcpTransport
     ports: int = Field(ge=1, le=64, description="ports of the server, used or not: 12 with all six boards")
     valves: Annotated[tuple[VeabValve, ...], Field(strict=False, min_length=1, max_length=64)]
     host: VeabOptions = VeabOptions()
     emulation: VeabEmulation = VeabEmulation()
 
     @property
-    def device(self) -> str | None:
-        return self.transport.address
+    def update_hz(self) -> float:
+        return min(self.cycle_hz, self.push_hz)
+
+    @property
+    def push_hz(self) -> float:
+        """Readings a second that the server sends at most."""
+        return self.host.push_hz or self.emulation.push_hz
 
     @property
     def is_supervised(self) -> bool:

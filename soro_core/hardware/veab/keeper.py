@@ -1,4 +1,4 @@
-"""A thread that keeps a VEAB server alive, and its arm empty, while the control loop is silent."""
+"""A thread that keeps a VEAB server running, at 0 Pa, while the control loop pauses."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 
 class Keeper:
-    """Calls `keep` again and again until `stop`.
+    """Calls `keep` periodically until `stop`.
 
     Parameters
     ----------
     keep : callable
-        What to do; it must not wait.
+        Function to call; it must not block.
     period_s : float
-        Pause between two calls.
+        Pause between two calls [s].
     """
 
     def __init__(self, keep: Callable[[], None], period_s: float) -> None:
@@ -25,7 +25,7 @@ class Keeper:
 
     @property
     def is_alive(self) -> bool:
-        """Whether it still does its work."""
+        """Whether the thread runs."""
         return self._thread.is_alive()
 
     def stop(self) -> None:

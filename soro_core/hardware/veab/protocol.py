@@ -1,8 +1,9 @@
 """The published protocol of the VEAB boards: unframed float64 in both directions, over one TCP connection.
 
-Client to server: one normalised set point a port, ``u = (p + 100 kPa) / 200 kPa``, so 0.5 is 0 kPa. Server to
-client: one voltage of 0 to 10 V a port, ``p = (V - 5) 20 kPa/V``, pushed at about 250 Hz whenever every ADC
-has a new sample. There is no frame, no request, no checksum: a message is 8 bytes a port, little-endian.
+Client to server: one normalised set point for each port, ``u = (p + 100 kPa) / 200 kPa``, so 0.5 is 0 kPa.
+Server to client: one voltage of 0 to 10 V for each port, ``p = (V - 5) 20 kPa/V``, sent at about 250 Hz when
+every ADC has a new sample. There is no frame, request or checksum: a message is 8 bytes for each port,
+little-endian.
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ from collections.abc import Sequence
 LOWEST_PA, SPAN_PA = -100e3, 200e3
 SAFE = 0.5
 _PA_PER_VOLT, _ZERO_V = 20e3, 5.0
-# The ADC counts 5 mV and ends at 10.24 V. A stream that is read off its beat gives numbers far outside, or so
-# small (1e-200) that no counter produces them.
+# One count of the ADC is 5 mV, and its range ends at 10.24 V. A stream that is read from a wrong byte has
+# values far outside, or values so small (1e-200) that no ADC gives them.
 _LOWEST_V, _HIGHEST_V, _SMALLEST_V = -0.5, 10.5, 1e-4
 
 
 def encode(pressure_pa: Sequence[float]) -> bytes:
-    """Message that asks for pressures [Pa gauge], one a port.
+    """Return the message with set points [Pa gauge], one for each port.
 
     Raises
     ------
     ValueError
-        If one is not finite.
+        If a set point is not finite.
     """
     if not all(map(math.isfinite, pressure_pa)):
         raise ValueError(f"set points must be finite, not {list(pressure_pa)}")
@@ -33,27 +34,27 @@ def encode(pressure_pa: Sequence[float]) -> bytes:
 
 
 def normalised(pressure_pa: float) -> float:
-    """Set point as the server wants it, 0 to 1."""
+    """Return a set point [Pa gauge] in the scale of the server, 0 to 1."""
     return min(max((pressure_pa - LOWEST_PA) / SPAN_PA, 0.0), 1.0)
 
 
 def pressure_pa(volts: float) -> float:
-    """Pressure [Pa gauge] that a voltage stands for."""
+    """Return the pressure [Pa gauge] of a voltage [V]."""
     return (volts - _ZERO_V) * _PA_PER_VOLT
 
 
 def volts(pressure_pa: float) -> float:
-    """The reverse of `pressure_pa`, for emulated servers."""
+    """Return the voltage [V] of a pressure [Pa gauge], for emulated servers."""
     return pressure_pa / _PA_PER_VOLT + _ZERO_V
 
 
-class Decoder:
-    """Readings out of the byte stream of a server with `ports` ports.
+class ReadingDecoder:
+    """Decodes readings from the byte stream of a server with `ports` ports.
 
     Attributes
     ----------
     broken : str or None
-        Why the stream makes no sense any more; nothing is decoded from then on until `reset`.
+        Why the stream is invalid; from then on nothing is decoded until `reset`.
     """
 
     def __init__(self, ports: int) -> None:
@@ -62,7 +63,7 @@ class Decoder:
         self.broken: str | None = None
 
     def feed(self, chunk: bytes) -> list[tuple[float, ...]]:
-        """Take bytes; every complete reading [Pa gauge], oldest first."""
+        """Process bytes; return the complete readings [Pa gauge], oldest first."""
         if self.broken is not None:
             return []
         self._buffer += chunk
@@ -78,7 +79,7 @@ class Decoder:
         return found
 
     def reset(self) -> None:
-        """Begin with a new connection."""
+        """Start with a new connection."""
         self._buffer, self.broken = b"", None
 
 

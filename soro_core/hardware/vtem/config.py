@@ -7,8 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict
-from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
-from soro_core.hardware.transport.tcp import TcpTransport
+from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, repeated
 from soro_core.hardware.vtem.registers import HIGHEST_PA, LOWEST_PA, SLOTS
 
 _PART_OF_A_CYCLE = 0.8
@@ -26,7 +25,9 @@ class VtemValve(ValveBase):
 class VtemRegisters(Strict):
     """Where the terminal is in the bus node's registers: addresses as they are in the messages."""
 
-    unit: int = Field(255, ge=0, le=255, description="unit identifier; a bus node by itself ignores it")
+    unit: int = Field(
+        255, ge=0, le=255, description="Modbus unit identifier; a bus node without a gateway ignores it"
+    )
     outputs: int = Field(
         40003, ge=0, le=65535 - 3 * SLOTS, description="command word of slot 0: 40001, two words of the node"
     )
@@ -34,7 +35,7 @@ class VtemRegisters(Strict):
         45395, ge=0, le=65535 - 3 * SLOTS, description="status word of slot 0: 45392, three words of the node"
     )
     one_transaction: bool = Field(
-        False, description="write and read by one message (function 23), where the node has it"
+        False, description="write and read by one message (function 23), which not every node has"
     )
 
 
@@ -42,7 +43,7 @@ class VtemOptions(Freshness):
     """Times of the driver."""
 
     supervisor: bool = Field(
-        True, description="run a process beside the driver that vents when it dies; not in lockstep"
+        True, description="run a process beside the driver that vents when the driver dies; not in lockstep"
     )
     answer_timeout_s: float = Field(
         1.0, gt=0, le=10, description="longest wait for an answer at start-up and at the end"
@@ -64,15 +65,16 @@ class VtemOptions(Freshness):
 class VtemEmulation(EmulationBase):
     """How the emulated terminal behaves; the times are assumptions."""
 
-    boot_s: float = Field(0.1, ge=0, le=60, description="from power on until its slots are ready")
-    app_start_s: float = Field(0.1, ge=0, le=20, description="from the command until a motion app runs")
-    answer_s: float = Field(0.001, ge=0, le=0.1, description="from a request to its answer, in real time")
+    boot_s: float = Field(0.1, ge=0, le=60, description="time from power-on until the slots are ready")
+    app_start_s: float = Field(0.1, ge=0, le=20, description="time from the command until a motion app runs")
+    answer_s: float = Field(
+        0.001, ge=0, le=0.1, description="time from a request to its answer, in real time"
+    )
 
 
-class VtemPlatform(PlatformBase):
+class VtemPlatform(TcpPlatform):
     """Valves of a motion terminal."""
 
-    where_device: ClassVar[str] = "transport.host"
     start_advice: ClassVar[str] = (
         "no connection or no answer: address and port of the bus node, and that no other master is there; "
         "a slot that does not run: supply pressure, load voltage, and whether motion app 03 is licensed on it"
@@ -80,15 +82,10 @@ class VtemPlatform(PlatformBase):
     where_supervisor: ClassVar[str] = "host.supervisor"
 
     family: Literal["vtem_modbus"]
-    transport: TcpTransport
     valves: Annotated[tuple[VtemValve, ...], Field(strict=False, min_length=1, max_length=2 * SLOTS)]
     registers: VtemRegisters = VtemRegisters()
     host: VtemOptions = VtemOptions()
     emulation: VtemEmulation = VtemEmulation()
-
-    @property
-    def device(self) -> str | None:
-        return self.transport.address
 
     @property
     def is_supervised(self) -> bool:

@@ -23,7 +23,7 @@ ACKNOWLEDGE_CONTROL = 1
 CONTROL_OF_VALVE = (2, 1)
 
 
-class State(IntEnum):
+class SlotState(IntEnum):
     """State of a slot."""
 
     NOT_READY = 0
@@ -33,32 +33,32 @@ class State(IntEnum):
 
 
 _TEXTS = {
-    State.NOT_READY: "not ready: it starts, or an error waits to be acknowledged",
-    State.READY: "ready",
-    State.RUNNING: "running",
-    State.FAILED: "failure: an error that still lasts",
+    SlotState.NOT_READY: "not ready: it starts, or an error waits to be acknowledged",
+    SlotState.READY: "ready",
+    SlotState.RUNNING: "running",
+    SlotState.FAILED: "failure: an error that still lasts",
 }
 
 
 @dataclass(frozen=True)
 class Status:
-    """What a slot says of itself.
+    """Status of a slot.
 
     Attributes
     ----------
     app : int
-        Motion app that runs, or `END_APP` while none does.
-    state : State
+        Running motion app, or `END_APP` without one.
+    state : SlotState
         State of the slot.
     """
 
     app: int
-    state: State
+    state: SlotState
 
     @classmethod
     def of(cls, word: int) -> Status:
         """Read a status word."""
-        return cls(word & 0x3F, State(word >> 6 & 3))
+        return cls(word & 0x3F, SlotState(word >> 6 & 3))
 
     @property
     def word(self) -> int:
@@ -68,24 +68,24 @@ class Status:
     @property
     def regulates(self) -> bool:
         """Whether motion app 03 runs."""
-        return self.app == PRESSURE_APP and self.state is State.RUNNING
+        return self.app == PRESSURE_APP and self.state is SlotState.RUNNING
 
     @property
     def is_idle(self) -> bool:
-        """Whether no app runs and one may be started."""
-        return self.app == END_APP and self.state is State.READY
+        """Whether no app runs and an app can be started."""
+        return self.app == END_APP and self.state is SlotState.READY
 
     def __str__(self) -> str:
         return f"app {self.app}, {_TEXTS[self.state]}"
 
 
 def command(app: int, control: int = 0) -> int:
-    """Command word."""
+    """Return a command word."""
     return control << 6 | app
 
 
 def word_of(pressure_pa: float) -> int:
-    """Pressure [Pa gauge] as a word: whole mbar, two's complement."""
+    """Return a pressure [Pa gauge] as a word: mbar, two's complement."""
     return max(min(round(pressure_pa / PA_PER_MBAR), 0x7FFF), -0x8000) & 0xFFFF
 
 
@@ -96,12 +96,12 @@ def pressure_of(word: int) -> float:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which words of a block are whose: the block of outputs, and of inputs, from the first slot to the last.
+    """Places of the words in the block of outputs, and of inputs, from the first slot in use to the last.
 
     Parameters
     ----------
     places : tuple of (slot, valve)
-        Place of each chamber, in the order of the platform.
+        Slot and valve of each chamber, in the order of the platform.
     """
 
     places: tuple[tuple[int, int], ...]
@@ -113,22 +113,32 @@ class Layout:
 
     @property
     def offset(self) -> int:
-        """Words before the block."""
+        """Number of words before the block."""
         return WORDS * self.slots[0]
 
     @property
     def size(self) -> int:
-        """Words of the block."""
+        """Number of words of the block."""
         return WORDS * (self.slots[-1] - self.slots[0] + 1)
 
     def control(self, slot: int) -> int:
-        """App control by which a slot regulates the valves that are used of it."""
+        """Return the app control with which a slot regulates its valves in use."""
         return sum(CONTROL_OF_VALVE[valve] for where, valve in self.places if where == slot)
 
     def outputs(self, setpoint_pa: Sequence[float], lowest_pa: float, highest_pa: float) -> list[int]:
-        """Block of outputs for set points [Pa gauge], and never beyond a range by rounding to mbar.
+        """Return the block of outputs for set points; slots without a chamber run no motion app.
 
-        Slots in between that feed no chamber are held at rest.
+        Parameters
+        ----------
+        setpoint_pa : sequence of float, length n
+            Set points [Pa gauge].
+        lowest_pa, highest_pa : float
+            Range [Pa gauge], which the rounding to mbar does not exceed.
+
+        Returns
+        -------
+        list of int
+            Words.
         """
         low, high = math.ceil(lowest_pa / PA_PER_MBAR), math.floor(highest_pa / PA_PER_MBAR)
         words = [command(END_APP), 0, 0] * (self.size // WORDS)
@@ -140,16 +150,27 @@ class Layout:
         return words
 
     def setpoints(self, outputs: Sequence[int]) -> list[float]:
-        """Set points [Pa gauge] of each chamber in a block of outputs."""
+        """Return the set point [Pa gauge] of each chamber in a block of outputs."""
         return [pressure_of(outputs[self._word(slot) + 1 + valve]) for slot, valve in self.places]
 
     def statuses(self, inputs: Sequence[int]) -> dict[int, Status]:
-        """Status of each slot in use, in a block of inputs."""
+        """Return the status of each slot in use in a block of inputs."""
         return {slot: Status.of(inputs[self._word(slot)]) for slot in self.slots}
 
     def pressures(self, inputs: Sequence[int]) -> list[float]:
-        """Pressure [Pa gauge] of each chamber, in a block of inputs."""
+        """Return the pressure [Pa gauge] of each chamber in a block of inputs."""
         return self.setpoints(inputs)
+
+    def empty_pattern(self, empty_pa: float) -> str:
+        """Return a regular expression for inputs with regulating slots and empty chambers."""
+        words = [".."] * self.size
+        most = math.ceil(empty_pa / PA_PER_MBAR) - 1  # below 256: only the low byte differs
+        empty = rf"(?:\x00[\x00-\x{most:02x}]|\xff[\x{256 - most:02x}-\xff])"
+        for slot in self.slots:
+            words[self._word(slot)] = rf".\x{Status(PRESSURE_APP, SlotState.RUNNING).word:02x}"
+        for slot, valve in self.places:
+            words[self._word(slot) + 1 + valve] = empty
+        return "".join(words)
 
     def _word(self, slot: int) -> int:
         return WORDS * slot - self.offset

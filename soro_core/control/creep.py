@@ -1,0 +1,38 @@
+"""Creep and hysteresis states along the motion of the reference."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def advance_creep(arm: SoftArm, internal: Array, q: Array, qd: Array, dt: float) -> Array:
+    """Return the internal states after `dt`, docs/model.md (21) and (22), by the midpoint rule.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    internal : ndarray (n_internal,)
+        Creep and hysteresis states.
+    q, qd : ndarray (n_q,)
+        Coordinates and rates, held over the step.
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    ndarray (n_internal,)
+        A state that would not be finite keeps its value.
+    """
+    if internal.size == 0:
+        return internal
+    half = internal + 0.5 * dt * arm.internal_rate(q, qd, internal)
+    new = internal + dt * arm.internal_rate(q, qd, half)
+    return np.where(np.isfinite(new), new, internal)

@@ -1,0 +1,1 @@
+"""An emulated soro board and its chips."""

@@ -1,0 +1,1 @@
+"""Emulated CANopen nodes, their bus and its adapters."""

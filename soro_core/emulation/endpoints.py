@@ -1,0 +1,183 @@
+"""What the host opens to reach an emulated line: a pseudo-terminal, or a TCP port of this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pty
+import select
+import selectors
+import socket
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from soro_core.emulation.line import Line
+from soro_core.hardware.transport.tcp import hang_up
+
+_CHUNK = 65536
+_DRAIN = 16  # chunks of the present host that are read before a new host is accepted or refused
+
+
+class Endpoint(ABC):
+    """What the host opens to reach a line.
+
+    Parameters
+    ----------
+    line : Line
+        Line that is served.
+    selector : selector
+        Event loop that calls the endpoint when bytes have arrived.
+    before_input : callable
+        Called before the line receives bytes, to advance the devices to the present.
+    """
+
+    def __init__(
+        self, line: Line, selector: selectors.BaseSelector, before_input: Callable[[], None]
+    ) -> None:
+        self.line = line
+        self._selector, self._before_input = selector, before_input
+        self._descriptor = -1  # descriptor of the host; -1 while there is no host
+
+    @property
+    @abstractmethod
+    def address(self) -> str:
+        """Path or address that the host opens."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the endpoint."""
+
+    @abstractmethod
+    def lose(self) -> None:
+        """End the connection: the host has disconnected, or the line ends it."""
+
+    def write(self) -> None:
+        """Write as much of the line's output as possible without blocking."""
+        if self._descriptor < 0:
+            self.line.output.clear()
+        try:
+            while self.line.output:
+                del self.line.output[: os.write(self._descriptor, self.line.output)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.lose()
+        if self.line.hang_up:
+            self.lose()
+
+    def wait_writable(self, timeout_s: float) -> None:
+        """Wait until the host can receive more bytes, at most `timeout_s` [s]."""
+        if self._descriptor >= 0:
+            select.select([], [self._descriptor], [], timeout_s)
+
+    def read(self) -> bool:
+        """Pass received bytes to the line; return whether there may be more."""
+        if self._descriptor < 0:
+            return False
+        try:
+            chunk = os.read(self._descriptor, _CHUNK)
+        except BlockingIOError:
+            return False
+        except OSError:
+            chunk = b""
+        self._before_input()
+        if chunk:
+            self.line.feed(chunk)
+        else:
+            self.lose()
+        return bool(chunk)
+
+    def serve(self, descriptor: int) -> None:
+        """Start to serve the host at a descriptor."""
+        self._descriptor = descriptor
+        self._selector.register(descriptor, selectors.EVENT_READ, self.read)
+
+    def unregister(self, descriptor: int) -> None:
+        """Stop reading from a descriptor."""
+        with contextlib.suppress(KeyError, ValueError):
+            self._selector.unregister(descriptor)
+
+
+class PtyEndpoint(Endpoint):
+    """A line on a pseudo-terminal, in place of a serial port; parameters as in `Endpoint`."""
+
+    def __init__(
+        self, line: Line, selector: selectors.BaseSelector, before_input: Callable[[], None]
+    ) -> None:
+        super().__init__(line, selector, before_input)
+        master, self._slave = pty.openpty()
+        # The slave stays open here, so that the line stays when a host closes it, as an adapter does.
+        tty.setraw(self._slave)
+        os.set_blocking(master, False)
+        self._path = os.ttyname(self._slave)
+        self.serve(master)
+
+    @property
+    def address(self) -> str:
+        return self._path
+
+    def close(self) -> None:
+        self.unregister(self._descriptor)
+        for descriptor in (self._descriptor, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+    def lose(self) -> None:
+        """Do nothing: a serial port has no connection to end."""
+
+
+class TcpEndpoint(Endpoint):
+    """A line on a TCP port of this machine; parameters as in `Endpoint`.
+
+    The line accepts or refuses a second host.
+    """
+
+    def __init__(
+        self, line: Line, selector: selectors.BaseSelector, before_input: Callable[[], None]
+    ) -> None:
+        super().__init__(line, selector, before_input)
+        self._host: socket.socket | None = None
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        selector.register(self._listener.fileno(), selectors.EVENT_READ, self._accept)
+
+    @property
+    def address(self) -> str:
+        return f"127.0.0.1:{self._listener.getsockname()[1]}"
+
+    def close(self) -> None:
+        self.lose()
+        self.unregister(self._listener.fileno())
+        self._listener.close()
+
+    def lose(self) -> None:
+        host, self._host = self._host, None
+        self.line.hang_up = False
+        if host is not None:
+            self.unregister(self._descriptor)
+            self._descriptor = -1
+            host.close()
+            self.line.output.clear()
+            self.line.connected(False)
+
+    def _accept(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            host, (address, *_) = self._listener.accept()
+            host.setblocking(False)
+            self._before_input()
+            # Read the end of the last connection first, so that it does not cause a refusal of the next one.
+            for _ in range(_DRAIN):
+                if not self.read():
+                    break
+            if (refusal := self.line.refuse_host(address)) is not None:
+                hang_up(host, refusal)
+                return
+            self.lose()
+            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._host = host
+            self.serve(host.fileno())
+            self.line.connected(True)
+
+
+ENDPOINTS: dict[str, type[PtyEndpoint] | type[TcpEndpoint]] = {"pty": PtyEndpoint, "tcp": TcpEndpoint}

@@ -1,0 +1,28 @@
+"""Emulated devices of a platform of any family."""
+
+from __future__ import annotations
+
+from soro_core.emulation.devices import EmulatedDevices
+from soro_core.hardware.families import FAMILIES
+from soro_core.hardware.platform import PlatformBase
+
+
+def emulate(platform: PlatformBase, lockstep: bool, seed: int) -> EmulatedDevices:
+    """Make the emulated devices of a platform.
+
+    Parameters
+    ----------
+    platform : PlatformBase
+        Platform to emulate.
+    lockstep : bool
+        Whether the host's cycles advance the time.
+    seed : int
+        Seed of the sensor noise and of random faults.
+
+    Returns
+    -------
+    EmulatedDevices
+    """
+    family = FAMILIES[platform.family]
+    devices: EmulatedDevices = family.find(family.emulator)(platform, lockstep, seed)
+    return devices

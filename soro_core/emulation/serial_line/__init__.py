@@ -1,0 +1,1 @@
+"""Emulated regulators on serial lines."""

@@ -1,0 +1,81 @@
+"""State of the estimator: the present belief, and the past steps that a late sample may change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.estimation.filter import Belief
+from soro_core.estimation.samples import Sample
+from soro_core.estimation.status import Counts
+from soro_core.estimation.transition import Transition
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One past step.
+
+    Attributes
+    ----------
+    start_s, end_s : float
+        Interval [s].
+    pressure_pa : ndarray (n_u,)
+        Mean pressures [Pa gauge].
+    transition : Transition
+        Linearised dynamics.
+    belief : Belief
+        Belief at `start_s`.
+    samples : tuple of Sample
+        Samples fused in the interval.
+    """
+
+    start_s: float
+    end_s: float
+    pressure_pa: Array
+    transition: Transition
+    belief: Belief
+    samples: tuple[Sample, ...] = ()
+
+
+@dataclass(frozen=True)
+class EstimatorState:
+    """State of the estimator.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the last step [s].
+    belief : Belief
+        Belief at that time.
+    pressure_pa : ndarray (n_u,)
+        Last good pressures [Pa gauge].
+    history : tuple of Segment
+        Past steps, oldest first.
+    waiting : tuple of Sample
+        Samples stamped in the future.
+    stamps : mapping of str to float
+        Last stamp of each sensor [s].
+    refused : mapping of str to int
+        Outliers in a row of each sensor.
+    last_s : float
+        Stamp of the newest fused sample [s].
+    counts : Counts
+        Counts since the start.
+    """
+
+    t_s: float
+    belief: Belief
+    pressure_pa: Array
+    history: tuple[Segment, ...] = ()
+    waiting: tuple[Sample, ...] = ()
+    stamps: Mapping[str, float] = field(default_factory=dict)
+    refused: Mapping[str, int] = field(default_factory=dict)
+    last_s: float = -math.inf
+    counts: Counts = field(default_factory=Counts)

@@ -1,0 +1,97 @@
+"""Packages that not every installation has: a missing one becomes one line that says what to install.
+
+`pip install soro` brings the model and the command line. CAN, serial lines and Modbus are the extra
+`hardware`, ROS and recordings the extra `ros`, both together `all` (docs/adr/0024-extras.md).
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from importlib.util import find_spec
+
+from soro_core.errors import ConfigError
+
+# Packages of each extra, by the name that is imported; "" is what every installation has.
+PACKAGES = {
+    "": ("numpy", "scipy", "numba", "pydantic", "yaml", "typer", "rich", "matplotlib"),
+    "hardware": ("can", "canopen", "serial", "pymodbus"),
+    "ros": (
+        "rclpy",
+        "builtin_interfaces",
+        "diagnostic_msgs",
+        "geometry_msgs",
+        "lifecycle_msgs",
+        "rcl_interfaces",
+        "rosgraph_msgs",
+        "sensor_msgs",
+        "std_msgs",
+        "std_srvs",
+        "trajectory_msgs",
+        "visualization_msgs",
+        "mcap",
+        "lz4",
+        "zstandard",
+    ),
+    "board": ("smbus2",),
+    "dask": ("distributed",),
+}
+EXTRA_OF = {package: extra for extra, packages in PACKAGES.items() for package in packages}
+# Where the name on the package index is another one.
+INDEX_NAMES = {"can": "python-can", "serial": "pyserial", "yaml": "PyYAML"}
+
+
+class MissingPackageError(ConfigError):
+    """A package that a command needs is not installed.
+
+    Parameters
+    ----------
+    package : str
+        Name that was imported.
+    extras : tuple of str
+        Extras of soro to install; () for one package of an installation that has the others.
+    """
+
+    def __init__(self, package: str, extras: tuple[str, ...]) -> None:
+        self.package, self.extras = package, extras
+        name = INDEX_NAMES.get(package, package)
+        wanted = "all" if set(extras) >= {"hardware", "ros"} else ",".join(extras)
+        install = f"'soro[{wanted}]'" if wanted else "soro" if extras else name
+        line = f"the package {name} is not installed: pip install {install}"
+        super().__init__("installation", package, None, install)
+        self.args = (line,)
+
+
+def require(*extras: str) -> None:
+    """Check that the packages of extras are installed, without importing them.
+
+    Raises
+    ------
+    MissingPackageError
+        One line that names the first package that is missing, and every extra that lacks one.
+    """
+    missing = [name for extra in extras for name in PACKAGES[extra] if not find_spec(name)]
+    if missing:
+        raise _missing(missing[0], tuple(dict.fromkeys(EXTRA_OF[name] for name in missing)))
+
+
+@contextlib.contextmanager
+def named_packages() -> Iterator[None]:
+    """Turn the failed import of an optional package into `MissingPackageError`."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRA_OF:
+            raise
+        raise _missing(package, (EXTRA_OF[package],)) from None
+
+
+def _missing(package: str, extras: tuple[str, ...]) -> MissingPackageError:
+    """Name the extras; or the package alone, beside a ROS that was installed otherwise or without the model.
+
+    The wheels of ROS must not join another ROS, and a board that was installed without numba needs none.
+    """
+    has_own_ros = "ros" in extras and package != "rclpy" and find_spec("rclpy")
+    is_board = "board" in extras and not find_spec("numba")
+    return MissingPackageError(package, () if has_own_ros or is_board else extras)

@@ -1,0 +1,103 @@
+"""A regulator behind the limiter, without ROS; every program sends its set points through this class."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from soro_core import safety
+from soro_core.errors import HardwareError
+from soro_core.hardware.platform import IN_TURN, PlatformBase, watched
+from soro_core.hardware.port import Array, Exchange, Regulator
+
+
+class LimitedRegulator(safety.Limiter):
+    """A regulator behind the limiter: slew, exchange, judge, and vent when the limiter latches.
+
+    Parameters
+    ----------
+    platform : PlatformBase
+        Platform of the regulator; its rate is the rate of the cycles.
+    regulator : Regulator
+        Configured regulator, because some devices report their rate only then; the caller closes it.
+    limits : Limits
+        Limits of commands and readings; the age limit of readings is raised for slow devices.
+    where : str
+        Name of the limits in errors.
+
+    Attributes
+    ----------
+    lost : str or None
+        First fault of the devices since their start-up. A reset then repeats the start-up, because the
+        devices may have lost their configuration.
+    in_turn : bool
+        Whether a cycle serves only some of the chambers, in turn.
+
+    Raises
+    ------
+    ConfigError
+        If the devices are too slow for the monitors, or the limits are beyond the platform's rating.
+    """
+
+    def __init__(
+        self, platform: PlatformBase, regulator: Regulator, limits: safety.Limits, where: str = "platform"
+    ) -> None:
+        safety.check_rating(limits, platform.rating, where)
+        limits, response = watched(platform, regulator, limits, platform.cycle_hz, where)
+        super().__init__(limits, regulator.chamber_names, response)
+        self.regulator = regulator
+        self.in_turn = regulator.update_hz < IN_TURN * platform.cycle_hz
+        self.lost: str | None = None
+
+    def cycle(self, now_ns: int) -> Exchange | None:
+        """Send the slewed set points of the newest command and judge the readings.
+
+        Returns None if the connection is lost, which trips the limiter.
+        """
+        was_vented, result = self.state.vented, None
+        setpoint_pa = self.slew(now_ns)
+        if self.state.vented and not was_vented:  # at once: the exchange would lower the set points by slew
+            self.regulator.vent()
+            was_vented = True
+        try:
+            result = self.regulator.exchange(setpoint_pa, now_ns)
+        except HardwareError as error:
+            self.lost = self.lost or str(error)
+            self.latch(str(error))
+        else:
+            self.lost = self.lost or result.trouble
+            self.judge(result.known_pa, result.fresh, now_ns, result.trouble, result.supply_pa)
+        # Devices without a watchdog keep their pressure until this call reaches them.
+        unreached = result is None and not self.regulator.device_watchdog
+        if self.state.vented and (unreached or not was_vented):
+            self.regulator.vent()
+        return result
+
+    def known_pa(self, exchange: Exchange) -> Array:
+        """Return readings (n,) [Pa gauge] of the last cycle, extrapolated for chambers served in turn."""
+        known = exchange.known_pa
+        return safety.interpolated(self.state, known, exchange.fresh) if self.in_turn else known
+
+    def vent(self, cause: str) -> None:
+        """Latch, and send zeros at once."""
+        self.latch(cause)
+        self.regulator.vent()
+
+    def reset(self, now_ns: Callable[[], int]) -> str | None:
+        """Open the latch and return None, or return the refusal.
+
+        Succeeds only if the last accepted command was zero, whatever its age. If a device reported a fault,
+        the reset first repeats the start-up; if that fails, the latch stays closed and the refusal names the
+        device and the step.
+        """
+        _, refusal = safety.reset(self.limits, self.state, now_ns())
+        # Devices that keep their pressure may need the start-up to vent.
+        if refusal not in (None, self.state.kept):
+            return refusal
+        if self.lost is not None:
+            try:
+                self.regulator.configure()
+            except HardwareError as error:
+                return str(error)
+            self.lost = None
+        # No command arrives during a start-up: the last one may be too old by now.
+        return super().reset(now_ns)

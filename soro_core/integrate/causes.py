@@ -1,0 +1,37 @@
+"""What the codes of the steppers mean, and what to do."""
+
+from __future__ import annotations
+
+from soro_core.integrate.explicit import MAX_STEPS
+from soro_core.integrate.state import OK, Status
+from soro_core.integrate.system import CLOSED, NOT_RESOLVED, TOO_STIFF
+from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
+
+_CAUSES = {
+    NOT_FINITE: "the state is not finite, or grew beyond all bounds",
+    COLLAPSED: "a link was compressed to nothing (elongation -1 or less)",
+    SINGULAR: "the equations became singular",
+    NOT_CONVERGED: "Newton's iteration did not converge",
+    BAD_INPUT: "a pressure or wrench is not finite",
+    TOO_STIFF: f"the error control asked for more than {MAX_STEPS} steps in one of length dt",
+    NOT_RESOLVED: "the step is too long for what happens in it",
+    CLOSED: "a chamber was closed to nothing",
+}
+_CURES = {
+    NOT_FINITE: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
+    COLLAPSED: "lower the load or the pressure, raise the axial stiffness, or use a smaller dt"
+    " (with an explicit integrator a much smaller one, or integrator='trapezoidal')",
+    SINGULAR: "use a smaller dt, and check masses and stiffnesses of the robot",
+    NOT_CONVERGED: "use a smaller dt, or integrator='tr_bdf2'",
+    BAD_INPUT: "check the source of the pressures",
+    TOO_STIFF: "the arm is stiff: use integrator='tr_bdf2' or 'trapezoidal', or a larger rtol",
+    NOT_RESOLVED: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
+    CLOSED: "use a smaller dt, or give the chamber a larger volume_m3",
+}
+
+
+def describe(code: int, when: str = "") -> Status:
+    """Return the status of a kernel's code; `when` is inserted between cause and remedy."""
+    if code == GOOD:
+        return OK
+    return Status(f"failed{when}: {_CAUSES[code]}; {_CURES[code]}")

@@ -1,0 +1,87 @@
+"""State of the limiter: set points, last command, monitors, latch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from soro_core.safety.emptying import Emptying, not_begun
+from soro_core.safety.remembered import Array, MonitorState, Times, initial_monitors
+
+
+@dataclass(frozen=True)
+class SafetyState:
+    """State of the limiter for `n` chambers; times are nanoseconds of one clock.
+
+    Attributes
+    ----------
+    setpoint_pa, command_pa : ndarray (n,)
+        Set points that the exchange sends, and the last accepted command [Pa gauge].
+    monitors : MonitorState
+        Memory of the monitors.
+    emptying : Emptying
+        Whether the arm has become empty since the vent.
+    command_ns, command_stamp_ns : int
+        Time of the last accepted command, never later than its arrival, for its age; and the time stamp of
+        that command, for the order of commands.
+    command_source : str
+        Name of the source of that command.
+    reading_ns : ndarray (n,) of int
+        Time of the last fresh reading of each chamber.
+    over_ns : int or None
+        Time from which a pressure has been above its limit.
+    cycle_ns : int or None
+        Time of the last `slew`.
+    cause : str or None
+        Cause of the trip; None while the limiter is not latched.
+    rejected : dict of str to int
+        Number of refused commands by kind.
+    """
+
+    setpoint_pa: Array
+    command_pa: Array
+    monitors: MonitorState
+    emptying: Emptying
+    command_ns: int | None = None
+    command_stamp_ns: int = 0
+    command_source: str = ""
+    reading_ns: Times | None = None
+    over_ns: int | None = None
+    cycle_ns: int | None = None
+    cause: str | None = None
+    rejected: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def vented(self) -> bool:
+        """Whether the limiter is latched, so that the regulators must vent."""
+        return self.cause is not None
+
+    @property
+    def not_vented(self) -> str | None:
+        """Which chambers have kept their pressure since the vent, or None."""
+        return self.emptying.not_vented
+
+    @property
+    def kept(self) -> str | None:
+        """Pressure that remains although the arm is vented, and that keeps the latch closed, or None."""
+        over = "a measured pressure is still above the limit"
+        return self.not_vented or (over if self.over_ns is not None else None)
+
+    @property
+    def complaint(self) -> str | None:
+        """Cause of the latch, and the chambers that have not become empty; None if there is neither."""
+        return "; ".join(filter(None, (self.cause, self.not_vented))) or None
+
+
+def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
+    """Return the state of `n` chambers before the first command; causes use `names` if they are given."""
+    monitors = initial_monitors(n, names)
+    return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n))
+
+
+def counted(state: SafetyState, refusal: str) -> SafetyState:
+    """Count one more refusal; the text before the colon is its kind."""
+    kind = refusal.split(":", 1)[0]
+    return replace(state, rejected={**state.rejected, kind: state.rejected.get(kind, 0) + 1})

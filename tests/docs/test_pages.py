@@ -1,0 +1,94 @@
+"""The pages: every link of one has its file and its heading, and the index names every page."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.DOTALL | re.MULTILINE)
+
+
+def pages() -> list[Path]:
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", "*.md"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout.split("\0")
+    found = [ROOT / name for name in listed if name] or sorted(ROOT.glob("**/*.md"))
+    return [page for page in found if page.is_file() and ".venv" not in str(page.relative_to(ROOT))]
+
+
+def anchors(page: Path) -> set[str]:
+    """The anchors that GitHub gives the headings of a page."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#{1,6} (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+def broken(page: Path) -> list[str]:
+    wrong = []
+    for target in LINK.findall(CODE.sub("", page.read_text(encoding="utf-8"))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (page.parent / path).resolve() if path else page
+        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in anchors(file)):
+            wrong.append(target)
+    return wrong
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    assert broken(page) == []
+
+
+def test_a_link_that_leads_nowhere_is_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# One\n[a](#one) [b](#two) [c](gone.md) [d](page.md#one) [e](https://x.y/z) `[f](code.md)`\n"
+    )
+    assert broken(page) == ["#two", "gone.md"]
+
+
+def test_the_index_names_every_page_once():
+    index = ROOT / "docs" / "README.md"
+    named = [(index.parent / target).resolve() for target in LINK.findall(index.read_text(encoding="utf-8"))]
+    assert len(named) == len(set(named))
+    assert set((ROOT / "docs").glob("*.md")) - {index} <= set(named)
+
+
+def test_the_decisions_are_listed():
+    index = (ROOT / "docs" / "adr" / "README.md").read_text(encoding="utf-8")
+    assert {p.name for p in (ROOT / "docs" / "adr").glob("0*.md")} == set(
+        re.findall(r"\((0\d+[^)]*\.md)\)", index)
+    )
+
+
+def test_pictures_of_the_pages_are_used_and_small():
+    used = {
+        name
+        for page in pages()
+        for name in re.findall(r"images/([\w.]+)\)", page.read_text(encoding="utf-8"))
+    }
+    for picture in (ROOT / "docs" / "images").iterdir():
+        assert picture.name in used
+        assert picture.stat().st_size < 1.5e6, picture.name
+
+
+def test_the_changelog_is_one_screen():
+    lines = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()
+    assert len(lines) < 80
+    assert all(len(line) <= 140 for line in lines)
+
+
+def test_the_citation_can_be_read():
+    about = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors", "references"} <= about.keys()
+    assert about["cff-version"] == "1.2.0"
+    assert f'version = "{about["version"]}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")

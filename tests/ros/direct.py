@@ -1,0 +1,32 @@
+"""Messages, requests and time given to the callbacks of a node directly, without discovery and executor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rclpy.node
+
+
+def receive(node: rclpy.node.Node, topic: str, message: Any, *information: Any) -> None:
+    """Give a message to the node's subscription to a topic."""
+    name = node.resolve_topic_name(topic)
+    (subscription,) = [one for one in node.subscriptions if one.topic_name == name]
+    subscription.callback(message, *information)
+
+
+def request(node: rclpy.node.Node, service: str) -> Any:
+    """Call a Trigger service of the node and return its response."""
+    name = node.resolve_service_name(service)
+    (found,) = [one for one in node.services if one.service_name == name]
+    return found.callback(found.srv_type.Request(), found.srv_type.Response())
+
+
+def fire(node: rclpy.node.Node, period_s: float) -> None:
+    """Call the callback of the node's timer with this period."""
+    (timer,) = [one for one in node.timers if one.timer_period_ns == round(period_s * 1e9)]
+    timer.callback()
+
+
+def values(node: Any) -> dict[str, str]:
+    """Values that the node publishes on /diagnostics."""
+    return {pair.key: pair.value for pair in node.diagnostics.status.values}

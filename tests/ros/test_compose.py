@@ -1,0 +1,147 @@
+"""Starting a scene's processes, with processes that wait in place of the nodes."""
+
+import signal
+import sys
+
+import pytest
+
+from soro_core.errors import SoroError
+from soro_core.scene import load_scene
+from soro_ros import compose, kernels, processes
+from soro_ros.compose import Run
+
+# As a node: it ends at SIGINT, which is ignored until it has imported everything.
+WAITS = [
+    sys.executable,
+    "-S",
+    "-c",
+    "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); signal.pause()",
+]
+REAL = {"valves": "real", "device": "/dev/x", "arm": "real"}
+
+
+class Ready:
+    """A supervisor whose nodes are all active; each wait checks twice."""
+
+    commanded = True
+
+    def __init__(self):
+        self.own = []
+
+    def active(self, name):
+        return True
+
+    def values(self, name):
+        return {}
+
+    def wait(self, what, ready, check, limit_s):
+        check()
+        check()
+        if not ready():
+            raise SoroError(f"no {what}")
+
+    def check_alone(self, own):
+        self.own.append(dict(own))
+
+
+class Meeting(Ready):
+    """A supervisor that receives the status of another run's recorder."""
+
+    def check_alone(self, own):
+        super().check_alone(own)
+        raise SoroError("another /track_circle/recorder")
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch):
+    """Make a run of the shipped scene with changed keys; returns it and the lines that it reports."""
+    monkeypatch.setattr(processes, "node_command", lambda *of: WAITS)
+    runs = []
+
+    def made(changes, interrupted=()):
+        lines = []
+        runs.append(Run(load_scene("track_circle", changes), tmp_path, lines.append, interrupted))
+        return runs[-1], lines
+
+    yield made
+    for run in runs:
+        run.end()
+
+
+def test_a_run_that_meets_another_ends_before_it_takes_its_nodes_for_its_own(start):
+    run, _ = start({"platform": ""})
+    supervisor = Meeting()
+    with pytest.raises(SoroError, match="another /track_circle/recorder"):
+        run.start(supervisor)
+    assert [list(own) for own in supervisor.own] == [["recorder"]]
+
+
+@pytest.mark.parametrize(("compiled", "lines"), [(lambda: 5, 0), (iter(range(100)).__next__, 1)])
+def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
+    run, reported = start({"platform": ""})
+    monkeypatch.setattr(kernels, "compiled", compiled)
+    run.start(Ready())
+    assert sum("compiles" in line for line in reported) == lines
+
+
+def test_without_a_pose_of_the_real_arm_control_does_not_begin(start):
+    run, _ = start(REAL)
+    with pytest.raises(SoroError, match="no pose of the arm on sensors/pose0"):
+        run.start(Ready())
+    run.end()
+    assert run.outcome() == "ended before control began"
+
+
+@pytest.mark.parametrize("at", ["the start", "the valves", "the nodes"])
+def test_a_signal_ends_the_start_before_the_next_process(start, monkeypatch, at):
+    interrupted = [signal.SIGINT] if at == "the start" else []
+    run, reported = start({}, interrupted)
+
+    class Interrupting(Ready):
+        def wait(self, *of):
+            interrupted.append(signal.SIGINT)  # seen after this wait at the latest
+
+    started = []
+
+    def process(name, command, folder, priority=0):
+        started.append(name)
+        if at == "the valves":
+            interrupted.append(signal.SIGINT)
+        return silent if name == "valves" and at == "the valves" else waiting(name, folder)
+
+    real = processes.start
+
+    def waiting(name, folder):
+        child = real(name, WAITS, folder)
+        if name == "valves":
+            child.log.write_text("ready: somewhere")
+        return child
+
+    silent = waiting("silent", run.folder)
+    monkeypatch.setattr(processes, "start", process)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run.start(Interrupting())
+    finally:
+        processes.stop(silent, 5.0)
+    expected = {"the start": [], "the valves": ["valves"], "the nodes": ["valves", "recorder"]}
+    assert started == expected[at]
+    assert len(reported) == len(started)
+    assert run.outcome().startswith("ended before control began")
+
+
+def test_a_scene_of_emulated_valves_starts_them_first_and_the_driver_last(start, monkeypatch):
+    run, _ = start({"mode": "real_time"})
+    real, started = processes.start, []
+
+    def process(name, command, folder, priority=0):
+        started.append(name)
+        child = real(name, WAITS, folder)
+        if name == "valves":
+            child.log.write_text("ready: somewhere")
+        return child
+
+    monkeypatch.setattr(processes, "start", process)
+    run.start(Ready())
+    assert started == ["valves", "recorder", "twin", "estimator", "controller", "regulator"]
+    assert set(started) <= set(compose.END_ORDER)

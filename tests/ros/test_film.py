@@ -1,0 +1,97 @@
+"""The film of a run: the arm that is drawn is the one that was recorded."""
+
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from soro_core.config import find_config
+from soro_core.errors import BagError, ConfigError
+from soro_core.robot import load_robot
+from soro_core.scene import load_scene
+from soro_ros import arm_shape, film
+from soro_ros.cli import application
+from soro_ros.recording import EMPTY
+
+BAG = Path(__file__).parents[2] / "bags" / "track_circle_lockstep_2s"
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return film.take(BAG, load_scene(str(BAG / "scene.yaml")), 0.5, 1.5, 10.0)
+
+
+def test_the_drawn_tip_is_the_recorded_one(shown):
+    assert shown.t == pytest.approx(np.arange(0.5, 1.51, 0.1))
+    assert shown.poses[:, -1, :3, 3] == pytest.approx(shown.recording.true_tip.at(shown.t), abs=1e-7)
+
+
+def test_a_real_arm_is_drawn_as_it_was_estimated(monkeypatch, shown):
+    scene = load_scene(str(BAG / "scene.yaml"))
+    without = replace(shown.recording, true_state=EMPTY)
+    monkeypatch.setattr(film, "read_run", lambda bag, scene: without)
+    estimated = film.take(BAG, scene, 0.5, 1.5, 10.0)
+    assert estimated.poses[:, -1, :3, 3] == pytest.approx(without.estimated_tip.at(shown.t), abs=1e-6)
+
+
+def test_a_chamber_has_the_colour_of_its_pressure(shown):
+    robot, s = shown.robot, shown.s
+    straight = np.tile(np.eye(4), (len(s), 1, 1))
+    straight[:, 2, 3] = s
+
+    def colours(pressure):
+        return arm_shape.surface(robot, s, straight, pressure, 0.0).colours
+
+    changed = np.any(colours({"link0/chamber1": 1.0}) != colours({}), axis=1)
+    faces = arm_shape.surface(robot, s, straight, {}, 0.0).corners[changed]
+    middle = arm_shape.chambers(robot)[1]
+    away = np.linalg.norm(faces[..., :2] - middle.offset, axis=-1)
+    assert changed.any()
+    assert away.max() <= middle.radius + 1e-12
+
+
+@pytest.mark.parametrize("name", ["tue_three_bellow", "asu_two_segment"])
+def test_chambers_lie_within_the_section(name):
+    robot = load_robot(find_config(name, "robots"))
+    found = arm_shape.chambers(robot)
+    assert [chamber.name for chamber in found] == list(robot.chamber_names)
+    for chamber in found:
+        assert 0 < chamber.radius <= robot.links[0].radius - np.hypot(*chamber.offset)
+    assert arm_shape.places(robot)[-1] == pytest.approx(found[-1].end)
+
+
+def test_three_bellows_lie_beside_one_another():
+    found = arm_shape.chambers(load_robot(find_config("tue_three_bellow", "robots")))
+    for one, other in combinations(found, 2):
+        assert np.hypot(*np.subtract(one.offset, other.offset)) >= one.radius + other.radius
+
+
+def test_gif_and_png(tmp_path):
+    app, run = application(), ["film", str(BAG), "--start", "1", "--end", "1.4", "--width", "320"]
+    for name in ("film.gif", "film.png"):
+        result = CliRunner().invoke(app, [*run, "--out", str(tmp_path / name)])
+        assert result.exit_code == 0, result.output
+    with Image.open(tmp_path / "film.gif") as gif:
+        assert (gif.size, gif.n_frames, gif.info["duration"]) == ((320, 180), 5, 100)
+        frames = []
+        for k in range(gif.n_frames):
+            gif.seek(k)
+            frames.append(np.asarray(gif.convert("RGB")).astype(int))
+    with Image.open(tmp_path / "film.png") as png:
+        last = np.asarray(png).astype(int)
+    assert np.abs(frames[-1] - last).mean() < 0.5 * np.abs(frames[0] - last).mean()
+    assert tuple(frames[0][0, 0]) == (255, 255, 255)
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [(["--out", "film.avi"], ConfigError), (["--start", "1.99"], BagError)],
+    ids=["no such kind of file", "begins at the end of the run"],
+)
+def test_what_cannot_be_drawn_is_refused(options, error):
+    result = CliRunner().invoke(application(), ["film", str(BAG), *options])
+    assert isinstance(result.exception, error)

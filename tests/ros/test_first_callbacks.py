@@ -1,0 +1,134 @@
+"""The first message of each kind imports no module and compiles no kernel: both would hold up the loop."""
+
+import subprocess
+import sys
+
+import pytest
+
+# A fresh process: this one has imported and compiled what others needed.
+COUNT = """
+import gc, sys
+from tests.ros.direct import fire, receive, request
+import numpy as np
+import rclpy
+from numba.core.dispatcher import Dispatcher
+
+def compiled():
+    found = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {f"{one.py_func.__module__}.{one.__name__} {s}" for one in found for s in one.signatures}
+
+def count(name, callback):
+    modules, kernels = set(sys.modules), compiled()
+    callback()
+    for new in [*sorted(set(sys.modules) - modules), *sorted(compiled() - kernels)]:
+        print(f"{name}: {new}")
+"""
+
+CONTROLLER = """
+from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
+from rclpy.serialization import deserialize_message, serialize_message
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from soro_ros import messages
+from soro_ros.nodes.controller import ControllerNode
+
+rclpy.init()
+node = ControllerNode()
+node.trigger_configure()
+node.trigger_activate()
+assert node.failure is None
+names = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
+chambers = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
+
+def arrived(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+def tick():
+    now = node.get_clock().now().nanoseconds
+    receive(node, "chambers/state", arrived(messages.chambers(chambers, np.zeros(3), now)))
+    receive(node, "arm/state", arrived(messages.arm_state(names, np.zeros(3), np.zeros(3), np.zeros(3), now)))
+
+def tip(x):
+    pose = np.eye(4)
+    pose[:3, 3] = x, 0.0, 0.066
+    return arrived(messages.pose_stamped(pose, 0, "world"))
+
+def at(seconds):
+    return Duration(seconds=seconds).to_msg()
+
+def trajectory(**rows):
+    points = [
+        JointTrajectoryPoint(positions=[0.01 * k, 0.0, 0.0], time_from_start=at(k), **rows)
+        for k in range(1, 4)
+    ]
+    return arrived(JointTrajectory(joint_names=names, points=points))
+
+def follow(message):
+    receive(node, "arm/reference/trajectory", message)
+
+zero = [0.0, 0.0, 0.0]
+count("tick", tick)
+request(node, "~/enable")
+count("enabled tick", tick)
+assert node.diagnostics.status.message == "active"
+for name, callback in (
+    ("tip", lambda: receive(node, "arm/reference/tip", tip(0.01))),
+    ("cubic spline", lambda: follow(trajectory())),
+    ("cubic", lambda: follow(trajectory(velocities=zero))),
+    ("quintic", lambda: follow(trajectory(velocities=zero, accelerations=zero))),
+):
+    count(name, callback)
+    count(f"tick after {name}", tick)
+    assert node.diagnostics.status.message == "active"
+count("unreachable", lambda: receive(node, "arm/reference/tip", tip(0.5)))
+count("report", lambda: fire(node, 1.0))
+"""
+
+ESTIMATOR = """
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import Imu
+from soro_ros import messages
+from soro_ros.nodes.estimator import EstimatorNode
+
+rclpy.init()
+node = EstimatorNode()
+node.trigger_configure()
+node.trigger_activate()
+assert node.failure is None
+chambers = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
+pose = np.eye(4)
+pose[2, 3] = 0.064
+stamp = node.get_clock().now().nanoseconds
+
+def reading():
+    global stamp
+    stamp += 5_000_000
+    receive(node, "chambers/state", messages.chambers(chambers, np.zeros(3), stamp))
+
+def imu():
+    message = Imu()
+    message.header.stamp = messages.to_time(stamp)
+    message.linear_acceleration.z = 9.81
+    receive(node, "sensors/imu0", message)
+
+for name, callback in (
+    ("first reading", reading),
+    ("reading", reading),
+    ("pose", lambda: receive(node, "sensors/pose0", messages.pose_stamped(pose, stamp, "world"))),
+    ("reading after a pose", reading),
+    ("imu", imu),
+    ("reading after an imu sample", reading),
+    ("backbone", lambda: fire(node, 0.05)),
+    ("report", lambda: fire(node, 1.0)),
+):
+    count(name, callback)
+"""
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("node", ["controller", "estimator"])
+def test_the_first_message_of_each_kind_imports_and_compiles_nothing(domain, node):
+    script = COUNT + {"controller": CONTROLLER, "estimator": ESTIMATOR}[node]
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""

@@ -1,0 +1,60 @@
+"""What a scene states reaches each node through its parameter file as it is, empty lists and nothing too."""
+
+import pytest
+import rclpy
+from pydantic import BaseModel
+
+from soro_core.scene import load_scene
+from soro_ros import middleware, parameters, processes
+from soro_ros.nodes.controller import ControllerNode
+from soro_ros.nodes.estimator import EstimatorNode
+from soro_ros.nodes.player import Player
+from soro_ros.nodes.recorder import Recorder
+from soro_ros.nodes.regulator import RegulatorNode
+from soro_ros.nodes.shadow import ShadowNode
+from soro_ros.nodes.twin import TwinNode
+
+NODES = (RegulatorNode, EstimatorNode, ControllerNode, TwinNode, ShadowNode, Recorder, Player)
+
+
+def through_a_file(node_class, config, folder):
+    """The configuration that a node reads where `config` was written."""
+    arguments = processes.node_command(node_class.node_name, config, "scene", folder)
+    middleware.init(arguments[arguments.index("--ros-args") :])
+    try:
+        node = node_class()
+        found = parameters.read(node, node_class.config_model)
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    return found
+
+
+def emptied(config):
+    """The same with every list empty and None wherever it is allowed; not checked again."""
+    changes = {}
+    for name, field in type(config).model_fields.items():
+        value = getattr(config, name)
+        if isinstance(value, BaseModel):
+            changes[name] = emptied(value)
+        elif isinstance(value, tuple):
+            changes[name] = ()
+        elif "None" in str(field.annotation):
+            changes[name] = None
+    return config.model_copy(update=changes)
+
+
+@pytest.mark.parametrize("node_class", NODES, ids=lambda node_class: node_class.node_name)
+def test_every_empty_list_arrives_empty(domain, tmp_path, monkeypatch, node_class):
+    monkeypatch.setattr(parameters, "parse", lambda values, *_, **__: values)  # some may not be empty
+    config = emptied(node_class.config_model())
+    found = through_a_file(node_class, config, tmp_path)
+    assert found == parameters.nested(parameters.overrides(config))
+
+
+def test_a_scene_that_adapts_nothing_has_a_controller_that_adapts_nothing(domain, tmp_path):
+    none = {f"controller.adaptation.{key}": [] for key in ("parameters", "gain", "lower", "upper")}
+    config = load_scene("track_circle", none).controller_node()
+    found = through_a_file(ControllerNode, config, tmp_path)
+    assert found == config
+    assert found.control.adaptation.parameters == ()

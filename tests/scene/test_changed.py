@@ -1,0 +1,45 @@
+"""A changed configuration is checked like one from a file."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import soro_core
+from soro_core.config import changed
+from soro_core.errors import ConfigError
+from soro_core.safety import Limits
+from soro_core.scene import Scene
+from soro_core.twin import TwinConfig
+
+
+def test_it_keeps_what_was_stated_and_what_was_left_out():
+    stated = Limits(maximum_pa=50e3)
+    other = changed(stated, reading_age_s=0.1)
+    assert (other.maximum_pa, other.reading_age_s) == (50e3, 0.1)
+    assert other.model_fields_set == {"maximum_pa", "reading_age_s"}
+    assert stated.reading_age_s == Limits().reading_age_s
+
+
+@pytest.mark.parametrize(
+    ("start", "values", "key"),
+    [
+        (Limits(), {"maximum_pa": -1.0}, "maximum_pa"),
+        (Limits(), {"maximum_pa": 100e3}, ""),  # not above the pressure that vents
+        (Limits(), {"maximum": 1.0}, "maximum"),
+        (Scene(), {"valves": "real"}, ""),  # without a platform
+        (TwinConfig(), {"air": "states", "pressures": "measured"}, ""),
+    ],
+)
+def test_it_refuses_what_a_file_may_not_say(start, values, key):
+    with pytest.raises(ConfigError) as caught:
+        changed(start, **values)
+    assert caught.value.key == key
+
+
+def test_no_other_copy_skips_the_checks():
+    """One exception: the fit of valves, whose free model has no largest pressure."""
+    root = Path(soro_core.__file__).parent.parent
+    files = [file for package in ("soro_core", "soro_ros") for file in (root / package).rglob("*.py")]
+    found = {file.name for file in files if re.search(r"\.model_(copy|construct)\(", file.read_text())}
+    assert found == {"valves.py"}

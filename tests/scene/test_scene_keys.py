@@ -1,0 +1,43 @@
+"""A key that several parts of a run share stands once, and reaches every node from there."""
+
+import pytest
+
+from soro_core.config import changed
+from soro_core.run_keys import SHARED
+from soro_core.safety import Limits
+from soro_core.scene import Scene
+from soro_core.twin.config import TwinConfig, TwinSection
+from tests.refused import refused
+
+DECIDED = sorted(TwinConfig.model_fields.keys() - TwinSection.model_fields.keys())
+
+
+@pytest.mark.parametrize("key", DECIDED)
+def test_a_scene_refuses_under_twin_what_it_decides_itself(key):
+    value = getattr(TwinConfig(), key)
+    for twin in ({key: value}, changed(TwinConfig(), **{key: value})):
+        with refused("twin", names=(f"no {key} ",)):
+            Scene(twin=twin)
+
+
+def test_every_shared_key_reaches_every_node_that_has_it():
+    stated = {
+        "robot": "six_link",
+        "mode": "lockstep",
+        "rate_hz": 100.0,
+        "seed": 7,
+        "limits": Limits(maximum_pa=50e3),
+    }
+    assert set(stated) == {name for keys in SHARED for name in keys.model_fields}
+    scene = Scene(**stated, platform="emulated_canopen")
+    nodes = (scene.twin_node(), scene.estimator_node(), scene.controller_node(), scene.regulator_node())
+    for name, value in stated.items():
+        found = [getattr(node, name) for node in nodes if name in type(node).model_fields]
+        assert found
+        assert all(one == value for one in found)
+
+
+def test_the_scene_and_the_twin_share_no_key_beside_those():
+    """They differ in meaning: 0 is no end for a twin, and a scene may leave its model to be chosen."""
+    shared = {name for keys in SHARED for name in keys.model_fields}
+    assert (Scene.model_fields.keys() & TwinConfig.model_fields.keys()) - shared == {"duration_s", "model"}

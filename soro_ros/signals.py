@@ -12,6 +12,14 @@ from types import FrameType
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
+class Interrupt(KeyboardInterrupt):
+    """A signal interrupted work.
+
+    Python notes that a KeyboardInterrupt of exactly this type left an ``exec`` of text, as in a dataclass,
+    and `python -m` then ends with SIGINT instead of its exit status, however the interrupt was handled.
+    """
+
+
 @contextlib.contextmanager
 def noted() -> Iterator[list[int]]:
     """Append these signals to a list that the caller reads, instead of acting on them."""
@@ -26,14 +34,14 @@ def noted() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def raised(seen: list[int]) -> Iterator[None]:
-    """Append these signals to the list and raise KeyboardInterrupt, for work that does not read the list."""
+    """Append these signals to the list and raise `Interrupt`, for work that does not read the list."""
 
-    is_inside = True
+    is_inside = False
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         seen.append(number)
         if is_inside:
-            raise KeyboardInterrupt
+            raise Interrupt
 
     def on_ignored(ignored: sys.UnraisableHookArgs) -> None:
         # A callback of the compiler cannot raise the interrupt; the list has it.
@@ -43,8 +51,9 @@ def raised(seen: list[int]) -> Iterator[None]:
     previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
     hook, sys.unraisablehook = sys.unraisablehook, on_ignored
     try:
+        is_inside = True  # one signal earlier would leave the handlers in place
         if seen:
-            raise KeyboardInterrupt
+            raise Interrupt
         try:
             yield
         except Exception:
@@ -52,9 +61,9 @@ def raised(seen: list[int]) -> Iterator[None]:
                 raise
         # A callback of the compiler replaces an interrupt by another error, or ignores it.
         if seen:
-            raise KeyboardInterrupt
+            raise Interrupt
     finally:
-        is_inside = False  # one more signal here would leave the handlers in place, and interrupt a safe end
+        is_inside = False  # one more signal here would do so too, and interrupt a safe end
         sys.unraisablehook = hook
         for number, handler in previous.items():
             signal.signal(number, handler)

@@ -124,6 +124,50 @@ def test_a_signal_that_comes_as_the_work_ends_leaves_no_handler(monkeypatch):
     assert len(seen + noted) == 2
 
 
+def test_a_signal_that_comes_as_the_work_begins_leaves_no_handler(monkeypatch):
+    install, coming = signal.signal, [signal.SIGTERM]
+
+    def install_late(number, handler):
+        previous = install(number, handler)
+        if coming and number == signal.SIGTERM:
+            signal.raise_signal(coming.pop())
+        return previous
+
+    with signals.noted():
+        before = [signal.getsignal(number) for number in signals.SIGNALS]
+        monkeypatch.setattr(signals.signal, "signal", install_late)
+        with pytest.raises(KeyboardInterrupt), signals.raised(seen := []):
+            pass
+        monkeypatch.undo()
+        assert [signal.getsignal(number) for number in signals.SIGNALS] == before
+    assert seen == [signal.SIGTERM]
+
+
+INTERRUPTED_IN_TEXT = """
+import signal
+from soro_ros import signals
+seen = []
+try:
+    with signals.raised(seen):
+        exec("signal.raise_signal(signal.SIGINT)")
+except KeyboardInterrupt:
+    raise SystemExit(len(seen) + 2)
+"""
+
+
+def test_an_interrupt_within_executed_text_leaves_the_exit_status(tmp_path):
+    """Python remembers a KeyboardInterrupt that leaves such text, and `python -m` then ends with SIGINT."""
+    (tmp_path / "interrupted.py").write_text(INTERRUPTED_IN_TEXT)
+    root = Path(soro_ros.__file__).parents[1]
+    process = subprocess.run(
+        [sys.executable, "-m", "interrupted"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(root)},
+        check=False,
+    )
+    assert process.returncode == 3
+
+
 def python(text: str, folder) -> processes.Child:
     return processes.start("child", [sys.executable, "-c", text], folder)
 

@@ -62,7 +62,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
     rate_hz: float = Field(200.0, ge=10, le=1000, description="ticks of the control loop a second")
     duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
     model: ModelSection | None = Field(
-        None, description="how the arm is computed: stated, or auto with a wish; default: as the robot file"
+        None,
+        description="how the arm is computed: stated, or auto with a requirement; default: as the robot",
     )
     measured: str = Field(
         "", description="CSV of a measured forced run (t, p1 ..., kx, ky) that soro trade compares with"

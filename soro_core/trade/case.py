@@ -66,7 +66,7 @@ class Case:
 
     @property
     def longest_step_s(self) -> float:
-        """Longest step that fits into a tick of wish and scene [s]; infinite if the case is not paced."""
+        """Longest step that fits into a tick [s]; infinite if the case is not paced."""
         if not self.paced:
             return math.inf
         return self.tick_s if self.scene is None else min(self.tick_s, 1.0 / self.scene.rate_hz)

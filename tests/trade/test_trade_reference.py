@@ -8,7 +8,7 @@ from test_trade_picture import MODELS, study
 from soro_core import SoftArm, robot_from_dict
 from soro_core.model.statics import equilibrium
 from soro_core.robot import Discretisation
-from soro_core.scene import Wish
+from soro_core.scene import Requirement
 from soro_core.trade import bare_case
 from soro_core.trade.reference import Reference, converge, spaces
 from soro_core.trade.trace import first_frequency_hz, total_energy
@@ -43,7 +43,7 @@ def test_the_error_of_a_pod_basis_is_said_to_be_unknown(modes):
     assert reference.converged
     assert Reference.from_dict(reference.as_dict()).unknown == reference.unknown
     assert spaces(robot())[2] == ""
-    shown = study(MODELS, Wish(error="1%"))
+    shown = study(MODELS, Requirement(error="1%"))
     told = type(shown)(**{**vars(shown), "reference": reference})
     assert (
         "its own error: of space unknown: POD basis is not refined; of quadrature and time: tip"

@@ -265,7 +265,7 @@ class SerialRegulator(Driver[SerialPlatform]):
         return sum((engine.counts for engine in self._engines), Counter())
 
     def _take(self) -> None:
-        self.sent_pa = np.array([channel.sent_pa for channel in self._channels])
+        self.sent_pa = np.array([channel.setpoint.sent_pa for channel in self._channels])
         self.pressure_pa = np.array([channel.pressure_pa for channel in self._channels])
 
     def _late(self, fresh: Flags) -> list[Fault]:

@@ -154,21 +154,7 @@ def as_json(value: object) -> str:
 
 
 def first_pressure_json(about: Mapping[str, str], plan: Plan, state: ProcedureState) -> str:
-    """Return the report of a first pressurisation as JSON.
-
-    Parameters
-    ----------
-    about : mapping of str to str
-        Facts about the procedure.
-    plan : Plan
-        Steps and expectations.
-    state : ProcedureState
-        State at the end.
-
-    Returns
-    -------
-    str
-    """
+    """Return the report of a first pressurisation as JSON; parameters as in `markdown`."""
     return as_json(
         {
             "passed": verdict(state.findings) == "passed",

@@ -112,17 +112,7 @@ def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
     """Return why a candidate is too slow, judged by the first part of the run; "" if it is not.
 
     An error-controlled stepper on a stiff arm takes thousands of internal steps for each step.
-
-    Parameters
-    ----------
-    case : Case
-        Start and pressures.
-    arm : SoftArm
-        Model.
-    integrator : str
-        Time stepper.
-    dt_s : float
-        Time step [s].
+    The function has parameters as in `trace`.
 
     Returns
     -------

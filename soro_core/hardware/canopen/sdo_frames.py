@@ -90,10 +90,8 @@ def sdo_write(node: int, index: int, sub: int, data: bytes) -> Frame:
 
     Parameters
     ----------
-    node : int
-        Node id.
-    index, sub : int
-        Index and sub-index of the object.
+    node, index, sub : int
+        As in `sdo_read`.
     data : bytes
         Value, little-endian.
     """
@@ -106,10 +104,8 @@ def sdo_download(node: int, index: int, sub: int, size: int) -> Frame:
 
     Parameters
     ----------
-    node : int
-        Node id.
-    index, sub : int
-        Index and sub-index of the object.
+    node, index, sub : int
+        As in `sdo_read`.
     size : int
         Size of the value [bytes].
     """
@@ -178,10 +174,8 @@ def sdo_abort(node: int, index: int, sub: int, code: int) -> Frame:
 
     Parameters
     ----------
-    node : int
-        Node id.
-    index, sub : int
-        Index and sub-index of the object.
+    node, index, sub : int
+        As in `sdo_read`.
     code : int
         Abort code.
     """

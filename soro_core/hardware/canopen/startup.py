@@ -90,12 +90,8 @@ def check_identity(sdo: SdoClient, platform: CanopenPlatform, device: Device) ->
 
     Parameters
     ----------
-    sdo : SdoClient
-        Client of the node.
-    platform : CanopenPlatform
-        Times and identities.
-    device : Device
-        Kind of device.
+    sdo, platform, device : SdoClient, CanopenPlatform, Device
+        As in `configure_node`.
     """
     sdo.step = "device type"
     device_type = sdo.read(cia408.DEVICE_TYPE)
@@ -117,12 +113,8 @@ def read_scaling(sdo: SdoClient, platform: CanopenPlatform, device: Device, chan
 
     Parameters
     ----------
-    sdo : SdoClient
-        Client of the node.
-    platform : CanopenPlatform
-        Range and full scale.
-    device : Device
-        Kind of device.
+    sdo, platform, device : SdoClient, CanopenPlatform, Device
+        As in `configure_node`.
     channel : int
         Number of the valve in the node.
     """

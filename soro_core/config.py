@@ -92,7 +92,7 @@ def read_value(text: str, where: str) -> Any:
 
 
 def _trouble(error: Exception) -> str:
-    """Where the text ceases to be YAML, and why, in few words."""
+    """Return the place of the first error of the YAML text, and its cause."""
     mark = getattr(error, "problem_mark", None)
     if mark is None:
         return " ".join(str(error).split())

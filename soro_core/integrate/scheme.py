@@ -101,9 +101,9 @@ def scheme(
     Parameters
     ----------
     *stages : Stage
-        Of the method itself, one or two.
+        Stages of the method itself, one or two.
     fallback : tuple of Stage
-        Of the rule for steps that the method does not resolve; default none, the method takes all steps.
+        Stages for steps that the method does not resolve; default none, the method takes all steps.
     start, linear : bool
         As in `Scheme`; the tolerance is `TRUST` where linear, else `TOLERANCE`.
     dissipative : bool

@@ -50,7 +50,7 @@ class StepDerivatives(NamedTuple):
 
 
 class StepRoom:
-    """What the derivatives of the steps of one stepper need, made once.
+    """Workspace for the derivatives of the steps of one stepper.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class StepRoom:
         Parameters
         ----------
         rule : Scheme or Tableau
-            Of the stepper.
+            Coefficients of the stepper.
         run : Box
             The stepper's `Stepping` after the step.
         state, end : State
@@ -179,9 +179,9 @@ def refuse_underivable(name: str, rule: Scheme | Tableau, valves: ValveModel | N
     Parameters
     ----------
     name : str
-        Of the stepper.
+        Name of the stepper.
     rule : Scheme or Tableau
-        Its coefficients.
+        Coefficients of the stepper.
     valves : ValveModel or None
         Valves in front of the chambers.
 

@@ -48,7 +48,7 @@ def require(value: object, wanted: Any, name: str, allowed: str) -> None:
     value : object
     wanted : type or union of types
     name : str
-        Of the argument, for the message.
+        Name of the argument, for the message.
     allowed : str
         What is allowed, for the message.
 
@@ -98,7 +98,7 @@ def shaped(values: ArrayLike, shape: tuple[int, ...], name: str, whose: str) -> 
     values : array_like
     shape : tuple of int
     name : str
-        Of the argument, for the message.
+        Name of the argument, for the message.
     whose : str
         Name of the robot, for the message.
 

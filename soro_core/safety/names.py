@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# Of a publisher's messages a busy reader misses less than this many in a row.
+# A busy reader misses fewer messages of one publisher in a row than this.
 MISSED = 100
 
 

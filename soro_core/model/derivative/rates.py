@@ -117,26 +117,11 @@ def along(s: float, rate: float, rate2: float, a: Array, k: Array) -> None:
 
 
 @inner
-def _sum5(k: Array, order: int, P: Array, j: int, r: int) -> float:
-    value: float = (
-        k[order, 0] * P[0, j, r]
-        + k[order, 1] * P[1, j, r]
-        + k[order, 2] * P[2, j, r]
-        + k[order, 3] * P[3, j, r]
-        + k[order, 4] * P[4, j, r]
-    )
-    return value
-
-
-@inner
-def _sum4(k: Array, order: int, P: Array, j: int, r: int) -> float:
-    """Without n = 0, whose coefficient does not change."""
-    value: float = (
-        k[order, 1] * P[1, j, r]
-        + k[order, 2] * P[2, j, r]
-        + k[order, 3] * P[3, j, r]
-        + k[order, 4] * P[4, j, r]
-    )
+def _sum(k: Array, order: int, first: int, P: Array, j: int, r: int) -> float:
+    """Return sum_n k_n ad_Omega^n X from n = `first` on, one entry; the coefficient of n = 0 has no rates."""
+    value: float = k[order, first] * P[first, j, r]
+    for n in range(first + 1, 5):
+        value += k[order, n] * P[n, j, r]
     return value
 
 
@@ -146,9 +131,9 @@ def combine(count: int, k: Array, powers: Array, rates: Array, columns: Array) -
     D, DD = rates[0], rates[1]
     for j in range(count):
         for r in range(6):
-            x = _sum5(k, 0, powers, j, r)
-            xd = _sum5(k, 0, D, j, r) + _sum4(k, 1, powers, j, r)
-            xdd = _sum5(k, 0, DD, j, r) + 2.0 * _sum4(k, 1, D, j, r) + _sum4(k, 2, powers, j, r)
+            x = _sum(k, 0, 0, powers, j, r)
+            xd = _sum(k, 0, 0, D, j, r) + _sum(k, 1, 1, powers, j, r)
+            xdd = _sum(k, 0, 0, DD, j, r) + 2.0 * _sum(k, 1, 1, D, j, r) + _sum(k, 2, 1, powers, j, r)
             columns[0, j, r], columns[1, j, r], columns[2, j, r] = x, xd, xdd
 
 

@@ -1,4 +1,4 @@
-"""Check of the security that the environment asks for: without it, ROS itself goes on without a message."""
+"""Check of the security that the environment asks for; ROS itself would continue without it, unreported."""
 
 from __future__ import annotations
 

@@ -13,6 +13,8 @@ from soro_core.safety.monitors import broken_wire, watch
 from soro_core.safety.remembered import Array, Flags, chamber
 from soro_core.safety.state import SafetyState, counted, initial_state
 
+# End of the refusal of a reset after a command that was not zero.
+MUST_BE_ZERO = "the command must be zero"
 # Response of regulators whose platform states none.
 TYPICAL = RegulatorModel()
 
@@ -225,7 +227,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     live = state.command_ns is not None and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
     if np.any(state.command_pa != 0.0):
         asks = "still asks" if live else "asked last"
-        return state, f"{state.command_source} {asks} for pressure: the command must be zero"
+        return state, f"{state.command_source} {asks} for pressure: {MUST_BE_ZERO}"
     if state.kept is not None:
         return state, state.kept
     return (

@@ -19,8 +19,7 @@ from soro_core.trade.case import SAMPLE_S, Case
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Candidates above this CPU time of a simulated second [s] are left out, judged by the first part of the run
-# [s].
+# Candidates above this CPU time of a simulated second [s] are left out, judged by the first `PILOT_S` [s].
 SLOWEST = 5.0
 PILOT_S = 0.1
 

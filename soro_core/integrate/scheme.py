@@ -86,7 +86,7 @@ class Scheme(NamedTuple):
 
 
 class Dissipative(Scheme):
-    """A scheme whose steps gain no energy (see `balance`): a type of its own, so that others compile none."""
+    """A scheme whose steps gain no energy (see `balance`): its own type, so that others do not compile it."""
 
 
 def scheme(

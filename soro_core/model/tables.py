@@ -111,7 +111,7 @@ class Tables(NamedTuple):
 
 
 class MdeTables(Tables):
-    """The same for the method `mde`: a type of its own, so that kernels of one method alone are compiled."""
+    """The same for the method `mde`: its own type, so that only the kernels of one method are compiled."""
 
 
 class Site(NamedTuple):

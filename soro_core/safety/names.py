@@ -24,7 +24,7 @@ class Names:
 def note_message(names: Names, name: str, number: int | None, publishers: int) -> Names:
     """Note a message of `name`.
 
-    The messages of one publisher come in order, and few are missed. So a number that does not go on from the
+    The messages of one publisher arrive in order, and few are missed. So a number that does not follow the
     last one of its name comes from a second publisher, where there are several; a single one was only started
     again. A name that is shared stays so as long as all publishers are there.
 

@@ -164,7 +164,7 @@ class TwinNode(SoroNode[TwinConfig]):
                 raise ConfigError("parameters of twin", "rate_hz", self._config.rate_hz, allowed)
 
     def _release_air(self) -> None:
-        """End the wait of the emulated valves for pressures while the time of this twin stands still."""
+        """Release the air: the emulated valves do not wait for a twin whose time does not advance."""
         if self._link is not None:
             self._link.release()
 

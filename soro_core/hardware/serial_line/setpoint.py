@@ -35,7 +35,7 @@ class SlewedSetpoint:
         self.restart(0)
 
     def restart(self, now_ns: int) -> None:
-        """Start anew from 0."""
+        """Start again from 0."""
         self._reference_pa = 0.0
         self.jumps = False
         self.sent_counts = 0

@@ -59,10 +59,10 @@ def reset(
     """
     from std_srvs.srv import Trigger
 
-    from soro_core.safety.limiter import MUST_BE_ZERO
-    from soro_ros.diagnostics import VENTED
-
     with service_caller() as caller:
+        from soro_core.safety.limiter import MUST_BE_ZERO
+        from soro_ros.diagnostics import VENTED
+
         name = _one(caller, "reset", node, timeout_s, "" if node else _READINGS)
         status = caller.message_of(name, _STATUS_LIMIT_S)
         typer.echo(f"{name}: {status or 'no message on /diagnostics'}")
@@ -134,9 +134,9 @@ def enable(
     """
     from std_srvs.srv import Trigger
 
-    from soro_ros.diagnostics import VENTED
-
     with service_caller() as caller:
+        from soro_ros.diagnostics import VENTED
+
         name = _one(caller, "enable", node, timeout_s, "" if node else _COMMANDS)
         answer = caller.call(name, "enable", Trigger, Trigger.Request(), timeout_s)
         if not answer.success:

@@ -111,10 +111,8 @@ def latency_markdown(title: str, about: Mapping[str, str], latency: Latency, fou
 
     Parameters
     ----------
-    title : str
-        Title of the report.
-    about : mapping of str to str
-        Facts about the procedure: platform, date and so on.
+    title, about : str, mapping of str to str
+        As in `markdown`.
     latency : Latency
         Measured latencies.
     found : sequence of Finding

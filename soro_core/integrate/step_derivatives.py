@@ -29,8 +29,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Code of a step that was damped, divided or corrected, beside those of `soro_core.model.dynamics`.
 OTHER_STEP = 30
-# Largest difference of a step from its rule, relative to its largest entry: round-off. The check of the
-# energy may take out little, which a larger bound would not find.
+# Largest difference of a step from its rule, relative to its largest entry: round-off. With a larger bound a
+# small removal of gained energy (ADR 0009) would not be found.
 SAME = 1e-13
 
 

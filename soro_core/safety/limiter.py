@@ -11,10 +11,8 @@ from soro_core.safety.emptying import watch_vent
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitors import broken_wire, watch
 from soro_core.safety.remembered import Array, Flags, chamber
-from soro_core.safety.state import SafetyState, counted, initial_state
+from soro_core.safety.state import MUST_BE_ZERO, SafetyState, counted, initial_state
 
-# End of the refusal of a reset after a command that was not zero.
-MUST_BE_ZERO = "the command must be zero"
 # Response of regulators whose platform states none.
 TYPICAL = RegulatorModel()
 

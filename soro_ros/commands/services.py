@@ -60,7 +60,7 @@ def reset(
     from std_srvs.srv import Trigger
 
     with service_caller() as caller:
-        from soro_core.safety.limiter import MUST_BE_ZERO
+        from soro_core.safety.state import MUST_BE_ZERO
         from soro_ros.diagnostics import VENTED
 
         name = _one(caller, "reset", node, timeout_s, "" if node else _READINGS)

@@ -9,11 +9,11 @@ BIN    := $(VENV)/bin
 run: $(VENV)/.installed
 	@$(BIN)/soro run config/scenes/track_circle.yaml
 
-# Side by side, as the tests do not keep both cores busy; each runs to its end.
+# In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test
 	@$(MAKE) --no-print-directory --keep-going -j 2 lint pytest
 
-# The tests start hundreds of processes: where byte code is forbidden, each would compile the package anew.
+# The tests start hundreds of processes; without byte code each of them would compile the package anew.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(VENV)/.installed-test
 	$(BIN)/pytest -n 2
@@ -28,13 +28,13 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# The peer that ours is measured beside is optional: without it ours is measured alone.
+# The peer of the comparison is optional: without it soro is measured alone.
 bench: $(VENV)/.installed
 	-$(MAKE) newest-numba
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python -m benchmarks
 
-# Tests of the model on the newest numba, whatever pyproject.toml allows: where they pass, its limit may be raised.
+# Tests of the model on the newest numba, whatever pyproject.toml allows; if they pass, raise its limit.
 newest-numba: NUMBA := .venv-numba
 newest-numba:
 	$(PYTHON) -m venv $(NUMBA)

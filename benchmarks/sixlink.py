@@ -91,8 +91,8 @@ def run(options: Options) -> str:
     pictures.six_link(options.folder / "six_link.png", spatial, finished, PUBLISHED)
     good = [p for p in [*spatial, *temporal] if p.error <= ERROR]
     best = max(good, key=lambda p: p.factor, default=None)
-    wish = f"To reach: at most {ERROR:g} % at {FACTOR:g} x real time or more. "
-    wish += (
+    requirement = f"To reach: at most {ERROR:g} % at {FACTOR:g} x real time or more. "
+    requirement += (
         "None is accurate enough."
         if best is None
         else f"Fastest: {best.method}, {best.spatial} in space, {best.integrator} at {1e3 * best.dt:g} ms: "
@@ -105,7 +105,7 @@ def run(options: Options) -> str:
             "Six links of 25 mm, torque of 0.02 sin(pi t) N m on the first, 10 s; what the source leaves "
             "open is stated in config/robots/six_link.yaml. Error: mean distance of the tip over the run, "
             f"in % of the length, against a converged run (own error {figure(case.own_error, 2)} %).",
-            wish,
+            requirement,
             f"Against spatial steps, trapezoidal at {RATE_HZ} Hz as published:",
             table([*head, "published, %"], [[*cells(p), published(p)] for p in spatial]),
             "Against time steps:",

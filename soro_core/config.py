@@ -1,4 +1,4 @@
-"""Strict YAML: a file becomes a frozen, checked object, or one line says what is wrong with it."""
+"""Strict YAML: a file becomes a frozen, checked object, or one line states its error."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def read_value(text: str, where: str) -> Any:
 
 
 def _trouble(error: Exception) -> str:
-    """Where the text ceases to be YAML, and why, in few words."""
+    """Return the place of the first error of the YAML text, and its cause."""
     mark = getattr(error, "problem_mark", None)
     if mark is None:
         return " ".join(str(error).split())
@@ -195,7 +195,7 @@ def _mapping(loader: _StrictLoader, node: yaml.MappingNode) -> dict[Any, Any]:
             raise yaml.constructor.ConstructorError(None, None, "a key that is no name", key_node.start_mark)
         if key in result:
             raise yaml.constructor.ConstructorError(
-                None, None, f"key {key!r} stands twice", key_node.start_mark
+                None, None, f"key {key!r} occurs twice", key_node.start_mark
             )
         result[key] = loader.construct_object(value_node, deep=True)
     return result
@@ -219,7 +219,7 @@ _PLAIN = {
 def _first(error: ValidationError, model: type[BaseModel], where: str) -> ConfigError:
     found = error.errors()
     details = found[0]
-    if details["type"] == "missing":  # it may stand there under another name, which says more
+    if details["type"] == "missing":  # a wrong name of the same key is the better message
         beside = (e for e in found if e["type"] == "extra_forbidden" and e["loc"][:-1] == details["loc"][:-1])
         details = next(beside, details)
     location = _without_tags(model, details["loc"])

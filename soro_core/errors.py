@@ -1,10 +1,10 @@
-"""Every error that soro raises on purpose: one line that says what, where, and what is allowed."""
+"""Errors that soro raises on purpose: one line that states what is wrong, where, and what is allowed."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-# Characters of what was found that stand in an error.
+# Largest number of characters of the found value in an error.
 LONGEST = 80
 
 
@@ -18,7 +18,7 @@ class ConfigError(SoroError):
     Parameters
     ----------
     where : str
-        File (or dictionary, or node) in which the value stands.
+        File (or dictionary, or node) of the value.
     key : str
         Dotted path of the key, empty for the whole file.
     got : object
@@ -26,13 +26,13 @@ class ConfigError(SoroError):
     allowed : str
         What is allowed there.
     is_rule : bool
-        Whether that is a rule across keys, which a whole mapping breaks; so it is where `key` is empty.
+        Whether that is a rule across keys, which a whole mapping breaks; implied by an empty `key`.
     """
 
     def __init__(self, where: str, key: str, got: object, allowed: str, is_rule: bool = False) -> None:
         self.where, self.key, self.got, self.allowed = where, key, got, allowed
         at = f"{where}: {key}" if key else where
-        # The beginning of a long mapping says nothing of a rule across its keys.
+        # The beginning of a long mapping does not show which rule across its keys is broken.
         is_long = (is_rule or not key) and isinstance(got, dict) and len(repr(got)) > LONGEST
         found = "" if is_long else f"got {short(got)}; "
         super().__init__(f"{at}: {found}allowed: {allowed}")
@@ -68,7 +68,7 @@ HARDWARE_CODES = {
 
 
 class HardwareError(SoroError):
-    """A device, a bus or an adapter did not do what its protocol says.
+    """A device, a bus or an adapter did not follow its protocol.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class HardwareError(SoroError):
     device : str
         Address, path or name of the part, for example ``link0/chamber1 (node 2)``.
     code : str
-        One of `HARDWARE_CODES`, or of the drivers' `FAULT_CODES` where it stands for a fault.
+        One of `HARDWARE_CODES`, or of the drivers' `FAULT_CODES` for a fault.
     step : str
         Step of the start-up.
     """

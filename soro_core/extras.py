@@ -1,4 +1,4 @@
-"""Packages that not every installation has: a missing one becomes one line that says what to install.
+"""Packages that not every installation has: a missing one becomes one line with the command to install it.
 
 `pip install soro` brings the model and the command line. CAN, serial lines and Modbus are the extra
 `hardware`, ROS and recordings the extra `ros`, both together `all` (docs/adr/0024-extras.md).

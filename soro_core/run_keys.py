@@ -1,4 +1,4 @@
-"""Keys that several parts of a run share: they stand at the top of a scene and in the parameters of nodes."""
+"""Keys that several parts of a run share: at the top of a scene and in the parameters of nodes."""
 
 from __future__ import annotations
 

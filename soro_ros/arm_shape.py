@@ -87,15 +87,15 @@ def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], pa
     Parameters
     ----------
     robot : Robot
-        As its file describes it.
+        Robot of the run.
     s : Array
         Arc lengths (m,) [m] of `places`.
     poses : Array
         Poses (m, 4, 4) of the backbone there.
     pressure : dict[str, float]
-        Of each chamber as a part of the highest one, 0 to 1: an empty chamber is pale.
+        Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale.
     payload_kg : float
-        Drawn at the tip as a ball of steel of this mass; 0 for none.
+        Payload at the tip, drawn as a ball of steel of this mass; 0 for none.
     """
     radius = robot.links[0].radius
     parts = [_tube(poses[1:-1], (0.0, 0.0), np.full(len(s) - 2, 0.3 * radius), _mixed("#777777", 0.6))]

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from soro_core.safety import Limiter
 from soro_ros import messages, qos
 from soro_ros.command_topic import CommandTopic
+from soro_ros.diagnostics import ERROR, VENTED, WARN
 
 Array = NDArray[np.float64]
 
@@ -85,6 +86,14 @@ class ChamberInterface:
     def second_publisher(self) -> str | None:
         """Topics of commands with more than one publisher, and the nodes; None without such a topic."""
         return "; ".join(topic.trouble for topic in self._topics if topic.trouble) or None
+
+    @property
+    def problem(self) -> tuple[bytes, str] | None:
+        """Level and message for /diagnostics of a closed latch or a second publisher; None without both."""
+        complaint, second = self._limiter.state.complaint, self.second_publisher
+        if complaint is not None:
+            return ERROR, "; ".join(filter(None, (f"{VENTED}: {complaint}", second)))
+        return None if second is None else (WARN, second)
 
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""

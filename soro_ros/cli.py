@@ -1,8 +1,8 @@
 """The command `soro`.
 
-While a program imports, the exception of a Ctrl-C is a traceback, or nothing at all: one that meets a
-callback of the import system is printed and forgotten, and the program runs on. So this file imports as
-little as it can before its own handler stands, and that stays until a command begins.
+While a program imports, a Ctrl-C is a traceback, or has no effect: an exception in a callback of the import
+system is printed and dropped, and the program continues. So this file imports as little as possible before it
+sets its own handler, which stays until a command begins.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ class Take:
 
     @property
     def payload_kg(self) -> float:
-        """What a simulated arm carries; of a real one it is not known."""
+        """Payload [kg] of a simulated arm; 0 for a real one, whose payload is not known."""
         return self.scene.twin.payload_kg if self.scene.arm == "simulated" else 0.0
 
 
@@ -59,7 +59,7 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
     bag : Path
         Folder of the run's bag.
     scene : Scene
-        Of the run.
+        Scene of the run.
     begin_s, end_s : float
         First and last time [s] under control.
     rate_hz : float

@@ -99,7 +99,7 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
         self.finished = True
 
     def fail(self, error: SoroError) -> None:
-        """End the process with an error: the node cannot go on."""
+        """End the process with an error: the node cannot continue."""
         self.failure, self.finished = error, True
         self.get_logger().error(str(error))
         self.diagnostics.update(ERROR, str(error))

@@ -145,7 +145,7 @@ def pose_sample(sample: PoseSample, stamp_ns: int) -> PoseStamped:
 
 
 def imu_sample(sample: ImuSample, stamp_ns: int) -> Imu:
-    """IMU sample as an Imu message; an IMU without orientation says so by its covariance, as REP 145 asks."""
+    """IMU sample as an Imu message; one without orientation marks it by its covariance (REP 145)."""
     message = Imu()
     message.header.stamp, message.header.frame_id = to_time(stamp_ns), "imu0"
     g, a, o = message.angular_velocity, message.linear_acceleration, message.orientation

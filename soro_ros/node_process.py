@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import signal
 import sys
 import traceback
@@ -115,10 +114,7 @@ def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
         return
     executor = EventsExecutor()
     executor.add_node(node)
-    # Collector pauses and thread switches are the larger part of a Python loop's lateness.
-    sys.setswitchinterval(0.0002)
-    gc.collect()
-    gc.freeze()
+    timing.shorten_pauses()
     _prioritise(node)
     try:
         while not stopping and not node.finished:

@@ -26,7 +26,7 @@ class PoseSource:
     ConfigError
         If that cannot be a topic.
     SoroError
-        If no pose comes in the first seconds.
+        If no pose arrives in the first seconds.
     """
 
     def __init__(self, topic: str) -> None:

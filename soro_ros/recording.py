@@ -75,7 +75,7 @@ def read(bag: Path, namespace: str) -> Recording:
     bag : Path
         Folder of the bag.
     namespace : str
-        Of the robot's nodes.
+        Namespace of the robot's nodes.
     """
     prefix = f"/{namespace}/"
     rows: dict[str, list[tuple[int, list[float]]]] = {}

@@ -1,4 +1,4 @@
-"""Check of the security that the environment asks for: without it, ROS itself goes on without a message."""
+"""Check of the security that the environment asks for; ROS itself would continue without it, unreported."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def check() -> None:
     Raises
     ------
     ConfigError
-        One line with what the middleware says.
+        One line with the error of the middleware.
     """
     if os.environ.get(_ENABLE) == "true" and (reason := _missing()):
         allowed = f"false, or none, with {get_rmw_implementation_identifier()} as it is here: {reason}"

@@ -65,7 +65,7 @@ def call(
 
 
 def domain(node: Node) -> str:
-    """The ROS domain of a node, and where it comes from."""
+    """Return the ROS domain of a node, and its origin."""
     origin = "ROS_DOMAIN_ID" if os.environ.get("ROS_DOMAIN_ID") else "ROS_DOMAIN_ID is not set"
     return f"ROS domain {node.context.get_domain_id()} ({origin})"
 
@@ -150,7 +150,7 @@ class ServiceCaller:
 
     @property
     def domain(self) -> str:
-        """The ROS domain, and where it comes from."""
+        """ROS domain of the node, and its origin."""
         return domain(self._node)
 
     def spin(self, seconds: float) -> None:

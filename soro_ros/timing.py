@@ -20,7 +20,7 @@ class LoopTimer:
     period_s : float
         Nominal period.
     keep : int
-        Number of latest cycles that the percentiles look at.
+        Number of latest cycles for the percentiles.
     """
 
     def __init__(self, period_s: float, keep: int = 12000) -> None:
@@ -32,7 +32,7 @@ class LoopTimer:
         self.overruns = 0
 
     def tick(self) -> None:
-        """Note that a cycle starts now."""
+        """Record that a cycle starts now."""
         now = time.perf_counter()
         if self._start is None:
             self._start = now
@@ -60,7 +60,7 @@ class LoopTimer:
 def prioritise(priority: int) -> str:
     """Request SCHED_FIFO, or with 0 the ordinary scheduler; return the reason of a refusal, or an empty text.
 
-    For every thread: messages come through those of the middleware, which were there before.
+    The request is for every thread, because those of the middleware, which exist already, carry the messages.
     """
     try:
         policy = os.SCHED_FIFO if priority > 0 else os.SCHED_OTHER
@@ -72,14 +72,18 @@ def prioritise(priority: int) -> str:
     return ""
 
 
-@contextlib.contextmanager
-def punctual(priority: int = 30) -> Iterator[str]:
-    """Run the block with little lateness; gives the reason if there is no real-time priority."""
-    # Collector pauses and thread switches are the larger part of a Python loop's lateness.
-    before = sys.getswitchinterval()
+def shorten_pauses() -> None:
+    """Shorten the interpreter's pauses, the larger part of a loop's lateness: collector, thread switches."""
     sys.setswitchinterval(0.0002)
     gc.collect()
     gc.freeze()
+
+
+@contextlib.contextmanager
+def punctual(priority: int = 30) -> Iterator[str]:
+    """Run the block with little lateness; gives the reason if there is no real-time priority."""
+    before = sys.getswitchinterval()
+    shorten_pauses()
     trouble = prioritise(priority) if priority > 0 else ""
     try:
         yield trouble

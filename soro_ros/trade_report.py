@@ -1,4 +1,4 @@
-"""Output of `soro trade`: table, explanation of the figures, and the model that meets the wish."""
+"""Output of `soro trade`: table, explanation of the figures, and the model that meets the requirement."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def notes(study: Study) -> list[str]:
         "Errors: RMS over the run, tip and shape (five places) in % of the length, energy in % of its span. "
         "Times: CPU, kernels compiled, one candidate at a time, median of "
         f"{max((row.cost.repeats for row in study.rows if row.cost), default=0)} runs; a tick is "
-        f"{tick}, called from Python. The wish looks at the tip only.",
+        f"{tick}, called from Python. The requirement looks at the tip only.",
     ]
     if truth.note:
         lines.append(f"Of the reference: {truth.note}")
@@ -106,21 +106,21 @@ def notes(study: Study) -> list[str]:
 
 
 def verdict(study: Study) -> str:
-    """Return the model that meets the wish, as a block to paste, or the nearest one."""
+    """Return the model that meets the requirement, as a block to paste, or the nearest one."""
     chosen, nearest = study.choice, study.nearest
     if study.stopped:
         return "interrupted: what is done is written; run the same command again to go on"
     if chosen is not None:
-        best = "cheapest" if study.wish.error else "most accurate"
+        best = "cheapest" if study.requirement.error else "most accurate"
         figures = f"tip {chosen.tip:.3g} %, {1e3 * chosen.cpu:.3g} ms a simulated second"
         return (
-            f"{best} model for the wish ({study.wish}): {figures}, longest tick {chosen.tick_us:.3g} us\n\n"
-            + study.block
+            f"{best} model for the requirement ({study.requirement}): "
+            f"{figures}, longest tick {chosen.tick_us:.3g} us\n\n{study.block}"
         )
     if nearest is None:
-        return f"no model came to its end: nothing meets the wish ({study.wish})"
+        return f"no model came to its end: nothing meets the requirement ({study.requirement})"
     own = study.reference.own.tip
     got = f"longest tick {nearest.tick_us:.3g} us"
-    if study.wish.error:
+    if study.requirement.error:
         got = f"tip error {nearest.tip:.3g} % (of the reference itself: {own:.2g} %, which counts too)"
-    return f"nothing meets the wish ({study.wish}); nearest: {got} with {nearest.candidate}"
+    return f"nothing meets the requirement ({study.requirement}); nearest: {got} with {nearest.candidate}"

@@ -24,9 +24,9 @@ class TwinTopics:
     node : Node
         Owner of the topics.
     robot : Robot
-        As its file describes it: gives the names of the chambers.
+        Robot with the names of the chambers.
     twin : Twin
-        Gives the names of the coordinates of its finer arm.
+        Twin with the names of the coordinates of its finer arm.
     profile : QoSProfile
         Quality of service of all topics but the clock.
     lockstep : bool

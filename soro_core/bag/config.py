@@ -12,26 +12,26 @@ from soro_core.config import Strict, Strings
 class RecorderConfig(Strict):
     """Parameters of the recorder."""
 
-    autostart: bool = Field(True, description="Configure and activate by itself")
+    autostart: bool = Field(True, description="configure and activate at start")
     folder: str = Field(
-        "", description="Folder of the new bag; empty: bag-<date>-<time> in the current folder"
+        "", description="folder of the new bag; empty: bag-<date>-<time> in the current folder"
     )
     topics: Strings = Field(
         (),
-        description="Names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
+        description="names or patterns (/arm/*) of the topics to record, empty: all that are not hidden; "
         "'NAME TYPE' subscribes before the first publisher exists, 'NAME TYPE transient_local' also "
         "receives messages published before the recorder is discovered",
     )
-    exclude: Strings = Field((), description="Names or patterns of topics to leave out")
+    exclude: Strings = Field((), description="names or patterns of topics to leave out")
     compression: Literal["zstd", "lz4", "none"] = Field(
-        "zstd", description="Compression of the chunks: zstd, lz4 or none"
+        "zstd", description="compression of the chunks: zstd, lz4 or none"
     )
     flush_s: float = Field(
-        1.0, ge=0.05, le=60.0, description="Longest recorded time that a crash may lose [s]"
+        1.0, ge=0.05, le=60.0, description="longest recorded time that a crash may lose [s]"
     )
-    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="Period of the search for new topics [s]")
+    discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="period of the search for new topics [s]")
     buffer_bytes: int = Field(
-        2**28, ge=2**16, description="Messages are dropped when more waits for the disk [B]"
+        2**28, ge=2**16, description="messages are dropped when more waits for the disk [B]"
     )
     notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
 

@@ -1,1 +1,1 @@
-"""Emulated regulators: a process that speaks the devices' bytes, with the air behind them."""
+"""Emulated regulators: a process that exchanges the devices' bytes, with the air of their chambers."""

@@ -1,4 +1,4 @@
-"""What the host opens to reach an emulated line: a pseudo-terminal, or a TCP port of this machine."""
+"""Endpoints of emulated lines, which the host opens: pseudo-terminals, or TCP ports of this machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DRAIN = 16  # chunks of the present host that are read before a new host is acc
 
 
 class Endpoint(ABC):
-    """What the host opens to reach a line.
+    """Endpoint of a line, which the host opens.
 
     Parameters
     ----------

@@ -8,21 +8,7 @@ from soro_core.hardware.platform import PlatformBase
 
 
 def emulate(platform: PlatformBase, lockstep: bool, seed: int) -> EmulatedDevices:
-    """Make the emulated devices of a platform.
-
-    Parameters
-    ----------
-    platform : PlatformBase
-        Platform to emulate.
-    lockstep : bool
-        Whether the host's cycles advance the time.
-    seed : int
-        Seed of the sensor noise and of random faults.
-
-    Returns
-    -------
-    EmulatedDevices
-    """
+    """Make the emulated devices of a platform; parameters as in `EmulatedDevices`."""
     family = FAMILIES[platform.family]
     devices: EmulatedDevices = family.find(family.emulator)(platform, lockstep, seed)
     return devices

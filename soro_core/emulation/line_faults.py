@@ -20,10 +20,9 @@ class Disorder(Generic[Message]):
 
     def __init__(self, faults: Faults) -> None:
         self._faults = faults
-        self._late: list[tuple[int, Message]] = []  # time at which each is due
-        self._held: list[
-            tuple[int, Message]
-        ] = []  # message that waits for the next one, at most until this time
+        # Each with the time [ns] at which it is due; a held message is passed on before that by the next one.
+        self._late: list[tuple[int, Message]] = []
+        self._held: list[tuple[int, Message]] = []
 
     @property
     def due_ns(self) -> int | None:

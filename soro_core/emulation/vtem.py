@@ -71,11 +71,8 @@ class Slot:
     ) -> None:
         self.outputs, self._wake, self._air = list(wake), wake, air
         self._boot_ns, self._start_ns = round(boot_s * 1e9), round(start_s * 1e9)
-        self.status, self.is_failing, self._is_to_acknowledge = (
-            Status(END_APP, SlotState.NOT_READY),
-            False,
-            False,
-        )
+        self.status = Status(END_APP, SlotState.NOT_READY)
+        self.is_failing = self._is_to_acknowledge = False
         self._kept_pa = (0.0, 0.0)
         self._ready_ns = self._boot_ns
         self._running_ns: int | None = None

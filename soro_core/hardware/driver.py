@@ -76,15 +76,13 @@ class Driver(Regulator, Generic[P]):
         self.latch = Latch()
         self.supervisor: Supervisor | None = None
         self._names = platform.chamber_names
-        n = len(self._names)
-        self._lateness = Lateness(times, n)
-        self.sent_pa: Array = np.zeros(n)
-        self.pressure_pa: Array = np.full(n, np.nan)
+        self._lateness = Lateness(times, self.n_chambers)
+        self.sent_pa: Array = np.zeros(self.n_chambers)
+        self.pressure_pa: Array = np.full(self.n_chambers, np.nan)
         self.seen_empty = False
         self._sources: tuple[str, ...] = self._names  # what faults call the chambers
         self._begun = self._configured = self._closed = False
-        self._cycles = self._now_ns = 0
-        self.answers_lost = 0
+        self._cycles = self._now_ns = self.answers_lost = 0
         # One thread owns a driver; some families keep their devices alive by a second one.
         self._lock = threading.RLock()
 

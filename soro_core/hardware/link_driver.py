@@ -23,8 +23,8 @@ class LinkDriver(Driver[P]):
 
     Parameters
     ----------
-    platform, times, clock, lockstep : object
-        As for `Driver`.
+    platform, times, clock, lockstep : PlatformBase, Freshness, callable, bool
+        As in `Driver`.
     link : ByteLink
         Connection to the devices; `start_up` opens it.
     """

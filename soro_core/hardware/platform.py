@@ -65,7 +65,7 @@ class ReadingAge(Protocol):
         """Whether so many missed readings, or such an age, are too much."""
 
     def too_old(self, missed: int, age_ns: int) -> str:
-        """What is wrong with a reading that is stale."""
+        """Return the fault of a stale reading as text."""
 
 
 class Freshness(Strict):
@@ -79,7 +79,7 @@ class Freshness(Strict):
         return missed >= self.stale_cycles or age_ns >= self.stale_s * 1e9
 
     def too_old(self, missed: int, age_ns: int) -> str:
-        """What is wrong with a reading that is stale."""
+        """Return the fault of a stale reading as text."""
         cycles = f"{missed} cycle{'s' if missed > 1 else ''}"
         limit = f"{self.stale_s * 1e3:g} ms or {self.stale_cycles} cycles"
         return f"no pressure for {age_ns * 1e-6:.0f} ms, {cycles} (stale at {limit})"

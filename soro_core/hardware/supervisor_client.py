@@ -52,7 +52,7 @@ class Supervisor:
         self.control.settimeout(START_LIMIT_S)
         self._is_ready = self._pressed = self._is_gone = False
         try:
-            # Isolated, and in a session of its own: signals to the driver's group do not reach it.
+            # Isolated, and in its own session: signals to the driver's group do not reach it.
             self.process: subprocess.Popen[bytes] = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(SCRIPT)],
                 stdin=theirs.fileno(),

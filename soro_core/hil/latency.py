@@ -62,9 +62,9 @@ class ChamberLatency:
     steps : int
         Number of evaluated steps.
     waited : Times
-        From a command to the first set point sent for it.
+        Times from a command to the first set point sent for it.
     moved : Times
-        From the set point sent to the return of the first reading beyond the noise.
+        Times from the set point sent to the return of the first reading beyond the noise.
     t63_up_s, t63_down_s : float
         Median time to 63 % of a step.
     dead_s, lag_s, gain : float

@@ -111,10 +111,8 @@ def latency_markdown(title: str, about: Mapping[str, str], latency: Latency, fou
 
     Parameters
     ----------
-    title : str
-        Title of the report.
-    about : mapping of str to str
-        Facts about the procedure: platform, date and so on.
+    title, about : str, mapping of str to str
+        As in `markdown`.
     latency : Latency
         Measured latencies.
     found : sequence of Finding
@@ -154,21 +152,7 @@ def as_json(value: object) -> str:
 
 
 def first_pressure_json(about: Mapping[str, str], plan: Plan, state: ProcedureState) -> str:
-    """Return the report of a first pressurisation as JSON.
-
-    Parameters
-    ----------
-    about : mapping of str to str
-        Facts about the procedure.
-    plan : Plan
-        Steps and expectations.
-    state : ProcedureState
-        State at the end.
-
-    Returns
-    -------
-    str
-    """
+    """Return the report of a first pressurisation as JSON; parameters as in `markdown`."""
     return as_json(
         {
             "passed": verdict(state.findings) == "passed",

@@ -1,4 +1,4 @@
-"""What the codes of the steppers mean, and what to do."""
+"""Messages for the codes of the steppers."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Scheme(NamedTuple):
 
 
 class Dissipative(Scheme):
-    """A scheme whose steps gain no energy (see `balance`): a type of its own, so that others compile none."""
+    """A scheme whose steps gain no energy (see `balance`): its own type, so that others do not compile it."""
 
 
 def scheme(
@@ -101,9 +101,9 @@ def scheme(
     Parameters
     ----------
     *stages : Stage
-        Of the method itself, one or two.
+        Stages of the method itself, one or two.
     fallback : tuple of Stage
-        Of the rule for steps that the method does not resolve; default none, the method takes all steps.
+        Stages for steps that the method does not resolve; default none, the method takes all steps.
     start, linear : bool
         As in `Scheme`; the tolerance is `TRUST` where linear, else `TOLERANCE`.
     dissipative : bool

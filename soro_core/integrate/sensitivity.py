@@ -32,18 +32,18 @@ class Sensitivity(NamedTuple):
     """Sensitivities to w = 2 n_q + n_z + n_u parameters."""
 
     q: Array
-    """(3, w, n_q); no stage uses q of the stage before."""
+    """Sensitivities of q, (3, w, n_q); no stage uses q of the stage before."""
     v: Array
     a: Array
     z: Array
-    """Of the internal states, (3, w, n_z)."""
+    """Sensitivities of the internal states, (3, w, n_z)."""
     stage_v: Array
-    """Of the velocities of explicit stages, (MOST_STAGES, w, n_q)."""
+    """Sensitivities of the velocities of explicit stages, (MOST_STAGES, w, n_q)."""
     stage_a: Array
     stage_z: Array
-    """Of the rates of their internal states, (MOST_STAGES, w, n_z)."""
+    """Sensitivities of the rates of their internal states, (MOST_STAGES, w, n_z)."""
     slope: Array
-    """Of each internal state over a stage, rows as in `internal_slopes`, (3, n_z)."""
+    """Slopes of each internal state over a stage, rows as in `internal_slopes`, (3, n_z)."""
     system: Array
     """(n_q, n_q)."""
     pivots: Integers

@@ -102,7 +102,7 @@ def _rows(values: ArrayLike | None, m: int, n: int, name: str, whose: str) -> Ar
 
 
 def _each(pressure: Any, m: int, n_u: int, whose: str) -> Sequence[Pressure]:
-    """What `simulate` takes, for each run."""
+    """Return the argument `pressure` of `simulate` for each run."""
     if isinstance(pressure, Sequence) and any(callable(one) for one in pressure):
         if len(pressure) != m:
             raise ModelError(f"pressure: {len(pressure)} functions, allowed are {m}, one a run", "pressure")

@@ -29,8 +29,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Code of a step that was damped, divided or corrected, beside those of `soro_core.model.dynamics`.
 OTHER_STEP = 30
-# Largest difference of a step from its rule, of its largest entry: round-off. A larger one would not see how
-# little the guard of the energy may take out.
+# Largest difference of a step from its rule, relative to its largest entry: round-off. With a larger bound a
+# small removal of gained energy (ADR 0009) would not be found.
 SAME = 1e-13
 
 
@@ -50,7 +50,7 @@ class StepDerivatives(NamedTuple):
 
 
 class StepRoom:
-    """What the derivatives of the steps of one stepper need, made once.
+    """Workspace for the derivatives of the steps of one stepper.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class StepRoom:
         Parameters
         ----------
         rule : Scheme or Tableau
-            Of the stepper.
+            Coefficients of the stepper.
         run : Box
             The stepper's `Stepping` after the step.
         state, end : State
@@ -179,9 +179,9 @@ def refuse_underivable(name: str, rule: Scheme | Tableau, valves: ValveModel | N
     Parameters
     ----------
     name : str
-        Of the stepper.
+        Name of the stepper.
     rule : Scheme or Tableau
-        Its coefficients.
+        Coefficients of the stepper.
     valves : ValveModel or None
         Valves in front of the chambers.
 

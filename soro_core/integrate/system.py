@@ -67,7 +67,7 @@ class StepWork(NamedTuple):
     command: Array
     """Given pressures of that stage or, with valves, their set points, (n_u,)."""
     pressure_slope: Array
-    """With valves, d(pressure)/d(volume) of each chamber, (n_u,)."""
+    """d(pressure)/d(volume) of each chamber with valves, (n_u,)."""
     memory: Array
     """Accelerations of past steps, rows LATEST and EARLIER, (2, n_q)."""
     known: Integers

@@ -122,7 +122,7 @@ def find_site(robot: Robot, t: Tables, s: float) -> Site:
     ----------
     robot : Robot
     t : Tables
-        Of this robot.
+        Tables of this robot.
     s : float
         Undeformed arc length from the base of the arm [m].
     """
@@ -136,7 +136,7 @@ def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
     ----------
     robot : Robot
     t : Tables
-        Of this robot.
+        Tables of this robot.
     link : int
     place : float
         Undeformed arc length from the base of the link [m].

@@ -48,7 +48,7 @@ def require(value: object, wanted: Any, name: str, allowed: str) -> None:
     value : object
     wanted : type or union of types
     name : str
-        Of the argument, for the message.
+        Name of the argument, for the message.
     allowed : str
         What is allowed, for the message.
 
@@ -91,14 +91,14 @@ def dimensions(values: ArrayLike) -> int:
 def shaped(values: ArrayLike, shape: tuple[int, ...], name: str, whose: str) -> Array:
     """Return a copy of the values as an array of that shape.
 
-    A copy, so that kernels never see a read-only or strided array (each would be compiled for anew).
+    A copy, so that kernels get no read-only or strided array, for which they would be compiled again.
 
     Parameters
     ----------
     values : array_like
     shape : tuple of int
     name : str
-        Of the argument, for the message.
+        Name of the argument, for the message.
     whose : str
         Name of the robot, for the message.
 
@@ -133,7 +133,7 @@ def finite(array: Array, name: str) -> Array:
 
 
 def flat_wrench(robot: Robot, wrench: ArrayLike | None) -> Array:
-    """Numbers of all wrenches as the kernels want them: that at the tip, then one for each place.
+    """Return all wrenches as the kernels take them: that at the tip, then one for each place.
 
     Raises
     ------

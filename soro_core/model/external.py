@@ -1,4 +1,4 @@
-"""What acts on the arm from outside at places along it: wrenches, contact, the held tip.
+"""Forces on the arm from outside at places along it: wrenches, contact, the held tip.
 
 Seen from the frame b of a link's base, a particle at x_b moves with V_b + B1 qd (`sweep`). A force on it is a
 wrench in b, and joins the wrench of the link's own mass before the chain is closed (`exact.close_forces`),

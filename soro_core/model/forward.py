@@ -115,13 +115,10 @@ class ForwardDynamics(ArmBase):
 
         Parameters
         ----------
-        q, qd : (n_q,)
-        p : (n_u,)
-            Gauge pressures [Pa].
+        q, qd, p, internal : array_like
+            As in `forward_dynamics`, of one state.
         wrench : (6,), optional
             Torque [N m], force [N] at the tip, in its body frame.
-        internal : (n_internal,), optional
-            States of creep and hysteresis, default 0.
 
         Returns
         -------

@@ -18,8 +18,20 @@ from soro_core._jit import inner
 Array: TypeAlias = NDArray[np.float64]
 
 # Coefficients (-1)^n k! / (2 n + k)! of the series of k! c_k for k = 6 and 7, to 1e-16 for y < 4.
-_EVEN = tuple((-1) ** n * 720.0 / math.factorial(2 * n + 6) for n in range(12))
-_ODD = tuple((-1) ** n * 5040.0 / math.factorial(2 * n + 7) for n in range(12))
+_C6 = tuple((-1) ** n * 720.0 / math.factorial(2 * n + 6) for n in range(12))
+_C7 = tuple((-1) ** n * 5040.0 / math.factorial(2 * n + 7) for n in range(12))
+
+
+@inner
+def series(y: float, terms: tuple[float, ...]) -> float:
+    """Return sum_n terms[n] y^n of twelve terms."""
+    # Two shorter chains of products, in z = y^2, which the processor runs side by side.
+    z = y * y
+    even, odd = terms[10], terms[11]
+    for n in range(8, -1, -2):
+        even = even * z + terms[n]
+        odd = odd * z + terms[n + 1]
+    return even + y * odd
 
 
 @inner
@@ -30,19 +42,8 @@ def stumpff(y: float, c: Array) -> None:
     not cancel there; above, cosine and sine start the same recursion upwards.
     """
     if y < 4.0:
-        # Two shorter chains of products each, in z = y^2, which the processor runs side by side.
-        z = y * y
-        even, even_y = _EVEN[10], _EVEN[11]
-        odd, odd_y = _ODD[10], _ODD[11]
-        for n in range(8, -1, -2):
-            even = even * z + _EVEN[n]
-            odd = odd * z + _ODD[n]
-            even_y = even_y * z + _EVEN[n + 1]
-            odd_y = odd_y * z + _ODD[n + 1]
-        even += y * even_y
-        odd += y * odd_y
-        c[6] = even / 720.0
-        c[7] = odd / 5040.0
+        c[6] = series(y, _C6) / 720.0
+        c[7] = series(y, _C7) / 5040.0
         c[5] = 1.0 / 120.0 - y * c[7]
         c[4] = 1.0 / 24.0 - y * c[6]
         c[3] = 1.0 / 6.0 - y * c[5]

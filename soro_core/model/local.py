@@ -18,7 +18,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 @inner
 def n_samples(t: Tables, i: int) -> int:
-    """At how many nodes a law of link i is evaluated."""
+    """Return the number of nodes at which a law of link i is evaluated."""
     return t.nodes.shape[0] if t.varying[i] else 1
 
 

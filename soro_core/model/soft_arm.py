@@ -202,7 +202,7 @@ class SoftArm(ForwardDynamics):
         qd : (n_q,), optional
             Velocities; default at rest.
         wrench : (6,) or (n_wrenches, 6), optional
-            As for `forward_dynamics`; default none.
+            Wrenches as in `forward_dynamics`; default none.
         """
         q, qd = self._state(q, qd)
         t = self.tables

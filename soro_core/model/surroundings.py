@@ -1,4 +1,4 @@
-"""What acts on an arm from outside, as a caller sees it."""
+"""Forces on an arm from outside, for callers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Integers: TypeAlias = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ExternalForces:
-    """What acts from outside at one state; gravity is not part of it.
+    """Forces from outside at one state, without gravity.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ from soro_core.model.work import (
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Numbers, for a literal truth value would compile the pass anew for each combination.
+# Numbers, because a literal truth value would compile the pass again for each combination.
 YES, NO = 1.0, 0.0
 # Forces of the motion (q, qd) alone, with an acceleration, and with a reference velocity besides.
 FREE, DRIVEN, REFERENCE = 1.0, 2.0, 3.0

@@ -35,11 +35,11 @@ class External(NamedTuple):
     obstacles: Array
     """Rows as in `soro_core.model.contact`, (n_obstacles, 11)."""
     held: Array
-    """Where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
+    """Place where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
 
 
 class NoExternal(External):
-    """The same without a place: a type of its own, so that nothing of it is compiled where nothing acts."""
+    """The same without a place: its own type, so that kernels of an arm on which nothing acts skip it."""
 
 
 class Tables(NamedTuple):
@@ -63,21 +63,21 @@ class Tables(NamedTuple):
     reference: Array
     """xi_0 of each link: (n, 6)."""
     length: Array
-    """Undeformed, [m], (n,)."""
+    """Undeformed length of each link [m], (n,)."""
     radius: Array
-    """[m], (n,)."""
+    """Radius of each link [m], (n,)."""
     mass: Array
-    """Of each link without point masses [kg], (n,)."""
+    """Mass of each link without point masses [kg], (n,)."""
     tip_mass: float
-    """[kg]."""
+    """Point mass at the tip [kg]."""
     point_mass: Array
     """Point mass at each quadrature node [kg], (n, n_nodes)."""
     gravity: Array
-    """In the world frame [m/s^2], (3,)."""
+    """Gravity in the world frame [m/s^2], (3,)."""
     base_rotation: Array
-    """Of the base frame in the world, (3, 3)."""
+    """Rotation of the base frame in the world, (3, 3)."""
     base_position: Array
-    """Of the base frame in the world [m], (3,)."""
+    """Position of the base frame in the world [m], (3,)."""
     nodes: Array
     """Quadrature nodes on (0, 1), with weights that sum to 1."""
     weights: Array
@@ -91,7 +91,7 @@ class Tables(NamedTuple):
     damping: Array
     """Viscous damping, in the same form."""
     chamber_samples: Integers
-    """At how many places of a link the area of a chamber is evaluated: 0 where the chamber does not run
+    """Number of places of a link where the area of a chamber is evaluated: 0 where the chamber does not run
     along the link, 1 where strain or area is constant, else the number of nodes; (n, n_u)."""
     actuation: Array
     """dV/dq of areas that do not depend on strain, at each sample: (n_samples, n_q, n_u)."""
@@ -111,7 +111,7 @@ class Tables(NamedTuple):
 
 
 class MdeTables(Tables):
-    """The same for the method `mde`: a type of its own, so that kernels of one method alone are compiled."""
+    """The same for the method `mde`: its own type, so that only the kernels of one method are compiled."""
 
 
 class Site(NamedTuple):

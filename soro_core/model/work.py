@@ -91,10 +91,10 @@ class Work(NamedTuple):
     vectors: Array
     """Twists and wrenches, (N_VECTORS, 6)."""
     frame_rotation: Array
-    """Of poses in use, (3, 3, 3)."""
+    """Rotations of poses in use, (3, 3, 3)."""
     frame_position: Array
     end_rotation: Array
-    """Of the end of each link in its base, (n, 3, 3)."""
+    """Rotation of the end of each link in its base, (n, 3, 3)."""
     end_position: Array
     end_columns: Array
     """B1 at the end of each link, (n, m, 6)."""
@@ -125,7 +125,7 @@ class Work(NamedTuple):
     applied: Array
     """Generalised force of pressures, elasticity and losses, (n_q,)."""
     mde_inertia: Array
-    """For the method `mde` (n_q, n_q); empty for `exact`."""
+    """Inertia matrix of the method `mde`, (n_q, n_q); empty for `exact`."""
     mde_coriolis: Array
     mde_system: Array
     pivots: Integers
@@ -134,7 +134,7 @@ class Work(NamedTuple):
     site_force: Array
     """Force at each place where something acts, in the world, (n_places, 3)."""
     site_rotation: Array
-    """Of poses on the way from place to place, (3, 3, 3)."""
+    """Rotations of poses from place to place, (3, 3, 3)."""
     site_position: Array
     site_stiffness: Array
     """Tangent of the force at a place, in the world, (3, 3)."""
@@ -147,7 +147,7 @@ class Work(NamedTuple):
 
 
 class Arm(NamedTuple):
-    """What the kernels need of an arm: its numbers, and room to compute in."""
+    """Parameters of an arm and workspace, for the kernels."""
 
     tables: Tables
     work: Work

@@ -29,7 +29,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 AMBIENT_PA = 101325.0
 GAS_CONSTANT = 287.05
-"""Of dry air [J/(kg K)]."""
+"""Gas constant of dry air [J/(kg K)]."""
 REFERENCE_TEMPERATURE = 293.15
 """Temperature of the reference atmosphere of sonic conductances [K]."""
 OPEN_BAND_PA = 1.0

@@ -8,21 +8,38 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from soro_core.robot.strain import StrainField
-
 Array: TypeAlias = NDArray[np.float64]
+
+
+class Field(Protocol):
+    """Keys of a `soro_core.robot.strain.StrainField` that bases read."""
+
+    @property
+    def order(self) -> int | None:
+        """Polynomial degree."""
+
+    @property
+    def modes(self) -> int | None:
+        """Number of modes used; None for all."""
+
+    @property
+    def samples(self) -> tuple[tuple[float, ...], ...] | None:
+        """Rows (n_samples, n_modes) of the modes, at equal distances from 0 to L."""
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
 
 
 class Basis(ABC):
     """Shape functions of one strain along a link, as functions of x = sigma / L from 0 to 1.
 
-    Each method takes the `StrainField` of the robot file, which holds the keys that the basis asks for.
+    Each method takes the field of the robot file, which holds the keys that the basis asks for.
     """
 
     keys: ClassVar[frozenset[str]] = frozenset()
@@ -35,27 +52,27 @@ class Basis(ABC):
     """Whether they are the Legendre polynomials, int phi_a phi_b dx = delta_ab / (2 a + 1)."""
 
     @abstractmethod
-    def size(self, field: StrainField) -> int:
+    def size(self, field: Field) -> int:
         """Number of shape functions."""
 
     @abstractmethod
-    def values(self, field: StrainField, x: Array) -> Array:
+    def values(self, field: Field, x: Array) -> Array:
         """Shape functions at places x (n,) from 0 to 1, (size, n)."""
 
     @abstractmethod
-    def nodes(self, field: StrainField) -> tuple[Array, Array]:
+    def nodes(self, field: Field) -> tuple[Array, Array]:
         """Nodes and weights on 0 ... 1 that integrate products of two shape functions exactly."""
 
-    def is_uniform(self, field: StrainField) -> bool:
+    def is_uniform(self, field: Field) -> bool:
         """Whether the one shape function is 1."""
         return not self.varies
 
-    def uniform(self, field: StrainField, weight: Array, mean: Array) -> Array:
+    def uniform(self, field: Field, weight: Array, mean: Array) -> Array:
         """Coefficients (size,) of a strain of 1 all along the link.
 
         Parameters
         ----------
-        field : StrainField
+        field : Field
         weight : (size, size)
             int phi_a phi_b dx.
         mean : (size,)
@@ -70,15 +87,15 @@ class Constant(Basis):
 
     varies = False
 
-    def size(self, field: StrainField) -> int:
+    def size(self, field: Field) -> int:
         """One."""
         return 1
 
-    def values(self, field: StrainField, x: Array) -> Array:
+    def values(self, field: Field, x: Array) -> Array:
         """One."""
         return np.ones((1, x.size))
 
-    def nodes(self, field: StrainField) -> tuple[Array, Array]:
+    def nodes(self, field: Field) -> tuple[Array, Array]:
         """One node in the middle."""
         return _gauss(1)
 
@@ -100,19 +117,19 @@ class Polynomial(Basis):
         self._vandermonde = vandermonde
         self.orthogonal = orthogonal  # type: ignore[misc]  # of this instance
 
-    def size(self, field: StrainField) -> int:
+    def size(self, field: Field) -> int:
         """One more than the degree."""
         return _degree(field) + 1
 
-    def values(self, field: StrainField, x: Array) -> Array:
+    def values(self, field: Field, x: Array) -> Array:
         """Polynomials of degree 0, 1, ..., a row each."""
         return np.asarray(self._vandermonde(2 * x - 1, _degree(field)).T, dtype=np.float64)
 
-    def nodes(self, field: StrainField) -> tuple[Array, Array]:
+    def nodes(self, field: Field) -> tuple[Array, Array]:
         """Gauss-Legendre nodes, exact to twice the degree."""
         return _gauss(_degree(field) + 1)
 
-    def is_uniform(self, field: StrainField) -> bool:
+    def is_uniform(self, field: Field) -> bool:
         """Whether the degree is 0."""
         return field.order == 0
 
@@ -123,11 +140,11 @@ class Modes(Basis):
     keys = frozenset({"modes", "samples", "file"})
     splits = False
 
-    def size(self, field: StrainField) -> int:
+    def size(self, field: Field) -> int:
         """Number of modes used."""
         return field.modes or len(_samples(field)[0])
 
-    def values(self, field: StrainField, x: Array) -> Array:
+    def values(self, field: Field, x: Array) -> Array:
         """Splines through the samples, a row for each mode."""
         from scipy.interpolate import CubicSpline  # loaded late: most robots have no modes
 
@@ -135,16 +152,16 @@ class Modes(Basis):
         values: Array = CubicSpline(np.linspace(0.0, 1.0, len(samples)), samples)(x).T
         return values
 
-    def nodes(self, field: StrainField) -> tuple[Array, Array]:
+    def nodes(self, field: Field) -> tuple[Array, Array]:
         """Gauss-Legendre nodes in each piece of the splines."""
         return _gauss(4, len(_samples(field)) - 1)
 
-    def uniform(self, field: StrainField, weight: Array, mean: Array) -> Array:
+    def uniform(self, field: Field, weight: Array, mean: Array) -> Array:
         """Coefficients of the projection of 1 by least squares.
 
         Parameters
         ----------
-        field : StrainField
+        field : Field
         weight : (size, size)
         mean : (size,)
             As in `Basis.uniform`.
@@ -171,12 +188,12 @@ def listed(words: Iterable[str], joint: str = "or") -> str:
     return f"{', '.join(first)} {joint} {last}" if first else last
 
 
-def _degree(field: StrainField) -> int:
+def _degree(field: Field) -> int:
     assert field.order is not None  # a field with this key is not made without
     return field.order
 
 
-def _samples(field: StrainField) -> tuple[tuple[float, ...], ...]:
+def _samples(field: Field) -> tuple[tuple[float, ...], ...]:
     assert field.samples is not None
     return field.samples
 

@@ -44,7 +44,7 @@ class StrainFields:
     stretch : ndarray of bool (n_q,)
         Elongation and shears (no unit), as against bending and torsion [1/m].
     length : ndarray (n_q,)
-        Of the link [m].
+        Length of the link [m].
     weight : ndarray (n_q, n_q)
         W: mean over the link of phi_a phi_b, zero between different fields.
     root : ndarray (n_q, n_q)

@@ -16,7 +16,7 @@ EMPTY_AGAIN = 0.8
 
 @dataclass(frozen=True)
 class Emptying:
-    """What is known of a vent; arrays have one entry a chamber.
+    """State of a vent; arrays have one entry a chamber.
 
     Attributes
     ----------

@@ -11,7 +11,7 @@ from soro_core.safety.emptying import watch_vent
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitors import broken_wire, watch
 from soro_core.safety.remembered import Array, Flags, chamber
-from soro_core.safety.state import SafetyState, counted, initial_state
+from soro_core.safety.state import MUST_BE_ZERO, SafetyState, counted, initial_state
 
 # Response of regulators whose platform states none.
 TYPICAL = RegulatorModel()
@@ -225,7 +225,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     live = state.command_ns is not None and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
     if np.any(state.command_pa != 0.0):
         asks = "still asks" if live else "asked last"
-        return state, f"{state.command_source} {asks} for pressure: the command must be zero"
+        return state, f"{state.command_source} {asks} for pressure: {MUST_BE_ZERO}"
     if state.kept is not None:
         return state, state.kept
     return (

@@ -1,4 +1,4 @@
-"""What a command and a reading may be: configurable, within bounds that no configuration crosses."""
+"""Limits of commands and readings: configurable, within bounds that no configuration crosses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OVER_PRESSURE, BURST = 1.05, 1.2
 
 
 class Rating(Strict):
-    """What the mechanics of a platform bear; stated in the platform file, and no parameter raises it."""
+    """Pressures that the mechanics of a platform bear; only the platform file states them."""
 
     minimum_pa: float = Field(
         -HARD_LIMIT_PA, ge=-101e3, le=0, description="lowest permitted set point [Pa gauge]"
@@ -32,7 +32,7 @@ class Rating(Strict):
 
 
 class Monitors(Strict):
-    """When a reading is not to be believed, or a valve not to be trusted."""
+    """Thresholds beyond which a reading or a valve counts as faulty."""
 
     model_pa: float = Field(
         8e3, ge=1e3, le=30e3, description="difference between a reading and what the valve's lag explains"
@@ -61,7 +61,7 @@ class Monitors(Strict):
 
 
 class Limits(Strict):
-    """What a command and a reading may be; defaults for the three-bellow platform."""
+    """Limits of commands and readings; defaults for the three-bellow platform."""
 
     minimum_pa: float = Field(0.0, ge=-101e3, le=0.0, description="lowest set point")
     maximum_pa: float = Field(90e3, gt=0, lt=HIGHEST_RATING_PA, description="highest set point")

@@ -220,7 +220,7 @@ def _supply(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fo
 
 
 def _since(since_ns: Times, holds: Flags, judged: Flags, now_ns: int) -> Times:
-    """Since when a condition has held; where it cannot be judged now, nothing changes."""
+    """Return the time since which a condition holds; unchanged where it is not judged now."""
     held = np.where(since_ns == NEVER, now_ns, since_ns)
     return np.where(judged, np.where(holds, held, NEVER), since_ns)
 

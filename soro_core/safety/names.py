@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# Of a publisher's messages a busy reader misses less than this many in a row.
+# A busy reader misses fewer messages of one publisher in a row than this.
 MISSED = 100
 
 
@@ -24,7 +24,7 @@ class Names:
 def note_message(names: Names, name: str, number: int | None, publishers: int) -> Names:
     """Note a message of `name`.
 
-    The messages of one publisher come in order, and few are missed. So a number that does not go on from the
+    The messages of one publisher arrive in order, and few are missed. So a number that does not follow the
     last one of its name comes from a second publisher, where there are several; a single one was only started
     again. A name that is shared stays so as long as all publishers are there.
 

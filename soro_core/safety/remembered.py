@@ -1,4 +1,4 @@
-"""What the monitors remember of every chamber, and what they see of it in one exchange."""
+"""Memory of the monitors for every chamber, and the sample of one exchange."""
 
 from __future__ import annotations
 

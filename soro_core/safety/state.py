@@ -10,6 +10,9 @@ import numpy as np
 from soro_core.safety.emptying import Emptying, not_begun
 from soro_core.safety.remembered import Array, MonitorState, Times, initial_monitors
 
+# End of the refusal of a reset after a command that was not zero.
+MUST_BE_ZERO = "the command must be zero"
+
 
 @dataclass(frozen=True)
 class SafetyState:

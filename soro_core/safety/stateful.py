@@ -1,4 +1,4 @@
-"""The limiter of one arm with its state: what a loop holds that gives chambers pressure."""
+"""The limiter of one arm with its state, for a loop that commands pressures."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from soro_core.safety.state import initial_state
 
 
 class Limiter:
-    """Limits, and the state that goes on with each call of the pure functions of `soro_core.safety.limiter`.
+    """Limits, and the state that each call of the pure functions of `soro_core.safety.limiter` advances.
 
     Parameters
     ----------
     limits : Limits
-        Of commands and readings.
+        Limits of commands and readings.
     names : sequence of str
-        Chambers in order.
+        Names of the chambers in order.
     response : RegulatorModel
-        How the regulators follow their set points: what the monitors compare the readings with.
+        Response of the platform's regulators, with which the monitors compare the readings.
 
     Attributes
     ----------
     state : SafetyState
-        Of limiter, monitors and latch.
+        State of limiter, monitors and latch.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class Limiter:
         return refusal
 
     def slew(self, now_ns: int) -> Array:
-        """Begin a cycle: set points (n,) [Pa gauge] that its exchange sends; zeros where it latches."""
+        """Begin a cycle; return the set points (n,) [Pa gauge] to send, zeros if the limiter is latched."""
         self.state = limiter.slew(self.limits, self.state, now_ns)
         return self.state.setpoint_pa
 
     def doubt(self, reason: str, source: str) -> None:
-        """Refuse a command of a source that may be two, and follow its last one no further."""
+        """Refuse a command of a name that two publishers may use, and hold the set points."""
         self.state = limiter.doubt(self.state, reason, source)
 
     def judge(
@@ -77,10 +77,10 @@ class Limiter:
         self.state = limiter.request_vent(self.state, cause)
 
     def vent(self, cause: str) -> None:
-        """Latch, and send zeros at once where there is a bus."""
+        """Latch; a limiter with a bus also sends zeros at once."""
         self.latch(cause)
 
     def reset(self, now_ns: Callable[[], int]) -> str | None:
-        """Leave the latch; the refusal, or None."""
+        """Open the latch and return None, or return the reason of a refusal."""
         self.state, refusal = limiter.reset(self.limits, self.state, now_ns())
         return refusal

@@ -1,7 +1,7 @@
 """A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
 
 from soro_core.scene.check import check_gains, check_model, check_scene
-from soro_core.scene.model import ModelSection, Wish
+from soro_core.scene.model import ModelSection, Requirement
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
 from soro_core.scene.scene import Scene, load_scene
 
@@ -10,8 +10,8 @@ __all__ = [
     "EstimatorNodeConfig",
     "ModelSection",
     "RegulatorNodeConfig",
+    "Requirement",
     "Scene",
-    "Wish",
     "check_gains",
     "check_model",
     "check_scene",

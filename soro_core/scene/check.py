@@ -19,14 +19,14 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     Parameters
     ----------
     scene : Scene
-        With its model stated or chosen.
+        Scene, with its model stated or chosen.
     where : str
         File of the scene, for the error.
 
     Returns
     -------
     list of str
-        Lines for the user: faults that come too late, keys that limits or regulators contradict.
+        Lines for the user: faults after the end of the run, keys that limits or regulators contradict.
 
     Raises
     ------
@@ -51,16 +51,16 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
     Parameters
     ----------
     scene : Scene
-        With its model stated or chosen.
+        Scene, with its model stated or chosen.
     robot : Robot
-        The one that the scene names.
+        Robot of the scene.
     where : str
         File of the scene, for the error.
 
     Raises
     ------
     ConfigError
-        One line with file, key, what was found and what is in the way.
+        One line with file, key, what was found and what prevents it.
     """
     twin = scene.twin_node()
     _check("model", scene.discretisation, robot, 1, where)
@@ -79,7 +79,7 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     ----------
     scene : Scene
     robot : Robot
-        The one that the scene names.
+        Robot of the scene.
     where : str
         File of the scene, for the error.
 
@@ -91,7 +91,7 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     Raises
     ------
     ConfigError
-        Naming the robot that the gains are for.
+        The message names the robot of the gains.
     """
     owner, stated = scene.gains_robot, bool(scene.controller.gains.model_fields_set)
     if owner in (scene.robot, robot.name):
@@ -118,7 +118,7 @@ def _check_platform(scene: Scene, platform: PlatformBase, robot: Robot) -> None:
         raise ConfigError(scene.platform, "device", "", allowed)
     fed, has = platform.chamber_names, robot.chamber_names
     if set(fed) != set(has):
-        other = [f"{name}, which the robot has not" for name in fed if name not in has]
+        other = [f"{name}, which the robot does not have" for name in fed if name not in has]
         other += [f"no {name}" for name in has if name not in fed]
         allowed = f"one valve for each chamber of robot {scene.robot}: {', '.join(has)}"
         raise ConfigError(scene.platform, "valves", f"{len(fed)} valves: {other[0]}", allowed)

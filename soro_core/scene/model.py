@@ -11,10 +11,10 @@ from soro_core.config import Strict
 from soro_core.robot import Discretisation
 from soro_core.robot.discretisation import Integrator
 
-WISHES = "error: 1%, budget_us: 200 or rate_hz: 500"
+REQUIREMENTS = "error: 1%, budget_us: 200 or rate_hz: 500"
 
 
-class Wish(Strict):
+class Requirement(Strict):
     """Criterion for the choice of a model: cheapest within an error, or most accurate within a time."""
 
     error: str = Field("", description="largest RMS error of the tip, in % of the arm's length, like 1%")
@@ -24,9 +24,9 @@ class Wish(Strict):
     )
 
     @model_validator(mode="after")
-    def _readable(self) -> Wish:
+    def _readable(self) -> Requirement:
         if sum(map(bool, (self.error, self.budget_us, self.rate_hz))) > 1:
-            raise ValueError(f"one wish: {WISHES}")
+            raise ValueError(f"one requirement: {REQUIREMENTS}")
         return self
 
     @field_validator("error")
@@ -38,22 +38,22 @@ class Wish(Strict):
 
     @property
     def given(self) -> bool:
-        """Whether there is a wish."""
+        """Whether there is a requirement."""
         return bool(self.error or self.budget_us or self.rate_hz)
 
     @property
     def error_percent(self) -> float:
-        """Largest error in % of the length; 0 for another wish."""
+        """Largest error in % of the length; 0 for another requirement."""
         return _percent(self.error) if self.error else 0.0
 
     @property
     def tick_us(self) -> float:
-        """Longest tick [us]; 0 for another wish."""
+        """Longest tick [us]; 0 for another requirement."""
         return 1e6 / self.rate_hz if self.rate_hz else self.budget_us
 
     @property
     def options(self) -> str:
-        """The wish as options of `soro trade`."""
+        """The requirement as options of `soro trade`."""
         if self.error:
             return f"--error {self.error}"
         return f"--rate-hz {self.rate_hz:g}" if self.rate_hz else f"--budget-us {self.budget_us:g}"
@@ -66,12 +66,12 @@ class Wish(Strict):
         return f"longest tick within {self.budget_us:g} us"
 
 
-class ModelSection(Discretisation, Wish):
-    """How the arm is computed; `auto` takes what `soro trade` has found for a wish."""
+class ModelSection(Discretisation, Requirement):
+    """How the arm is computed; `auto` takes what `soro trade` has found for a requirement."""
 
     integrator: Integrator = Field("trapezoidal", description="time stepper of the twin")
     dt_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the twin [s]")
-    auto: bool = Field(False, description="take the model that soro trade has chosen for the wish")
+    auto: bool = Field(False, description="take the model that soro trade has chosen for the requirement")
 
     @model_validator(mode="before")
     @classmethod
@@ -88,16 +88,16 @@ class ModelSection(Discretisation, Wish):
         stated = sorted(given & {*Discretisation.model_fields, "integrator", "dt_s"})
         if self.auto and stated:
             raise ValueError(f"no {stated[0]} beside auto: true, which chooses it")
-        if self.auto and not self.wish.given:
-            raise ValueError(f"a wish beside auto: true, one of {WISHES}")
-        if not self.auto and self.wish.given:
-            raise ValueError(f"auto: true beside a wish ({WISHES})")
+        if self.auto and not self.requirement.given:
+            raise ValueError(f"a requirement beside auto: true, one of {REQUIREMENTS}")
+        if not self.auto and self.requirement.given:
+            raise ValueError(f"auto: true beside a requirement ({REQUIREMENTS})")
         return self
 
     @property
-    def wish(self) -> Wish:
-        """The wish alone."""
-        return Wish(error=self.error, budget_us=self.budget_us, rate_hz=self.rate_hz)
+    def requirement(self) -> Requirement:
+        """The requirement alone."""
+        return Requirement(error=self.error, budget_us=self.budget_us, rate_hz=self.rate_hz)
 
     @property
     def discretisation(self) -> Discretisation:

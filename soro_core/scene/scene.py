@@ -58,11 +58,12 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         "simulated", description="simulated by the twin; real: its sensors publish, the twin runs as a shadow"
     )
     shadow: ShadowSection = Field(ShadowSection(), description="the twin beside a real arm")
-    # A node started by hand may be slower; a loop under 10 Hz controls no arm.
+    # A loop below 10 Hz does not control an arm; a single node may be slower.
     rate_hz: float = Field(200.0, ge=10, le=1000, description="ticks of the control loop a second")
     duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
     model: ModelSection | None = Field(
-        None, description="how the arm is computed: stated, or auto with a wish; default: as the robot file"
+        None,
+        description="how the arm is computed: stated, or auto with a requirement; default: as the robot",
     )
     measured: str = Field(
         "", description="CSV of a measured forced run (t, p1 ..., kx, ky) that soro trade compares with"
@@ -82,7 +83,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         given = value.model_fields_set if isinstance(value, TwinConfig) else value
         decided = TwinConfig.model_fields.keys() - TwinSection.model_fields.keys()
         if isinstance(given, Mapping | Set) and (twice := sorted(decided & set(given))):
-            raise ValueError(f"no {twice[0]} under twin: the scene states it at its top and gives it to all")
+            raise ValueError(f"no {twice[0]} under twin: the scene states it at its top, for all nodes")
         return value
 
     @model_validator(mode="after")
@@ -101,16 +102,16 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
                 real and twin.air == "states",
                 "no air: states under twin beside valves: real, which hold the air",
             ),
-            (real and not self.platform, "no valves: real without a platform, which says what they are"),
+            (real and not self.platform, "no valves: real without a platform, which describes them"),
             (
                 real and self.mode != "real_time",
-                "no lockstep with valves: real, whose time cannot be held up",
+                "no lockstep with valves: real, whose time cannot be stopped",
             ),
             (real and self.faults, "no faults with valves: real, only with emulated ones"),
             (not real and self.device, "no device with valves: emulated, only with real ones"),
             (
                 not real and self.arm == "real",
-                "no arm: real without valves: real, for emulated ones do not feed it",
+                "no arm: real without valves: real, because emulated ones do not supply it",
             ),
         )
         for present, message in contradictions:
@@ -222,7 +223,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
             **self._shared(RegulatorNodeConfig),
             platform=self.platform,
             device=device if self.emulates else self.device,
-            keep_latch=not self.emulates,  # those of a run are gone with it
+            keep_latch=not self.emulates,  # emulated valves end with their run
             take_over=True,
         )
 
@@ -242,7 +243,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         )
 
     def controller_node(self) -> ControllerNodeConfig:
-        """Parameters of the controller node, which waits for `~/enable` until every node is there."""
+        """Parameters of the controller node, which waits for `~/enable` until every node is active."""
         return ControllerNodeConfig(
             **self._shared(ControllerNodeConfig),
             platform=self.platform,

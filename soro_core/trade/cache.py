@@ -123,8 +123,8 @@ def loop_key(scene: Scene, **more: Any) -> str:
     return "loop-" + _digest(scene=_of_scene(scene), **more)
 
 
-def choice_key(scene: Scene, robot: dict[str, Any], wish: str) -> str:
-    """Return the key of the model chosen for a scene and a wish.
+def choice_key(scene: Scene, robot: dict[str, Any], requirement: str) -> str:
+    """Return the key of the model chosen for a scene and a requirement.
 
     Parameters
     ----------
@@ -132,14 +132,16 @@ def choice_key(scene: Scene, robot: dict[str, Any], wish: str) -> str:
         Scene.
     robot : dict
         Plain values of the robot.
-    wish : str
-        Text of the wish.
+    requirement : str
+        Text of the requirement.
 
     Returns
     -------
     str
     """
-    return "choice-" + _digest(scene=_of_scene(scene), robot=robot, wish=wish, machine=platform.node())
+    return "choice-" + _digest(
+        scene=_of_scene(scene), robot=robot, requirement=requirement, machine=platform.node()
+    )
 
 
 def _of_scene(scene: Scene) -> dict[str, Any]:

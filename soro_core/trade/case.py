@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -66,7 +66,7 @@ class Case:
 
     @property
     def longest_step_s(self) -> float:
-        """Longest step that fits into a tick of wish and scene [s]; infinite if the case is not paced."""
+        """Longest step that fits into a tick [s]; infinite if the case is not paced."""
         if not self.paced:
             return math.inf
         return self.tick_s if self.scene is None else min(self.tick_s, 1.0 / self.scene.rate_hz)
@@ -156,15 +156,7 @@ def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
     plain = scene.with_model(None)
     if not robot.n_u:
         case = bare_case(robot, seconds)
-        return Case(
-            **{
-                **vars(case),
-                "scene": plain,
-                "tick_s": 1.0 / scene.rate_hz,
-                "paced": True,
-                "measured": measured,
-            }
-        )
+        return replace(case, scene=plain, tick_s=1.0 / scene.rate_hz, paced=True, measured=measured)
     record = drive(plain, plain.discretisation, seconds=seconds)
     every = max(1, round(SAMPLE_S * scene.rate_hz))
     text = (

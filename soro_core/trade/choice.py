@@ -1,28 +1,28 @@
-"""The model chosen for a scene and a wish: stored after a study, used by `model: auto`."""
+"""The model chosen for a scene and a requirement: stored after a study, used by `model: auto`."""
 
 from __future__ import annotations
 
 from soro_core.errors import ConfigError
-from soro_core.scene import ModelSection, Scene, Wish
+from soro_core.scene import ModelSection, Requirement, Scene
 from soro_core.trade.cache import Cache, choice_key
 from soro_core.trade.candidate import Candidate
 
 
-def keep_choice(scene: Scene, wish: Wish, candidate: Candidate, cache: Cache) -> None:
+def keep_choice(scene: Scene, requirement: Requirement, candidate: Candidate, cache: Cache) -> None:
     """Store the choice of a study.
 
     Parameters
     ----------
     scene : Scene
         Scene of the study.
-    wish : Wish
-        Wished error or time.
+    requirement : Requirement
+        Required error or time.
     candidate : Candidate
         Chosen candidate.
     cache : Cache
         Where to store it.
     """
-    cache.put(_key(scene, wish), candidate.section)
+    cache.put(_key(scene, requirement), candidate.section)
 
 
 def with_chosen_model(scene: Scene, cache: Cache | None = None, called: str = "") -> Scene:
@@ -44,21 +44,21 @@ def with_chosen_model(scene: Scene, cache: Cache | None = None, called: str = ""
     Raises
     ------
     ConfigError
-        If there is no choice for this robot, scene and wish on this machine.
+        If there is no choice for this robot, scene and requirement on this machine.
     """
     if scene.model is None or not scene.model.auto:
         return scene
-    found = (cache or Cache()).get(_key(scene, scene.model.wish))
+    found = (cache or Cache()).get(_key(scene, scene.model.requirement))
     if found is None:
         name = called or scene.name or "SCENE"
         raise ConfigError(
             name,
             "model",
             "auto, and no measured choice for it",
-            f"run first: soro trade {name} {scene.model.wish.options}",
+            f"run first: soro trade {name} {scene.model.requirement.options}",
         )
     return scene.with_model(ModelSection.model_validate(found))
 
 
-def _key(scene: Scene, wish: Wish) -> str:
-    return choice_key(scene, scene.loaded_robot.model_dump(mode="json"), str(wish))
+def _key(scene: Scene, requirement: Requirement) -> str:
+    return choice_key(scene, scene.loaded_robot.model_dump(mode="json"), str(requirement))

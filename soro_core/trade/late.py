@@ -13,7 +13,8 @@ from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
-from soro_core.robot import Discretisation, shape_integrals, strain_rows
+from soro_core.robot import Discretisation, strain_rows
+from soro_core.robot.basis import shape_means
 from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene import Scene
 from soro_core.trade.candidate import Candidate
@@ -128,14 +129,8 @@ def mean_curvature(arm: SoftArm, pieces: int) -> np.ndarray:
     rows = np.zeros((2, arm.n_q))
     first = 0
     for link in arm.robot.links[:pieces]:
-        names = strain_rows(link)
-        # The mean of a shape function is its product with the first one, which is 1.
-        integrals = shape_integrals(link)
+        names, means = np.array(strain_rows(link)), shape_means(link) / pieces
         for row, name in enumerate(("bending_x", "bending_y")):
-            if name not in names:
-                continue
-            begin = names.index(name)
-            for k in range(names.count(name)):
-                rows[row, first + begin + k] = integrals[begin, begin + k] / link.length / pieces
+            rows[row, first : first + link.n_q] = np.where(names == name, means, 0.0)
         first += link.n_q
     return rows

@@ -35,7 +35,7 @@ def picture(study: Study) -> Figure | None:
         return None
     figure = Figure(layout="constrained")
     axes = figure.subplots()
-    by_tick = not study.wish.error
+    by_tick = not study.requirement.error
 
     def cost(row: Row) -> float:
         return row.tick_us if by_tick else 1e3 * row.cpu
@@ -54,12 +54,13 @@ def picture(study: Study) -> Figure | None:
     own, unknown = study.reference.own.tip, study.reference.unknown
     text = f"own error of the reference, {own:.2g} %" + (", its basis apart" if unknown else "")
     keys.append(axes.axhline(max(own, _FLOOR), color="0.6", ls=":", label=text))
-    wish = study.wish
+    requirement = study.requirement
     if by_tick:
-        keys.append(axes.axvline(wish.tick_us, color="C3", ls="--", label=f"wish: {wish.tick_us:g} us"))
+        text = f"requirement: {requirement.tick_us:g} us"
+        keys.append(axes.axvline(requirement.tick_us, color="C3", ls="--", label=text))
     else:
-        text = f"wish: {wish.error_percent:g} %"
-        keys.append(axes.axhline(wish.error_percent, color="C3", ls="--", label=text))
+        text = f"requirement: {requirement.error_percent:g} %"
+        keys.append(axes.axhline(requirement.error_percent, color="C3", ls="--", label=text))
     if study.choice is not None:
         keys.append(line([study.choice], "o", mfc="none", mec="C3", ms=13, mew=2, label="chosen"))
     axes.set_xlabel("longest tick, us of CPU" if by_tick else "CPU time, ms a simulated second")

@@ -1,4 +1,4 @@
-"""Results of a study: a row for each candidate, the front, and the choice for the wish."""
+"""Results of a study: a row for each candidate, the front, and the choice for the requirement."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from soro_core.scene import Wish
+from soro_core.scene import Requirement
 from soro_core.trade.candidate import Candidate
 from soro_core.trade.case import Case
 from soro_core.trade.cost import Cost
@@ -48,9 +48,9 @@ class Row:
         """Longest tick [us]; infinite if not measured."""
         return self.cost.worst_tick_us if self.cost else math.inf
 
-    def price(self, wish: Wish) -> float:
-        """Return the cost for a wish: CPU time for a wished error, the longest tick for a wished time."""
-        return self.cpu if wish.error else self.tick_us
+    def price(self, requirement: Requirement) -> float:
+        """Return the cost: CPU time for a required error, the longest tick for a required time."""
+        return self.cpu if requirement.error else self.tick_us
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Study:
     """Results of a study."""
 
     case: Case
-    wish: Wish
+    requirement: Requirement
     reference: Reference
     rows: tuple[Row, ...]
     combinations: int
@@ -71,19 +71,19 @@ class Study:
     def front(self) -> list[Row]:
         """Pareto front of tip error and cost, cheapest first."""
         complete = [row for row in self.rows if row.complete]
-        return pareto(complete, lambda r: r.price(self.wish), lambda r: r.tip)
+        return pareto(complete, lambda r: r.price(self.requirement), lambda r: r.tip)
 
     def meets(self, row: Row) -> bool:
-        """Whether a row meets the wish, with the reference's own error added."""
-        if self.wish.error:
-            return row.complete and row.tip + self.reference.own.tip <= self.wish.error_percent
-        return row.complete and row.tick_us <= self.wish.tick_us
+        """Whether a row meets the requirement, with the reference's own error added."""
+        if self.requirement.error:
+            return row.complete and row.tip + self.reference.own.tip <= self.requirement.error_percent
+        return row.complete and row.tick_us <= self.requirement.tick_us
 
     @property
     def choice(self) -> Row | None:
-        """Cheapest row within the wished error, or the most accurate one within the wished time."""
+        """Cheapest row within the required error, or the most accurate one within the required time."""
         good = [row for row in self.rows if self.meets(row)]
-        by_cost = bool(self.wish.error)
+        by_cost = bool(self.requirement.error)
         return min(good, key=lambda r: (r.cpu, r.tip) if by_cost else (r.tip, r.cpu), default=None)
 
     @property
@@ -98,9 +98,9 @@ class Study:
 
     @property
     def nearest(self) -> Row | None:
-        """Row that is nearest to the wish."""
+        """Row that is nearest to the requirement."""
         done = [row for row in self.rows if row.complete]
-        return min(done, key=lambda r: r.tip if self.wish.error else r.tick_us, default=None)
+        return min(done, key=lambda r: r.tip if self.requirement.error else r.tick_us, default=None)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
@@ -108,7 +108,7 @@ class Study:
         return {
             "robot": self.case.robot.name,
             "excitation": self.case.text,
-            "wish": str(self.wish),
+            "wish": str(self.requirement),  # the key of files that users read
             "stopped": self.stopped,
             "combinations": {"all": self.combinations, "run": len(self.rows)},
             "not_available": self.refused,

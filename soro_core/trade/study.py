@@ -10,7 +10,7 @@ from typing import Any
 
 from soro_core.errors import ModelError, SoroError
 from soro_core.integrate import STEPPERS
-from soro_core.scene import Wish
+from soro_core.scene import Requirement
 from soro_core.trade import cache as keys
 from soro_core.trade.cache import Cache
 from soro_core.trade.candidate import Candidate
@@ -24,20 +24,20 @@ from soro_core.trade.results import Row, Study
 from soro_core.trade.trace import Errors
 from soro_core.trade.workers import Outcome, Workers
 
-# Tolerance of the reference's tip, % of the length: a twentieth of the wish, within these.
+# Tolerance of the reference's tip, % of the length: a twentieth of the requirement, within these.
 FINEST, COARSEST = 2e-3, 5e-2
 NEAR = 1.5  # factor in error and cost, see `near_front`
 Progress = Callable[[str, int, int], None]
 
 
-class Stopped(Exception):  # noqa: N818 -- no error: the user's wish
+class Stopped(Exception):  # noqa: N818 -- no error: the user asks for it
     """The user stopped the study before it had a result."""
 
 
 def run_study(
     case: Case,
     grid: Grid,
-    wish: Wish,
+    requirement: Requirement,
     workers: Workers,
     cache: Cache | None = None,
     repeats: int = 3,
@@ -52,8 +52,8 @@ def run_study(
         Run.
     grid : Grid
         Values to combine.
-    wish : Wish
-        Wished error or time.
+    requirement : Requirement
+        Required error or time.
     workers : Workers
         Computers of the errors; this process measures times afterwards, one after the other.
     cache : Cache, optional
@@ -77,7 +77,7 @@ def run_study(
     ModelError
         If the reference cannot be computed.
     """
-    return _Run(case, grid, wish, workers, cache, repeats, progress, stop).study()
+    return _Run(case, grid, requirement, workers, cache, repeats, progress, stop).study()
 
 
 class _Run:
@@ -87,22 +87,22 @@ class _Run:
         self,
         case: Case,
         grid: Grid,
-        wish: Wish,
+        requirement: Requirement,
         workers: Workers,
         cache: Cache | None,
         repeats: int,
         progress: Progress,
         stop: Callable[[], bool],
     ) -> None:
-        self.case, self.wish, self.workers = case, wish, workers
+        self.case, self.requirement, self.workers = case, requirement, workers
         self.grid = within(grid, case.longest_step_s)
         self.cache, self.repeats, self.progress, self.stop = cache, repeats, progress, stop
         self.key = keys.case_key(case)
         self.rows: dict[Candidate, Row] = {}
 
     def study(self) -> Study:
-        wished = self.wish.error_percent / 20 if self.wish.error else math.inf
-        tolerance = min(max(wished, FINEST), COARSEST)
+        required = self.requirement.error_percent / 20 if self.requirement.error else math.inf
+        tolerance = min(max(required, FINEST), COARSEST)
         self.progress("reference", 0, 0)
         self.reference = self._reference(tolerance)
         if self.stop():
@@ -112,14 +112,16 @@ class _Run:
         first = coarse(self.grid, found, steppers)
         self._errors(first, "coarse grid")
         self._costs("coarse grid")
-        near = near_front(self._complete(), lambda r: r.price(self.wish), lambda r: r.tip, NEAR)
+        near = near_front(self._complete(), lambda r: r.price(self.requirement), lambda r: r.tip, NEAR)
         self._errors(around(self.grid, (row.candidate for row in near), self.rows), "around the front")
         self._costs("around the front")
         if not self.stop():
             self._late()
         combinations = size(self.grid, len(found), len(steppers))
         rows = tuple(sorted(self.rows.values(), key=lambda row: (row.cpu, row.tip)))
-        return Study(self.case, self.wish, self.reference, rows, combinations, refused, stopped=self.stop())
+        return Study(
+            self.case, self.requirement, self.reference, rows, combinations, refused, stopped=self.stop()
+        )
 
     def _reference(self, tolerance: float) -> Reference:
         key = keys.reference_key(self.key)
@@ -188,8 +190,8 @@ class _Run:
 
     def _late(self) -> None:
         """Run closed loop and measured run for rows on the front or near it."""
-        near = near_front(self._complete(), lambda r: r.price(self.wish), lambda r: r.tip, NEAR)
-        front = pareto(near, lambda r: r.price(self.wish), lambda r: r.tip)
+        near = near_front(self._complete(), lambda r: r.price(self.requirement), lambda r: r.tip, NEAR)
+        front = pareto(near, lambda r: r.price(self.requirement), lambda r: r.tip)
         scene = self.case.scene
         models = list(dict.fromkeys(row.candidate.model for row in near))[: self.grid.loops]
         loops = models if scene is not None and self.case.robot.n_u else []

@@ -19,8 +19,7 @@ from soro_core.trade.case import SAMPLE_S, Case
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Candidates above this CPU time of a simulated second [s] are left out, judged by the first part of the run
-# [s].
+# Candidates above this CPU time of a simulated second [s] are left out, judged by the first `PILOT_S` [s].
 SLOWEST = 5.0
 PILOT_S = 0.1
 
@@ -112,17 +111,7 @@ def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
     """Return why a candidate is too slow, judged by the first part of the run; "" if it is not.
 
     An error-controlled stepper on a stiff arm takes thousands of internal steps for each step.
-
-    Parameters
-    ----------
-    case : Case
-        Start and pressures.
-    arm : SoftArm
-        Model.
-    integrator : str
-        Time stepper.
-    dt_s : float
-        Time step [s].
+    The function has parameters as in `trace`.
 
     Returns
     -------

@@ -95,7 +95,7 @@ def check_volumes(robot: Robot, where: str, key: str) -> None:
     Parameters
     ----------
     robot : Robot
-        As its file describes it.
+        Robot of the scene or of the node.
     where, key : str
         File or node, and key, for the error.
 
@@ -111,7 +111,7 @@ def check_volumes(robot: Robot, where: str, key: str) -> None:
 
 
 class ShadowSection(Strict):
-    """What a scene expects of the twin beside a real arm."""
+    """Keys of the twin beside a real arm."""
 
     tolerance_m: float = Field(
         0.02, gt=0, le=10, description="distance between measured and simulated pose that is warned of"

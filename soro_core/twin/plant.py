@@ -33,9 +33,9 @@ class Plant:
     Parameters
     ----------
     robot : Robot
-        As the robot file describes it.
+        Robot of the robot file.
     config : TwinConfig
-        What differs in truth, and how it is integrated.
+        Differences of the plant from that file, and how it is integrated.
 
     Raises
     ------
@@ -89,20 +89,20 @@ class Plant:
         Parameters
         ----------
         state : State
-            At the beginning.
+            State at the start.
         start_pa, end_pa : ndarray (n_u,)
             Gauge pressures [Pa]; with air as a part of the state the set points of its valves.
         dt : float
             Time [s]; it is divided into equal steps of at most `step_s`.
         condition : ValveCondition, optional
-            Of the valves, where air is a part of the state; default healthy.
+            Condition of the valves, where air is a part of the state; default healthy.
 
         Returns
         -------
         state : State
-            At the end, or where a step failed.
+            State at the end, or where a step failed.
         status : Status
-            Of the last step.
+            Status of the last step.
         """
         steps = max(1, math.ceil(dt / self._step_s - 1e-9))
         status = OK

@@ -16,7 +16,7 @@ from soro_core.twin.config import SensorConfig
 Array: TypeAlias = NDArray[np.float64]
 Sample = TypeVar("Sample", bound=PoseSample | ImuSample)
 
-# Size of an outlier in standard deviations: it stands for a swapped marker, not for large noise.
+# Size of an outlier in standard deviations: it represents a swapped marker, not large noise.
 OUTLIER_STD = 60.0
 
 
@@ -78,8 +78,8 @@ def sample(
     -------
     state : SensorState
     due : tuple of samples
-        Those that reach the reader at this tick. In place of a lost sample the last one comes again with
-        its stamp, as drivers of tracking systems do it.
+        Samples that reach the reader at this tick. A lost sample is replaced by the last one with its stamp,
+        as drivers of tracking systems do.
     """
     if tick % clock.period == 0:
         taken = measure()

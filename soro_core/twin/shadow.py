@@ -50,7 +50,7 @@ class Difference:
 
     @property
     def values(self) -> Array:
-        """In the order of `DIFFERENCES`."""
+        """Values in the order of `DIFFERENCES`."""
         return np.array([self.distance_m, *self.position_m, self.rotation_rad, self.bending_rad])
 
 
@@ -100,9 +100,9 @@ class Shadow:
     Parameters
     ----------
     robot : Robot
-        As the controller knows it.
+        Robot as the controller knows it.
     config : ShadowConfig
-        The twin, and where on it the pose is measured.
+        Parameters of the twin, and the place of its measured pose.
     """
 
     def __init__(self, robot: Robot, config: ShadowConfig) -> None:
@@ -112,7 +112,7 @@ class Shadow:
         self._axis = matrix_from_quaternion(np.array(robot.base_quaternion))[:, 2]
 
     def pose(self, state: TwinState) -> Array:
-        """Simulated pose (4, 4) where the sensor is."""
+        """Return the simulated pose (4, 4) of the sensor."""
         return self.twin.plant.arm.pose(state.arm.q, self._place)
 
     def advance(self, state: ShadowState, stamp_ns: int, pressure_pa: Array) -> ShadowState:
@@ -123,9 +123,9 @@ class Shadow:
         Parameters
         ----------
         state : ShadowState
-            After the last measurement.
+            State after the last measurement.
         stamp_ns : int
-            Time of this one [ns].
+            Time of this measurement [ns].
         pressure_pa : ndarray (n_u,)
             Measured pressures [Pa gauge].
         """

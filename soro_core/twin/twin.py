@@ -38,14 +38,14 @@ class TwinState:
 
 @dataclass(frozen=True)
 class Observation:
-    """What is seen at one tick.
+    """Measurements of one tick.
 
     Attributes
     ----------
     reading_pa : ndarray (n_u,)
         Measured chamber pressures [Pa gauge].
     poses, imus : tuple of samples
-        Those that reach their reader at this tick.
+        Samples that reach their reader at this tick.
     tip : ndarray (4, 4)
         True pose of the tip.
     """
@@ -62,9 +62,9 @@ class Twin:
     Parameters
     ----------
     robot : Robot
-        As the controller knows it.
+        Robot as the controller knows it.
     config : TwinConfig
-        Truth, sensors and noise.
+        Parameters of the plant, the sensors and the noise.
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:

@@ -39,14 +39,14 @@ def emulate(
 ) -> None:
     """Serve the emulated regulators of PLATFORM on pseudo-terminals or a TCP port, until Ctrl-C.
 
-    Prints one line, `ready: <path or address>`, when the devices answer; several ports stand in it with
-    commas between them. Give that (or --device-link) to the regulator node as its parameter `device`, and
+    Prints one line, `ready: <path or address>`, when the devices answer; several ports are
+    separated by commas. Give that (or --device-link) to the regulator node as its parameter `device`, and
     --plant-link to the twin as its parameter `plant_link`, with `pressures:=valves`, and with `air:=states`
-    where the twin is to move the air. The devices behave as real ones do: they boot, check what they are
-    sent, and those that have a watchdog vent when their host falls silent.
+    if the twin computes the air. The devices behave as real ones do: they boot, check received messages,
+    and vent when messages of the host stop, if they have a watchdog.
 
-    Faults are words of one vocabulary, the same on every family (docs/safety.md); a wrong one is answered
-    with all of them.
+    Faults are words of one vocabulary, the same for every family (docs/safety.md); the error of a wrong
+    word lists all of them.
     """
     # Imported here so that `soro --help` stays quick.
     from soro_core.emulation.process import serve

@@ -13,7 +13,7 @@ app = typer.Typer(no_args_is_help=True)
 
 @app.callback()
 def _group() -> None:
-    """Keep `pressures` a command of its own, however many there are."""
+    """Make `pressures` a subcommand, although it is the only one."""
 
 
 @app.command()
@@ -33,7 +33,7 @@ def pressures(
 ) -> None:
     """Fit the models of regulators and valves to the step responses in RECORDS; see docs/air.md.
 
-    Prints what was found and left out, how well each model does, on runs that it has not seen too, and
+    Prints the found and the omitted steps, the errors of each model, also on runs outside the fit, and
     parameters to paste into a platform.
     """
     from rich.console import Console

@@ -60,15 +60,18 @@ def reset(
     from std_srvs.srv import Trigger
 
     with service_caller() as caller:
+        from soro_core.safety.state import MUST_BE_ZERO
+        from soro_ros.diagnostics import VENTED
+
         name = _one(caller, "reset", node, timeout_s, "" if node else _READINGS)
         status = caller.message_of(name, _STATUS_LIMIT_S)
         typer.echo(f"{name}: {status or 'no message on /diagnostics'}")
-        if status and not status.startswith("vented") and name in caller.offering("reset", _READINGS):
+        if status and not status.startswith(VENTED) and name in caller.offering("reset", _READINGS):
             typer.echo(f"{name}: not latched, nothing to reset")
             return
         answer = caller.call(name, "reset", Trigger, Trigger.Request(), timeout_s)
     if not answer.success:
-        zero = ": `soro vent` makes controllers command zero" if "must be zero" in answer.message else ""
+        zero = ": `soro vent` makes controllers command zero" if MUST_BE_ZERO in answer.message else ""
         raise SoroError(f"{name} refuses: {answer.message}{zero}")
     typer.echo(f"{name}: {answer.message}")
 
@@ -132,6 +135,8 @@ def enable(
     from std_srvs.srv import Trigger
 
     with service_caller() as caller:
+        from soro_ros.diagnostics import VENTED
+
         name = _one(caller, "enable", node, timeout_s, "" if node else _COMMANDS)
         answer = caller.call(name, "enable", Trigger, Trigger.Request(), timeout_s)
         if not answer.success:
@@ -140,7 +145,7 @@ def enable(
         namespace = name.rpartition("/")[0]
         for driver in caller.offering("reset", _READINGS):
             is_of_arm = driver.rpartition("/")[0] == namespace
-            if is_of_arm and caller.message_of(driver, _STATUS_LIMIT_S).startswith("vented"):
+            if is_of_arm and caller.message_of(driver, _STATUS_LIMIT_S).startswith(VENTED):
                 typer.echo(f"{driver}: still vented: `soro vent`, `soro reset`, `soro enable`", err=True)
 
 

@@ -1,4 +1,4 @@
-"""`soro trade SCENE`: cost and error of each way to compute the arm, and the one that meets the wish."""
+"""`soro trade SCENE`: cost and error of each way to compute the arm, and the best for a requirement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from soro_ros import signals
 
 if TYPE_CHECKING:
-    from soro_core.scene import Scene, Wish
+    from soro_core.scene import Requirement, Scene
     from soro_core.trade.case import Case
 
 WIDTH = 160
@@ -24,16 +24,21 @@ def trade(
     error: Annotated[
         str,
         typer.Option(
-            help="Wish: cheapest model within this RMS error of the tip, % of the length, like 1%. The tip "
-            "alone: errors of shape, energy and frequency stand in the table."
+            help="Requirement: cheapest model within this RMS error of the tip, % of the length, like 1%. "
+            "The tip alone: errors of shape, energy and frequency stand in the table."
         ),
     ] = "",
     budget_us: Annotated[
         float,
-        typer.Option(help="Wish: model of the least tip error whose longest tick takes at most so many us."),
+        typer.Option(
+            help="Requirement: model of the least tip error whose longest tick takes at most so many us."
+        ),
     ] = 0.0,
     rate_hz: Annotated[
-        float, typer.Option(help="Wish: model of the least tip error whose longest tick fits into this rate.")
+        float,
+        typer.Option(
+            help="Requirement: model of the least tip error whose longest tick fits into this rate."
+        ),
     ] = 0.0,
     preset: Annotated[str, typer.Option(help="How many combinations: quick, standard or full.")] = "standard",
     seconds: Annotated[
@@ -53,10 +58,10 @@ def trade(
         bool, typer.Option("--fresh", help="Measure again what is known already, and keep it.")
     ] = False,
 ) -> None:
-    """Measure speed against accuracy for SCENE, and name the model that meets the wish.
+    """Measure speed against accuracy for SCENE, and name the model that meets the requirement.
 
-    Without a wish: that of the scene's `model: auto`, else 1 %. Ctrl-C writes what is done.
-    Ends with 0 if a model meets the wish, with 1 if none does.
+    Without a requirement: that of the scene's `model: auto`, else 1 %. Ctrl-C writes what is done.
+    Ends with 0 if a model meets the requirement, with 1 if none does.
     """
     from soro_core.trade.cache import Cache
     from soro_core.trade.choice import keep_choice
@@ -74,11 +79,11 @@ def trade(
         raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
     console = Console(stderr=True)
     with signals.noted() as interrupted:
-        loaded, wish = _wish(scene, error, budget_us, rate_hz)
+        loaded, requirement = _requirement(scene, error, budget_us, rate_hz)
         computing = workers(jobs, dask)
         folder = _folder(out if out is not None else Path("trade") / Path(scene).stem)
-        console.print(f"[dim]wish: {wish}[/dim]")
-        case = _case(scene, loaded, wish, seconds)
+        console.print(f"[dim]requirement: {requirement}[/dim]")
+        case = _case(scene, loaded, requirement, seconds)
         console.print(f"[dim]excitation: {case.text}[/dim]", soft_wrap=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         cache = Cache(fresh=fresh)
@@ -92,7 +97,7 @@ def trade(
                 study = run_study(
                     case,
                     PRESETS[preset],
-                    wish,
+                    requirement,
                     computing,
                     cache,
                     repeats,
@@ -112,10 +117,10 @@ def trade(
     for line in notes(study):
         screen.print(line, soft_wrap=True, markup=False, highlight=False)
     chosen, block = study.choice, folder / "model.yaml"
-    block.unlink(missing_ok=True)  # never that of another wish
+    block.unlink(missing_ok=True)  # never that of another requirement
     if chosen is not None and not study.stopped:
         if loaded is not None:
-            keep_choice(loaded, wish, chosen.candidate, cache)
+            keep_choice(loaded, requirement, chosen.candidate, cache)
         block.write_text(study.block)
         written.append(block)
     screen.print(f"written: {', '.join(map(str, [*written, folder / 'trade.json']))}", soft_wrap=True)
@@ -125,18 +130,18 @@ def trade(
     raise typer.Exit(0 if chosen is not None else 1)
 
 
-def _wish(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scene | None, Wish]:
-    """Return the scene, if there is one, and the wish; raises ConfigError."""
+def _requirement(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scene | None, Requirement]:
+    """Return the scene, if there is one, and the requirement; raises ConfigError."""
     from soro_core.config import parse
-    from soro_core.scene import Wish, load_scene
+    from soro_core.scene import Requirement, load_scene
 
     options: dict[str, Any] = {"error": error, "budget_us": float(budget_us), "rate_hz": float(rate_hz)}
-    wish = parse(options, Wish, where="soro trade")
+    requirement = parse(options, Requirement, where="soro trade")
     loaded = load_scene(name) if _is_scene(name) else None
-    if not wish.given:
+    if not requirement.given:
         section = None if loaded is None else loaded.model
-        wish = section.wish if section is not None and section.auto else Wish(error="1%")
-    return loaded, wish
+        requirement = section.requirement if section is not None and section.auto else Requirement(error="1%")
+    return loaded, requirement
 
 
 def _is_scene(name: str) -> bool:
@@ -156,16 +161,16 @@ def _is_scene(name: str) -> bool:
     return name in scenes
 
 
-def _case(name: str, scene: Scene | None, wish: Wish, seconds: float) -> Case:
+def _case(name: str, scene: Scene | None, requirement: Requirement, seconds: float) -> Case:
     from dataclasses import replace
 
     from soro_core.robot import load_robot
     from soro_core.trade.case import bare_case, scene_case
 
     case = bare_case(load_robot(name), seconds or 1.0) if scene is None else scene_case(scene, seconds or 4.0)
-    if not wish.error:  # a wish of time is about ticks, so that no step may be longer than one
+    if not requirement.error:  # a requirement of time is about ticks, so that no step may be longer than one
         case = replace(case, paced=True)
-    return replace(case, tick_s=1.0 / wish.rate_hz) if wish.rate_hz else case
+    return replace(case, tick_s=1.0 / requirement.rate_hz) if requirement.rate_hz else case
 
 
 def _folder(path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The nodes, each a program of its own: without the extra `ros` it ends with one line and exit status 2."""
+"""The nodes, one program each: without the extra `ros` it ends with one line and exit status 2."""
 
 import sys
 

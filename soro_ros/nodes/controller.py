@@ -32,7 +32,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     """Runs the law once a message on arm/state; not enabled, it commands zero.
 
     Where no command can be given (no estimate, a state too old or not finite) nothing is published, and the
-    regulator's watchdog vents; in lockstep an empty message says so, because others wait for it.
+    regulator's watchdog vents; in lockstep an empty message is published, because other nodes wait for one.
     """
 
     config_model = ControllerNodeConfig

@@ -14,7 +14,7 @@ from soro_core.hardware.limited import LimitedRegulator
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
-from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.diagnostics import OK, WARN
 from soro_ros.latch_file import LatchFile
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
@@ -186,21 +186,13 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         state = self._limited.state
         rejected = sum(state.rejected.values())
         recently, self._reported = rejected > self._reported, rejected
-        second = self._chambers.second_publisher
-        if state.vented:
-            vented = f"vented: {state.complaint}"
-            self.diagnostics.update(ERROR, "; ".join(filter(None, (vented, second))), self._values())
-        elif second:
-            self.diagnostics.update(WARN, second, self._values())
-        elif recently:
-            self.diagnostics.update(WARN, "commands refused", self._values())
-        else:
-            self.diagnostics.update(OK, "active", self._values())
+        usual = (WARN, "commands refused") if recently else (OK, "active")
+        self.diagnostics.update(*(self._chambers.problem or usual), self._values())
 
     def _values(self) -> dict[str, object]:
         state, statistics = self._limited.state, self._limited.regulator.statistics
         return {
-            **({} if statistics is None else vars(statistics)),
+            **vars(statistics),
             "lateness_p50_ms": self._timer.percentile_ms(50),
             "lateness_p99_ms": self._timer.percentile_ms(99),
             "overruns": self._timer.overruns,

@@ -18,7 +18,7 @@ from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
-from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.diagnostics import OK
 from soro_ros.faults import FaultInterface
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
@@ -164,7 +164,7 @@ class TwinNode(SoroNode[TwinConfig]):
                 raise ConfigError("parameters of twin", "rate_hz", self._config.rate_hz, allowed)
 
     def _release_air(self) -> None:
-        """End the wait of the emulated valves for pressures while the time of this twin stands still."""
+        """Release the air: the emulated valves do not wait for a twin whose time does not advance."""
         if self._link is not None:
             self._link.release()
 
@@ -266,19 +266,11 @@ class TwinNode(SoroNode[TwinConfig]):
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns
 
     def diagnose(self) -> None:
-        vented = second = None
-        if self._chambers is not None:
-            vented, second = self._limiter.state.complaint, self._chambers.second_publisher
         values = {"tick": self._state.tick, "time_s": self._tick_ns() * 1e-9, "skipped_ticks": self._skipped}
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged
-        if vented:
-            problems = filter(None, (f"vented: {vented}", second))
-            self.diagnostics.update(ERROR, "; ".join(problems), values)
-        elif second:
-            self.diagnostics.update(WARN, second, values)
-        else:
-            self.diagnostics.update(OK, "active" if self._running else "paused", values)
+        problem = None if self._chambers is None else self._chambers.problem
+        self.diagnostics.update(*(problem or (OK, "active" if self._running else "paused")), values)
 
 
 def main() -> None:

@@ -127,13 +127,11 @@ def test_adc_loses_its_configuration_with_its_power(bus):
 
 def test_absent_and_held():
     bus = EmulatedI2c({0x60: EmulatedMcp4725()})
-    with pytest.raises(OSError) as caught:  # noqa: PT011
+    with pytest.raises(OSError, match="ENXIO"):
         bus.read(0x61, 1)
-    assert caught.value.errno == errno.ENXIO
     bus.broken[0x60] = errno.ETIMEDOUT
-    with pytest.raises(OSError) as caught:  # noqa: PT011
+    with pytest.raises(TimeoutError):
         bus.write(0x60, b"\x00\x00")
-    assert caught.value.errno == errno.ETIMEDOUT
 
 
 def test_time_on_the_wire():

@@ -270,7 +270,7 @@ def test_losses_have_one_value_for_each_coordinate(key, value, got, allowed):
         ("", "None", "a mapping of keys to values"),
         ("- 1\n- 2\n", "[1, 2]", "a mapping"),
         ("links: [", "expected", "valid YAML"),
-        ("tip_mass: 0\ntip_mass: 1\n", "stands twice", "valid YAML"),
+        ("tip_mass: 0\ntip_mass: 1\n", "occurs twice", "valid YAML"),
     ],
 )
 def test_files_that_are_no_robot(tmp_path, text, got, allowed):

@@ -141,7 +141,7 @@ def test_help_keeps_units_and_has_no_broken_lines(soro):
     _, out, _ = soro("hil", "first-pressure", "--help")
     assert "[kPa gauge]" in out
     _, out, _ = soro("emulate", "--help")
-    assert "ports stand in it with commas between them. Give that" in out  # a whole line of the terminal
+    assert "ports are separated by commas. Give that" in out  # a whole line of the terminal
 
 
 def test_of_the_log_of_an_ended_node_the_errors_are_reported(tmp_path):

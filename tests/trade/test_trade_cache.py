@@ -9,7 +9,7 @@ from small import GRID, Counting, robot
 
 import soro_core
 from soro_core.robot import Discretisation
-from soro_core.scene import Scene, Wish
+from soro_core.scene import Requirement, Scene
 from soro_core.trade import Candidate, bare_case, run_study, sources
 from soro_core.trade import cache as keys
 from soro_core.trade import study as study_module
@@ -32,15 +32,15 @@ def case():
 
 @pytest.fixture(scope="module")
 def kept(case, tmp_path_factory):
-    """A cache after a study with a wish of 1 %."""
+    """A cache after a study with a requirement of 1 %."""
     folder = tmp_path_factory.mktemp("kept")
-    run_study(case, FEW, Wish(error="1%"), Counting(), Cache(folder), repeats=1)
+    run_study(case, FEW, Requirement(error="1%"), Counting(), Cache(folder), repeats=1)
     return folder
 
 
 def studied(case, folder, error, fresh=False):
     workers = Counting()
-    study = run_study(case, FEW, Wish(error=error), workers, Cache(folder, fresh=fresh), repeats=1)
+    study = run_study(case, FEW, Requirement(error=error), workers, Cache(folder, fresh=fresh), repeats=1)
     return workers.done, study
 
 
@@ -55,7 +55,7 @@ def test_fresh_measures_anew_and_keeps_it(case, kept, tmp_path):
     assert found.rows == fresh.rows
 
 
-def test_a_tighter_wish_takes_a_reference_that_is_good_enough(case, kept, monkeypatch):
+def test_a_tighter_requirement_takes_a_reference_that_is_good_enough(case, kept, monkeypatch):
     _, first = studied(case, kept, "1%")
     own = first.reference.own.tip
     monkeypatch.setattr(study_module, "converge", None)  # nobody calls it
@@ -66,13 +66,13 @@ def test_a_tighter_wish_takes_a_reference_that_is_good_enough(case, kept, monkey
     assert study.reference.converged
 
 
-def test_a_tighter_wish_converges_further_where_it_must(case, kept, tmp_path):
+def test_a_tighter_requirement_converges_further_where_it_must(case, kept, tmp_path):
     folder = shutil.copytree(kept, tmp_path / "cache")
     _, first = studied(case, folder, "1%")
     done, study = studied(case, folder, f"{5 * first.reference.own.tip:.6f}%")
     assert done
     assert study.reference.own.tip < first.reference.own.tip
-    # The finer one serves the coarse wish too.
+    # The finer one serves the coarse requirement too.
     done, coarse = studied(case, folder, "1%")
     assert done == []
     assert coarse.reference.candidate == study.reference.candidate

@@ -35,7 +35,7 @@ def soro(tmp_path, tmp_path_factory, monkeypatch):
 QUICK = ("--preset", "quick", "--seconds", "0.2", "--repeats", "1")
 
 
-def test_a_robot_and_a_wish_that_is_met(soro, tmp_path):
+def test_a_robot_and_a_requirement_that_is_met(soro, tmp_path):
     result = soro("small.yaml", *QUICK, "--error", "5%")
     assert result.exit_code == 0, result.output
     assert "own error" in result.output
@@ -46,10 +46,10 @@ def test_a_robot_and_a_wish_that_is_met(soro, tmp_path):
     assert (tmp_path / "trade/small/trade.png").stat().st_size > 10_000
 
 
-def test_a_wish_that_is_not_met(soro):
+def test_a_requirement_that_is_not_met(soro):
     result = soro("small.yaml", *QUICK, "--error", "0.0000001%")
     assert result.exit_code == 1
-    assert "nothing meets the wish" in result.output
+    assert "nothing meets the requirement" in result.output
     assert "nearest: tip error " in result.output
     assert "\nmodel:" not in result.output
 
@@ -58,7 +58,7 @@ def test_a_wish_that_is_not_met(soro):
     ("arguments", "message"),
     [
         (("small.yaml", "--error", "1"), "like 1%"),
-        (("small.yaml", "--error", "1%", "--rate-hz", "100"), "one wish"),
+        (("small.yaml", "--error", "1%", "--rate-hz", "100"), "one requirement"),
         (("small.yaml", "--preset", "huge"), "allowed are quick"),
         (("small.yaml", "--seconds", "-1"), "0.1 to 600"),
         (("absent",), "a scene (track_circle) or a robot ("),

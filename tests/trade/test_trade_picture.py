@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from small import robot
 
 from soro_core.robot import Discretisation
-from soro_core.scene import Wish
+from soro_core.scene import Requirement
 from soro_core.trade import Candidate, Row, Study, bare_case
 from soro_core.trade.cost import Cost
 from soro_core.trade.picture import draw, logarithmic, picture
@@ -21,7 +21,7 @@ SPACES = [Discretisation(basis="legendre", order=k, links=n) for k in (1, 2, 3, 
 MODELS = [Discretisation(links=k) for k in (1, 2, 4)] + [Discretisation(method="mde", steps=9)]
 
 
-def study(models, wish):
+def study(models, requirement):
     """A study of made-up figures."""
     rng = np.random.default_rng(1)
     rows = []
@@ -32,13 +32,15 @@ def study(models, wish):
         rows.append(Row(Candidate(model, "trapezoidal", 0.01), errors, cost=cost))
     trace = Trace(np.zeros((1, 5, 3)), np.zeros(1), 1.0)
     truth = Reference(rows[-1].candidate, trace, Errors(0.01, 0.01, 0.01, None), 0.02, "")
-    return Study(bare_case(robot()), wish, truth, tuple(rows), 100)
+    return Study(bare_case(robot()), requirement, truth, tuple(rows), 100)
 
 
 @pytest.mark.parametrize("models", [MODELS, SPACES], ids=["few", "many"])
-@pytest.mark.parametrize("wish", [Wish(error="1%"), Wish(rate_hz=500)], ids=["error", "rate"])
-def test_the_legend_is_apart_from_the_plot(models, wish):
-    figure = picture(study(models, wish))
+@pytest.mark.parametrize(
+    "requirement", [Requirement(error="1%"), Requirement(rate_hz=500)], ids=["error", "rate"]
+)
+def test_the_legend_is_apart_from_the_plot(models, requirement):
+    figure = picture(study(models, requirement))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     axes, legend = figure.axes[0], figure.legends[0]
@@ -52,7 +54,7 @@ def test_the_legend_is_apart_from_the_plot(models, wish):
 
 
 def test_nothing_measured_is_no_picture(tmp_path):
-    none = replace(study(MODELS, Wish(error="1%")), rows=())
+    none = replace(study(MODELS, Requirement(error="1%")), rows=())
     assert not draw(none, tmp_path / "none.png")
     assert not (tmp_path / "none.png").exists()
 

@@ -8,8 +8,9 @@ from test_trade_picture import MODELS, study
 from soro_core import SoftArm, robot_from_dict
 from soro_core.model.statics import equilibrium
 from soro_core.robot import Discretisation
-from soro_core.scene import Wish
+from soro_core.scene import Requirement
 from soro_core.trade import bare_case
+from soro_core.trade.late import mean_curvature
 from soro_core.trade.reference import Reference, converge, spaces
 from soro_core.trade.trace import first_frequency_hz, total_energy
 from soro_ros.trade_report import notes
@@ -37,13 +38,22 @@ def test_a_uniform_bend_of_modes_bends_by_so_much(modes):
     np.testing.assert_array_equal(plain.initial(polynomial), [5.0, 0.0, 0.0, 5.0, 0.0, 0.0])
 
 
+def test_mean_curvature_of_modes(modes):
+    arm = SoftArm(modes)
+    q = np.random.default_rng(2).normal(size=arm.n_q)
+    pose = np.linalg.inv(arm.pose(q, 0.0)) @ arm.pose(q, arm.length)
+    # In the plane the mean curvature is the angle of the tip over the length.
+    angle = np.arctan2(pose[0, 2], pose[2, 2])
+    assert (mean_curvature(arm, 1) @ q)[0] == pytest.approx(angle / arm.length)
+
+
 def test_the_error_of_a_pod_basis_is_said_to_be_unknown(modes):
     reference = converge(bare_case(modes, 0.06), 0.05)
     assert reference.unknown == "POD basis is not refined"
     assert reference.converged
     assert Reference.from_dict(reference.as_dict()).unknown == reference.unknown
     assert spaces(robot())[2] == ""
-    shown = study(MODELS, Wish(error="1%"))
+    shown = study(MODELS, Requirement(error="1%"))
     told = type(shown)(**{**vars(shown), "reference": reference})
     assert (
         "its own error: of space unknown: POD basis is not refined; of quadrature and time: tip"

@@ -9,7 +9,7 @@ from soro_core.errors import ConfigError
 from soro_core.integrate import STEPPERS
 from soro_core.robot import Discretisation, load_robot, robot_from_dict
 from soro_core.robot.discretisation import Integrator
-from soro_core.scene import Wish, check_model, load_scene
+from soro_core.scene import Requirement, check_model, load_scene
 from soro_core.trade import Candidate, late, with_chosen_model
 from soro_core.trade.cache import Cache
 from soro_core.trade.choice import keep_choice
@@ -57,7 +57,7 @@ def test_a_model_goes_to_all(scene):
         ({"model": {"auto": True, "error": 1}}, ("model.error",)),
         ({"model": {"auto": True, "error": "1"}}, ("model.error", "1%")),
         ({"model": {"auto": True, "error": "nan%"}}, ("model.error", "1%")),
-        ({"model": {"auto": True, "error": "1%", "rate_hz": 100}}, ("model", "one wish")),
+        ({"model": {"auto": True, "error": "1%", "rate_hz": 100}}, ("model", "one requirement")),
         ({"model": {"error": "1%"}}, ("model", "auto: true")),
         ({"model": "autos"}, ("model", "'autos'")),
         ({"model": {"method": "magic"}}, ("model.method", "'exact'")),
@@ -121,11 +121,11 @@ def test_auto_takes_the_choice_or_says_what_to_run(scene, tmp_path):
     with refused("model", names=("soro trade test --error 2%",)):
         with_chosen_model(auto, cache)
     candidate = Candidate(Discretisation(nodes=3, links=2), "rk4", 0.002)
-    keep_choice(auto, Wish(error="2%"), candidate, cache)
+    keep_choice(auto, Requirement(error="2%"), candidate, cache)
     chosen = with_chosen_model(auto, cache)
     assert chosen.controller_node().model == candidate.model
     assert chosen.twin_node().step_s == 0.002
-    # Another wish, or another run, is another choice; a name or a recorder is not.
+    # Another requirement, or another run, is another choice; a name or a recorder is not.
     with refused("model", names=("soro trade test --error 1%",)):
         with_chosen_model(scene(model={"auto": True, "error": "1%"}), cache)
     with refused("model", names=("soro trade test --error 2%",)):
@@ -134,8 +134,8 @@ def test_auto_takes_the_choice_or_says_what_to_run(scene, tmp_path):
     assert with_chosen_model(same, cache).model == chosen.model
 
 
-def test_auto_alone_wishes_one_per_cent(scene):
-    assert scene(model="auto").model.wish == Wish(error="1%")
+def test_auto_alone_requires_one_per_cent(scene):
+    assert scene(model="auto").model.requirement == Requirement(error="1%")
 
 
 def test_a_controller_that_cannot_take_a_model_says_why(scene, monkeypatch):

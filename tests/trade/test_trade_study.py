@@ -11,7 +11,7 @@ from soro_core import SoftArm, simulate
 from soro_core.identification import ForcedRun
 from soro_core.integrate import make_stepper
 from soro_core.robot import Discretisation
-from soro_core.scene import Scene, Wish
+from soro_core.scene import Requirement, Scene
 from soro_core.trade import Candidate, Case, bare_case, cost, run_study
 from soro_core.trade.cache import Cache
 from soro_core.trade.grid import PRESETS, around, within
@@ -108,8 +108,8 @@ def test_mean_curvature_of_pieces_and_polynomials():
 @pytest.fixture(scope="module")
 def studied(case, tmp_path_factory):
     cache, workers = Cache(tmp_path_factory.mktemp("cache")), Counting()
-    wish = Wish(error="5%")
-    return cache, workers, run_study(case, GRID, wish, workers, cache, repeats=1)
+    requirement = Requirement(error="5%")
+    return cache, workers, run_study(case, GRID, requirement, workers, cache, repeats=1)
 
 
 def test_front_and_choice(studied):
@@ -123,9 +123,9 @@ def test_front_and_choice(studied):
     assert (
         json.loads(json.dumps(study.as_dict(), allow_nan=False))["choice"] == study.choice.candidate.section
     )
-    fast = type(study)(**{**vars(study), "wish": Wish(budget_us=1e9)})
+    fast = type(study)(**{**vars(study), "requirement": Requirement(budget_us=1e9)})
     assert fast.choice.tip == min(row.tip for row in study.rows)
-    never = type(study)(**{**vars(study), "wish": Wish(error="0.000001%")})
+    never = type(study)(**{**vars(study), "requirement": Requirement(error="0.000001%")})
     assert never.choice is None
     assert never.nearest.tip == min(row.tip for row in study.rows)
 
@@ -134,7 +134,7 @@ def test_what_is_known_is_not_computed_again(case, studied):
     cache, workers, study = studied
     assert workers.done
     again = Counting()
-    second = run_study(case, GRID, study.wish, again, cache, repeats=1)
+    second = run_study(case, GRID, study.requirement, again, cache, repeats=1)
     assert again.done == []
     np.testing.assert_array_equal(second.reference.trace.places, study.reference.trace.places)
     assert second.reference.candidate == study.reference.candidate
@@ -142,17 +142,19 @@ def test_what_is_known_is_not_computed_again(case, studied):
     # Another robot is another study.
     other = Counting()
     heavier = bare_case(robot().replace(tip_mass=0.01), 0.3)
-    run_study(heavier, GRID, study.wish, other, cache, repeats=1, stop=lambda: len(other.done) > 1)
+    run_study(heavier, GRID, study.requirement, other, cache, repeats=1, stop=lambda: len(other.done) > 1)
     assert other.done
 
 
 def test_stopping_keeps_what_is_done(case, studied):
     workers = Counting()
-    study = run_study(case, GRID, Wish(error="5%"), workers, None, 1, stop=lambda: len(workers.done) >= 3)
+    study = run_study(
+        case, GRID, Requirement(error="5%"), workers, None, 1, stop=lambda: len(workers.done) >= 3
+    )
     assert study.stopped
     assert {row.candidate for row in study.rows} == set(workers.done[:3])
     with pytest.raises(Stopped):
-        run_study(case, GRID, Wish(error="5%"), Here(), stop=lambda: True)
+        run_study(case, GRID, Requirement(error="5%"), Here(), stop=lambda: True)
 
 
 def test_a_failure_is_a_row_with_its_cause(case, reference):

@@ -80,11 +80,6 @@ class Uart(Line):
         self._going: deque[tuple[int, bytes]] = deque()
         self._host_ns = self._device_ns = 0  # end of the last byte of each side
 
-    @property
-    def is_quiet(self) -> bool:
-        """Whether no byte is in transit."""
-        return not self._coming and not self._going
-
     def feed(self, chunk: bytes) -> None:
         """Receive bytes from the host; faults do not act on its marks."""
         if self._marks is None:

@@ -1,1 +1,1 @@
-"""`soro board`: a server for boards of DACs and ADCs on a Raspberry Pi, and the driver that speaks to it."""
+"""`soro board`: a server for boards of DACs and ADCs on a Raspberry Pi, and its driver."""

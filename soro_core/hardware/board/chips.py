@@ -56,16 +56,9 @@ def write_dac(bus: I2cBus, address: int, code: int) -> None:
 
 
 def store_dac(bus: I2cBus, address: int, code: int) -> None:
-    """Set the output of a DAC, now and at power-on; it takes 50 ms and is possible 1e6 times.
+    """Set the output of a DAC, now and at power-on; parameters as in `write_dac`.
 
-    Parameters
-    ----------
-    bus : I2cBus
-        Bus of the chip.
-    address : int
-        Address of the chip.
-    code : int
-        Output, 0 to 4095 of full scale.
+    It takes 50 ms and is possible 1e6 times.
     """
     bus.write(address, bytes((_WRITE_STORED, code >> 4, (code & 0xF) << 4)))
 

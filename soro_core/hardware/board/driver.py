@@ -33,8 +33,8 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
         Ports, range and times.
     link : ByteLink
         Connection to the board; `configure` opens it.
-    clock, lockstep : object
-        As for `Driver`.
+    clock, lockstep : callable, bool
+        As in `Driver`.
     """
 
     source, kind = "board", "board"

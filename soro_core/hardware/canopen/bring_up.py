@@ -14,6 +14,7 @@ from soro_core.hardware.canopen.frames import NmtCommand, NmtState
 from soro_core.hardware.canopen.monitor import NodeMonitor
 from soro_core.hardware.canopen.node_bus import NodeBus
 from soro_core.hardware.canopen.sdo_client import SdoClient
+from soro_core.hardware.canopen.valve_states import to_hold
 
 
 def bring_up(bus: NodeBus, platform: CanopenPlatform, device: Device) -> None:
@@ -87,7 +88,7 @@ def _start(
         node.state = None
         bus.command(NmtCommand.START, node)
         for channel in node.channels:
-            startup.to_hold(client, device, channel.channel, platform.canopen.activation_timeout_s)
+            to_hold(client, device, channel.channel, platform.canopen.activation_timeout_s)
     if device.has_producer or device.is_guarded:
         bus.beat()  # with the requests to guarded nodes
         for node, client in nodes:

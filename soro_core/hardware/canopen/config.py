@@ -116,7 +116,7 @@ class CanopenPlatform(PlatformBase):
 
     @property
     def nodes(self) -> dict[int, dict[int, str]]:
-        """For each node the chambers of its channels."""
+        """Chambers of the channels of each node."""
         nodes: dict[int, dict[int, str]] = {}
         for valve in self.valves:
             nodes.setdefault(valve.node, {})[valve.channel] = valve.chamber

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -90,7 +89,7 @@ def _examine_bus(
         yield check_error_frames()
     yield from _listen(platform, link, clock)
     for node, client in clients:
-        finding = _ask(platform, device, client, node)
+        finding = _ask(platform, device, client, node, clock)
         yield finding
         if finding.level == "ok" and device.has_sync_period:
             yield from check_sync(node, client.read(cia408.CYCLE_PERIOD), platform.canopen)
@@ -248,9 +247,10 @@ def _state(value: int) -> str:
         return f"0x{value:02X}"
 
 
-def _ask(platform: CanopenPlatform, device: Device, client: SdoClient, node: int) -> Finding:
-    name = f"node {node}"
-    start = time.monotonic()
+def _ask(
+    platform: CanopenPlatform, device: Device, client: SdoClient, node: int, clock: Callable[[], float]
+) -> Finding:
+    name, start = f"node {node}", clock()
     try:
         startup.wait_for_boot(client, min(platform.canopen.boot_timeout_s, 1.0))
         kind, vendor, product = startup.check_identity(client, platform, device)
@@ -259,7 +259,7 @@ def _ask(platform: CanopenPlatform, device: Device, client: SdoClient, node: int
         state = "" if status is None else cia408.state_of(client.read(status.index, status.sub)).value[0]
     except HardwareError as error:
         return Finding(name, "fail", str(error), _DO.get(client.step, "see the device's manual"))
-    took_ms = 1e3 * (time.monotonic() - start)
+    took_ms = 1e3 * (clock() - start)
     found = (
         f"profile {kind & 0xFFFF}, vendor 0x{vendor:X}, product 0x{product:X}, "
         f"{scale.setpoint_pa:g} Pa a count{f', {state}' if state else ''} ({took_ms:.0f} ms)"

@@ -138,12 +138,8 @@ class SdoClient:
 
         Parameters
         ----------
-        index, sub : int
-            Index and sub-index of the object.
-        value : int
-            Value.
-        size : int
-            Size of the object [bytes].
+        index, sub, value, size : int
+            As in `SdoClient.write`.
         is_signed : bool
             Whether the value is signed.
 

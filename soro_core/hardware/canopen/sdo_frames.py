@@ -90,48 +90,13 @@ def sdo_write(node: int, index: int, sub: int, data: bytes) -> Frame:
 
     Parameters
     ----------
-    node : int
-        Node id.
-    index, sub : int
-        Index and sub-index of the object.
+    node, index, sub : int
+        As in `sdo_read`.
     data : bytes
         Value, little-endian.
     """
     command = 0x23 | (4 - len(data)) << 2
     return Frame(SDO_REQUEST + node, struct.pack("<BHB4s", command, index, sub, data))
-
-
-def sdo_download(node: int, index: int, sub: int, size: int) -> Frame:
-    """Return a request to write an object in segments.
-
-    Parameters
-    ----------
-    node : int
-        Node id.
-    index, sub : int
-        Index and sub-index of the object.
-    size : int
-        Size of the value [bytes].
-    """
-    return Frame(SDO_REQUEST + node, struct.pack("<BHBI", 0x21, index, sub, size))
-
-
-def sdo_segment(node: int, toggle: int, data: bytes, is_last: bool) -> Frame:
-    """Return one segment of a write.
-
-    Parameters
-    ----------
-    node : int
-        Node id.
-    toggle : int
-        Toggle bit, 0 or 1.
-    data : bytes
-        Up to seven bytes.
-    is_last : bool
-        Whether the segment is the last one.
-    """
-    command = toggle << 4 | (7 - len(data)) << 1 | is_last
-    return Frame(SDO_REQUEST + node, struct.pack("<B7s", command, data))
 
 
 def sdo_next_segment(node: int, toggle: int) -> Frame:
@@ -178,10 +143,8 @@ def sdo_abort(node: int, index: int, sub: int, code: int) -> Frame:
 
     Parameters
     ----------
-    node : int
-        Node id.
-    index, sub : int
-        Index and sub-index of the object.
+    node, index, sub : int
+        As in `sdo_read`.
     code : int
         Abort code.
     """

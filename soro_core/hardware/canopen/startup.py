@@ -1,4 +1,4 @@
-"""Start-up of one node over SDO: checks, watchdogs, limits, PDOs, and HOLD at 0 for its valves.
+"""Start-up of one node over SDO, up to NMT start: checks, watchdogs, limits and PDOs.
 
 Steps without objects in the mapping or the EDS are omitted: an analog coupler has neither limits nor states.
 """
@@ -9,17 +9,14 @@ import functools
 import logging
 
 from soro_core.hardware.canopen import cia408, watchdogs
-from soro_core.hardware.canopen.cia408 import Control, ValveState
 from soro_core.hardware.canopen.config import CanopenPlatform
-from soro_core.hardware.canopen.device import Device, Object, Pdo
-from soro_core.hardware.canopen.frames import COB_DISABLED
-from soro_core.hardware.canopen.mapping import PDO_NUMBERS, FixedScaling, Linear
+from soro_core.hardware.canopen.device import Device, Object
+from soro_core.hardware.canopen.mapping import FixedScaling, Linear
 from soro_core.hardware.canopen.pdo import Scaling
-from soro_core.hardware.canopen.sdo_client import SdoAbortError, SdoClient
-from soro_core.hardware.canopen.sdo_frames import SdoAbort
+from soro_core.hardware.canopen.pdo_setup import disable_other_pdos, map_pdo
+from soro_core.hardware.canopen.sdo_client import SdoClient
+from soro_core.hardware.canopen.valve_states import to_init
 
-_EVERY_SYNC, _BY_DEVICE = 1, 255
-_INHIBIT_MS = 2  # limits the bus load of a status that changes often
 _BOOT_POLL_S = 0.1
 
 
@@ -83,77 +80,9 @@ def configure_node(
     for channel, scaling in zip(channels, scalings, strict=True):
         _set_limits(sdo, device, channel, scaling)
     for pdo in (*device.rpdos, *device.tpdos):
-        _map(sdo, pdo, node, round(platform.canopen.status_s * 1e3))
-    _disable_other_pdos(sdo, device)
+        map_pdo(sdo, pdo, node, round(platform.canopen.status_s * 1e3))
+    disable_other_pdos(sdo, device)
     return scalings
-
-
-def to_hold(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:
-    """Bring a valve to HOLD after NMT start, where it follows the hold set point 0.
-
-    Parameters
-    ----------
-    sdo : SdoClient
-        Client of the node.
-    device : Device
-        Kind of device.
-    channel : int
-        Number of the valve in the node.
-    timeout_s : float
-        Longest time for each state [s].
-    """
-    sdo.step = "state machine to hold"
-    if device.has_states:
-        for control, state in (
-            (Control.INIT, ValveState.INIT),
-            (Control.DISABLED, ValveState.DISABLED),
-            (Control.HOLD, ValveState.HOLD),
-        ):
-            _command(sdo, device, channel, control, state, timeout_s)
-
-
-def to_init(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:
-    """Bring a valve to INIT, where parameters can be set; edges of bit 3 reset a fault.
-
-    Parameters
-    ----------
-    sdo : SdoClient
-        Client of the node.
-    device : Device
-        Kind of device.
-    channel : int
-        Number of the valve in the node.
-    timeout_s : float
-        Longest time for each state [s].
-    """
-    sdo.step = "state machine to init"
-    if device.has_states and _status(sdo, device, channel) & 0xF != ValveState.INIT.bits:
-        _command(sdo, device, channel, Control.INIT, ValveState.INIT, timeout_s)
-
-
-def _status(sdo: SdoClient, device: Device, channel: int) -> int:
-    status = device.require("status", channel)
-    return sdo.read(status.index, status.sub)
-
-
-def _command(
-    sdo: SdoClient, device: Device, channel: int, control: Control, state: ValveState, timeout_s: float
-) -> None:
-    """Write a control word until the status word shows the state, which may take some cycles."""
-    word = device.require("control", channel)
-    expired = sdo.timer(timeout_s)
-    while True:
-        sdo.write(word.index, word.sub, control, word.size)
-        status = _status(sdo, device, channel)
-        if status & 0xF == state.bits:
-            return
-        found = cia408.state_of(status)
-        if expired():
-            raise sdo.error(
-                f"control word {control:d} does not lead to {state.value[0]}, found {found.value[0]}"
-            )
-        if found.is_fault and control is Control.INIT:
-            sdo.write(word.index, word.sub, Control.RESET, word.size)
 
 
 def check_identity(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> tuple[int, int, int]:
@@ -161,12 +90,8 @@ def check_identity(sdo: SdoClient, platform: CanopenPlatform, device: Device) ->
 
     Parameters
     ----------
-    sdo : SdoClient
-        Client of the node.
-    platform : CanopenPlatform
-        Times and identities.
-    device : Device
-        Kind of device.
+    sdo, platform, device : SdoClient, CanopenPlatform, Device
+        As in `configure_node`.
     """
     sdo.step = "device type"
     device_type = sdo.read(cia408.DEVICE_TYPE)
@@ -188,12 +113,8 @@ def read_scaling(sdo: SdoClient, platform: CanopenPlatform, device: Device, chan
 
     Parameters
     ----------
-    sdo : SdoClient
-        Client of the node.
-    platform : CanopenPlatform
-        Range and full scale.
-    device : Device
-        Kind of device.
+    sdo, platform, device : SdoClient, CanopenPlatform, Device
+        As in `configure_node`.
     channel : int
         Number of the valve in the node.
     """
@@ -251,51 +172,3 @@ def _set_limits(sdo: SdoClient, device: Device, channel: int, scaling: Scaling) 
         found = device.object(device.mapping.of_channel(setting, channel))
         if sdo.read(found.index, found.sub, found.is_signed) != setting.value:
             sdo.write_checked(found.index, found.sub, setting.value, found.size, found.is_signed)
-
-
-def _map(sdo: SdoClient, pdo: Pdo, node: int, event_ms: int) -> None:
-    """Disable, clear, write, count, enable (CiA 301); every value is read back."""
-    sdo.step = f"mapping {pdo.mapping:04X}"
-    communication, mapping, cob_id = pdo.communication, pdo.mapping, pdo.cob_id(node)
-    count = len(pdo.layout.objects)
-    if pdo.fixed:
-        entries = [(0, count), *enumerate((mapped.entry for mapped in pdo.layout.objects), start=1)]
-        for sub, wanted in entries:
-            found = sdo.read(mapping, sub)
-            if found != wanted:
-                raise sdo.error(
-                    f"the device's fixed map has {mapping:04X}:{sub} = 0x{found:X}, not 0x{wanted:X}"
-                )
-    sdo.write(communication, 1, cob_id | COB_DISABLED, 4)
-    if not pdo.fixed:
-        sdo.write(mapping, 0, 0, 1)
-        for number, mapped in enumerate(pdo.layout.objects, start=1):
-            sdo.write_checked(mapping, number, mapped.entry, 4)
-        sdo.write_checked(mapping, 0, count, 1)
-    sdo.write_checked(communication, 2, _BY_DEVICE if pdo.event else _EVERY_SYNC, 1)
-    if pdo.event:
-        inhibit_ms = _INHIBIT_MS if pdo.on_change else event_ms
-        sdo.write_checked(communication, 3, 10 * inhibit_ms, 2)  # in units of 0.1 ms
-        sdo.write_checked(communication, 5, event_ms, 2)
-    sdo.write(communication, 1, cob_id, 4)
-    found = sdo.read(communication, 1)
-    if found & (COB_DISABLED | 0x7FF) != cob_id:  # bit 30 (no RTR) may be set by the device
-        raise sdo.error(f"wrote {communication:04X}:1 = 0x{cob_id:X}, the device has 0x{found:X}")
-
-
-def _disable_other_pdos(sdo: SdoClient, device: Device) -> None:
-    """Disable the TPDOs that the driver does not read."""
-    sdo.step = "other PDOs"
-    used = {pdo.number for pdo in device.tpdos}
-    for number in range(1, PDO_NUMBERS + 1):
-        if number in used:
-            continue
-        communication = cia408.TPDO_COMMUNICATION + number - 1
-        try:
-            cob_id = sdo.read(communication, 1)
-        except SdoAbortError as error:
-            if error.abort != SdoAbort.NO_OBJECT:
-                raise
-            return
-        if not cob_id & COB_DISABLED:
-            sdo.write(communication, 1, cob_id | COB_DISABLED, 4)

@@ -42,17 +42,7 @@ def set_times(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None
 
 
 def arm(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None:
-    """Arm the watchdogs that watch the host's signs of life; they start with the next one.
-
-    Parameters
-    ----------
-    sdo : SdoClient
-        Client of the node.
-    platform : CanopenPlatform
-        Times and identities.
-    device : Device
-        Kind of device.
-    """
+    """Arm the watchdogs of the host's signs of life, from the next one on; parameters as in `set_times`."""
     times = platform.canopen
     sdo.step = "watch of the host"
     if device.has_consumer:
@@ -63,17 +53,7 @@ def arm(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None:
 
 
 def disarm(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None:
-    """Disarm the watchdogs before the host stops its messages.
-
-    Parameters
-    ----------
-    sdo : SdoClient
-        Client of the node.
-    platform : CanopenPlatform
-        Times and identities.
-    device : Device
-        Kind of device.
-    """
+    """Disarm the watchdogs before the host stops its messages; parameters as in `set_times`."""
     if device.has_consumer:
         sdo.write(cia408.CONSUMER_HEARTBEAT, 1, 0, 4)
     if device.is_guarded:

@@ -63,7 +63,8 @@ class AlicatChannel(Channel):
     def remember(self, before: Channel) -> None:
         if isinstance(before, AlicatChannel) and before.unit == self.unit:
             self._layout, self.version = before._layout, before.version
-            self.resolution_pa, self.low, self.high = before.resolution_pa, before.low, before.high
+            ours, theirs = self.setpoint, before.setpoint
+            ours.resolution_pa, ours.low, ours.high = theirs.resolution_pa, theirs.low, theirs.high
 
     def request(self, now_ns: int) -> Request:
         """Return a set point while it changes, otherwise a poll; a poll also after `LS`, for the pressure."""
@@ -72,10 +73,10 @@ class AlicatChannel(Channel):
         if self.must_zero:
             is_set = self.is_first_turn or (self._last == "poll" and not self.must_ask_again)
         else:
-            moves = self.confirmed is None or self.wanted_counts(now_ns) != self.sent_counts
+            moves = self.confirmed is None or self.setpoint.wanted_counts(now_ns) != self.setpoint.sent_counts
             is_set = moves and self._last != "ls" and not self.must_check(now_ns)
         if is_set:
-            counts = self.wanted_counts(now_ns)
+            counts = self.setpoint.wanted_counts(now_ns)
             self.sending(counts, now_ns)
             self._last = "ls" if self.is_modern else "set"
             return Request(self._set_command(counts), self._last, counts)
@@ -122,11 +123,11 @@ class AlicatChannel(Channel):
     def describe(self, session: Session) -> str:
         frame = self._poll(session, self._identify(session))
         major, minor = self.version
-        setpoint = frame.setpoint_counts * self.resolution_pa / 1e3
+        setpoint = frame.setpoint_counts * self.setpoint.resolution_pa / 1e3
         flags = f", {' '.join(sorted(frame.flags))}" if frame.flags else ""
         return (
-            f"firmware {major}v{minor:02d}, {self.resolution_pa:g} Pa a digit: set point {setpoint:.1f}, "
-            f"pressure {frame.pressure_pa / 1e3:.1f} kPa{flags}"
+            f"firmware {major}v{minor:02d}, {self.setpoint.resolution_pa:g} Pa a digit: "
+            f"set point {setpoint:.1f}, pressure {frame.pressure_pa / 1e3:.1f} kPa{flags}"
         )
 
     def _identify(self, session: Session) -> Layout:
@@ -137,9 +138,9 @@ class AlicatChannel(Channel):
             unit + b"??D*\r", "columns", lambda rows: codec.parse_layout(rows, self.unit)
         )
         self._layout = layout
-        self.resolution_pa = layout.resolution_pa
-        self.low = -int(-self._range.minimum_pa / self.resolution_pa)
-        self.high = int(self._range.maximum_pa / self.resolution_pa)
+        self.setpoint.resolution_pa = layout.resolution_pa
+        self.setpoint.low = -int(-self._range.minimum_pa / layout.resolution_pa)
+        self.setpoint.high = int(self._range.maximum_pa / layout.resolution_pa)
         if self.version >= codec.SETPOINT_SOURCE:
             source = session.ask(unit + b"LSS\r", "set point source", self._source_of)
             if source != "S":
@@ -159,7 +160,7 @@ class AlicatChannel(Channel):
                 self.restart(session.now_ns())
                 self.read(frame.pressure_pa)
                 return
-        text = f"keeps {frame.setpoint_counts * self.resolution_pa:.0f} Pa; is its source the serial line?"
+        text = f"keeps {self.setpoint.text(frame.setpoint_counts)}; is its source the serial line?"
         raise session.error("set point 0", text)
 
     def vent_steps(self) -> list[dict[str, Any]]:

@@ -12,18 +12,14 @@ from soro_core.hardware.port import EMPTY_PA, Fault
 from soro_core.hardware.serial_line.config import LineOptions
 from soro_core.hardware.serial_line.request import Outcome, Request, shown
 from soro_core.hardware.serial_line.session import Session
+from soro_core.hardware.serial_line.setpoint import SlewedSetpoint
 
 _FIRST_TURNS = 4  # turns before the others of a device that is not at 0: ask again, 0, a reading, once more
-_LONGEST_PAUSE_S = 0.1  # longest time for which a set point moves in one message
 STRIKES = 3  # consecutive wrong answers that are a fault, not a disturbance of the line
 
 
 class Channel(ABC):
     """State of one device, in its own counts.
-
-    The sent set point follows the caller's set point by at most `slew_pa_s`: from exchange to exchange, so
-    that a step is spread over several messages, and from message to message, so that it does not jump after a
-    pause of the line. Zero after a fault and a vent are not limited.
 
     While 0 is wanted and the device has not shown 0, zeros and readings alternate: the front panel or another
     program may have set the device, or it may have its own set point at power-on.
@@ -49,6 +45,8 @@ class Channel(ABC):
         Whether the reading arrived in this exchange.
     latched : Latch
         Latch of the driver, for all devices.
+    setpoint : SlewedSetpoint
+        Set point on its way to the caller's.
     strikes : Counter
         Number of consecutive wrong answers of each kind.
     confirmed : int or None
@@ -64,7 +62,7 @@ class Channel(ABC):
         self.chamber, self.source, self.options = chamber, f"{chamber} ({place})", options
         self.latched = Latch()
         self.strikes: Counter[str] = Counter()
-        self.resolution_pa, self.low, self.high = resolution_pa, low, high
+        self.setpoint = SlewedSetpoint(resolution_pa, low, high, options.slew_pa_s)
         self.pressure_pa = math.nan
         self.fresh = False
         self.restart(0)
@@ -72,9 +70,7 @@ class Channel(ABC):
 
     def restart(self, now_ns: int) -> None:
         """Reset the state after a start-up, with the device at 0."""
-        self.reference_pa = 0.0
-        self.jump = False
-        self.sent_counts = 0
+        self.setpoint.restart(now_ns)
         self.confirmed: int | None = 0
         self._before = 0  # confirmed before what was sent last
         self._other: int | None = None  # what it showed last where it cannot have that
@@ -82,13 +78,8 @@ class Channel(ABC):
         self._turns = 0  # since 0 is wanted and it was not seen there
         self.missed = 0
         self.strikes.clear()
-        self._sent_ns = self._checked_ns = now_ns
+        self._checked_ns = now_ns
         self.flags: frozenset[str] = frozenset()
-
-    @property
-    def sent_pa(self) -> float:
-        """Last sent set point [Pa gauge]."""
-        return self.sent_counts * self.resolution_pa
 
     @property
     def is_known(self) -> bool:
@@ -114,19 +105,14 @@ class Channel(ABC):
         return self.at_zero and self._read_empty
 
     @property
-    def wants_zero(self) -> bool:
-        """Whether the wanted set point is 0."""
-        return self.jump or self.reference_pa == self.sent_counts == 0
-
-    @property
     def must_zero(self) -> bool:
         """Whether the wanted set point is 0 and the device has not shown it."""
-        return self.wants_zero and not self.at_zero
+        return self.setpoint.is_zero and not self.at_zero
 
     @property
     def must_ask_again(self) -> bool:
         """Whether to repeat the check, because a single wrong set point at rest may be noise."""
-        return self.strikes["check"] == 1 and self.missed == 0 and not self.jump
+        return self.strikes["check"] == 1 and self.missed == 0 and not self.setpoint.jumps
 
     @property
     def is_silent(self) -> bool:
@@ -144,7 +130,7 @@ class Channel(ABC):
 
     def vent(self) -> None:
         """Set the set point to 0 without slew."""
-        self.reference_pa, self.jump = 0.0, True
+        self.setpoint.jump_to_zero()
         if not self.at_zero:
             self._unsee()
 
@@ -162,15 +148,9 @@ class Channel(ABC):
 
     def follow(self, target_pa: float, dt: float) -> None:
         """Follow the caller's set point [Pa gauge] for `dt` [s]; zeros do not slow down a vent."""
-        self.jump = self.jump and target_pa == 0.0 and not self.at_zero
-        self.reference_pa = self._towards(self.reference_pa, target_pa, dt)
-
-    def wanted_counts(self, now_ns: int) -> int:
-        """Return the set point to send now, in counts within the platform's range."""
-        if self.jump:
-            return 0
-        wanted = self._towards(self.sent_pa, self.reference_pa, (now_ns - self._sent_ns) * 1e-9)
-        return min(max(round(wanted / self.resolution_pa), self.low), self.high)
+        if target_pa != 0.0 or self.at_zero:
+            self.setpoint.jumps = False
+        self.setpoint.follow(target_pa, dt)
 
     @abstractmethod
     def describe(self, session: Session) -> str:
@@ -250,8 +230,7 @@ class Channel(ABC):
     def sending(self, counts: int, now_ns: int) -> None:
         """Record a set point that is sent."""
         self._unsee()
-        self.sent_counts = counts
-        self._sent_ns = now_ns
+        self.setpoint.sent(counts, now_ns)
 
     def confirm(self, requested: int, found: int) -> Outcome:
         """Compare the confirmed set point with the sent one."""
@@ -260,7 +239,7 @@ class Channel(ABC):
         if is_wrong:
             self._before = found  # the device reports this one, until it accepts the other
         if self.strike("confirm", is_wrong):
-            text = f"was sent {self._text(requested)} and keeps {self._text(found)}"
+            text = f"was sent {self.setpoint.text(requested)} and keeps {self.setpoint.text(found)}"
             self.latch("setpoint_ignored", text)
         return "mismatch" if is_wrong else "good"
 
@@ -280,17 +259,18 @@ class Channel(ABC):
         """
         self._checked_ns = now_ns
         had = self._before if self.confirmed is None else self.confirmed
-        is_wrong = found not in (had, self.sent_counts)
+        is_wrong = found not in (had, self.setpoint.sent_counts)
         # At rest, the same wrong set point twice is a fault: the pressure is already rising.
-        is_same = self.wants_zero and found == self._other
+        is_same = self.setpoint.is_zero and found == self._other
         self._other = found if is_wrong else None
         if self.strike("check", is_wrong) or (is_wrong and is_same):
-            text = f"confirmed {self._text(had)} and has {self._text(found)}: restarted, or set by another"
-            self.latch("rebooted", text)
+            text = self.setpoint.text
+            message = f"confirmed {text(had)} and has {text(found)}: restarted, or set by another"
+            self.latch("rebooted", message)
         if is_wrong:
             self._unsee()
         else:
-            self.confirmed = found if found == self.sent_counts else None
+            self.confirmed = found if found == self.setpoint.sent_counts else None
             self._is_doubted = self._is_doubted and self.confirmed is None
         return "mismatch" if is_wrong else "good"
 
@@ -311,13 +291,6 @@ class Channel(ABC):
     def latch(self, code: str, message: str) -> None:
         """Latch a fault of this device."""
         self.latched.add(code, self.source, message)
-
-    def _towards(self, from_pa: float, to_pa: float, dt: float) -> float:
-        change = self.options.slew_pa_s * min(dt, _LONGEST_PAUSE_S)
-        return min(max(to_pa, from_pa - change), from_pa + change)
-
-    def _text(self, counts: int) -> str:
-        return f"{counts * self.resolution_pa:.0f} Pa"
 
     def _unsee(self) -> None:
         """Mark the set point of the device as unknown: the confirmed one or the next one."""

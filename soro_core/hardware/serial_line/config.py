@@ -52,7 +52,7 @@ class LineOptions(Strict):
         return age_ns > self.stale_s * 1e9
 
     def too_old(self, missed: int, age_ns: int) -> str:
-        """What is wrong with a reading that is stale."""
+        """Return the fault of a stale reading as text."""
         return f"no pressure for {age_ns * 1e-6:.0f} ms (stale at {self.stale_s * 1e3:g} ms)"
 
 
@@ -76,7 +76,7 @@ class AlicatEmulation(LineEmulation):
 
 
 class SerialPlatform(PlatformBase):
-    """What both dialects have in common. `cycle_hz` is the rate of exchanges, not of the devices' updates."""
+    """Keys of both dialects. `cycle_hz` is the rate of exchanges, not of the devices' updates."""
 
     where_supervisor: ClassVar[str] = "line.supervisor"
 

@@ -99,7 +99,7 @@ class SerialRegulator(Driver[SerialPlatform]):
         self._close_ports()
         self._ports = [LockstepPort(port) if self.lockstep else port for port in self._open_ports()]
         self.supervise()
-        self._share()  # as it was before, while the devices start anew
+        self._share()  # the former plan, while the devices start again
         self._closed_counts += self._counts()
         self._engines = self.make_lines(self._ports)
         by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
@@ -199,7 +199,7 @@ class SerialRegulator(Driver[SerialPlatform]):
 
     def _since_last(self) -> float:
         """Return the time since the last cycle [s], at most two periods: no jump follows a pause."""
-        # In lockstep a cycle's time comes at its end.
+        # In lockstep the time advances at the end of a cycle.
         now_ns = self.now_ns() + (self._period_ns if self.lockstep else 0)
         dt_ns, self._last_ns = now_ns - self._last_ns, now_ns
         return min(dt_ns, 2 * self._period_ns) * 1e-9
@@ -265,7 +265,7 @@ class SerialRegulator(Driver[SerialPlatform]):
         return sum((engine.counts for engine in self._engines), Counter())
 
     def _take(self) -> None:
-        self.sent_pa = np.array([channel.sent_pa for channel in self._channels])
+        self.sent_pa = np.array([channel.setpoint.sent_pa for channel in self._channels])
         self.pressure_pa = np.array([channel.pressure_pa for channel in self._channels])
 
     def _late(self, fresh: Flags) -> list[Fault]:

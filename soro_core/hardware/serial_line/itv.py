@@ -74,7 +74,7 @@ class ItvChannel(Channel):
         # This ends an incomplete command in the device.
         flush = b"\r\n" if disturbed else b""
         if kind == "set":
-            counts = self.wanted_counts(now_ns)
+            counts = self.setpoint.wanted_counts(now_ns)
             self.sending(counts, now_ns)
             return Request(b"%sSET %d\r\n" % (flush, counts), "set", counts)
         return Request(flush + (b"REQ\r\n" if kind == "check" else b"MON\r\n"), kind)
@@ -88,11 +88,11 @@ class ItvChannel(Channel):
             return self.confirm(request.counts, counts)
         if request.kind == "check":
             return self.check(counts, now_ns)
-        self.read(counts * self.resolution_pa)
+        self.read(counts * self.setpoint.resolution_pa)
         return "good"
 
     def describe(self, session: Session) -> str:
-        kpa = self.resolution_pa / 1e3
+        kpa = self.setpoint.resolution_pa / 1e3
         setpoint, pressure = (kpa * session.ask(q + b"\r\n", q.decode(), parse) for q in (b"REQ", b"MON"))
         return f"answers: set point {setpoint:.1f}, pressure {pressure:.1f} kPa (an ITV reports no identity)"
 
@@ -101,16 +101,16 @@ class ItvChannel(Channel):
             session.ask(question + b"\r\n", question.decode(), _zero)
         counts = session.ask(b"MON\r\n", "MON", parse)
         self.restart(session.now_ns())
-        self.read(counts * self.resolution_pa)
+        self.read(counts * self.setpoint.resolution_pa)
 
     def vent_steps(self) -> list[dict[str, Any]]:
         """Return the steps: set point 0 with its echo, and a reading that shows the chamber empty."""
-        high = EMPTY_PA / self.resolution_pa
+        high = EMPTY_PA / self.setpoint.resolution_pa
         reading = {"send": "MON\r\n", "line": r"(\d{1,4})", "low": -1.0, "high": high}
         return [{"send": "SET 0\r\n", "line": "0+", "of": self.chamber}, {**reading, "of": self.chamber}]
 
     def _kind(self, now_ns: int) -> str:
-        moves = self.confirmed is None or self.wanted_counts(now_ns) != self.sent_counts
+        moves = self.confirmed is None or self.setpoint.wanted_counts(now_ns) != self.setpoint.sent_counts
         if self.must_check(now_ns):
             return "check"
         return "set" if moves and self._last != "set" else "read"

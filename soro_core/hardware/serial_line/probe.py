@@ -50,7 +50,7 @@ def examine(
     try:
         ports = open_ports()
         for port in ports:
-            port.read()  # one that is not there says so
+            port.read()  # raises if the port does not exist
     except HardwareError as error:
         for port in ports:
             port.close()

@@ -87,10 +87,8 @@ class Session:
 
         Parameters
         ----------
-        question : bytes
-            Request.
-        step : str
-            Name of the step in errors.
+        question, step : bytes, str
+            As in `Session.ask`.
         read : callable
             Decodes the lines; raises `ValueError` for an invalid answer.
 

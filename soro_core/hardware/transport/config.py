@@ -34,7 +34,7 @@ class CanTransport(Strict):
 
 
 class SlcanTransport(CanTransport):
-    """A CAN adapter that speaks LAWICEL ASCII (slcan) on a serial port or a pseudo-terminal."""
+    """A CAN adapter with the protocol LAWICEL ASCII (slcan) on a serial port or a pseudo-terminal."""
 
     kind: Literal["slcan"]
     device: str | None = Field(
@@ -77,7 +77,7 @@ class SocketcandTransport(CanTransport):
 
 
 class PythonCanTransport(CanTransport):
-    """Any interface that python-can knows, by its name (pcan, kvaser, ixxat, vector, gs_usb, ...)."""
+    """Any interface of python-can, by its name (pcan, kvaser, ixxat, vector, gs_usb, ...)."""
 
     kind: Literal["python_can"]
     interface: str = Field(min_length=1, description="name of the interface in python-can")

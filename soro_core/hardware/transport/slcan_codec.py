@@ -92,7 +92,7 @@ class SlcanDecoder:
     def feed(self, chunk: bytes) -> list[Event]:
         """Return the events completed by `chunk`, in order."""
         data = self._rest + chunk
-        # Not beyond the last end of a line: the search would begin anew at every byte of noise behind it.
+        # Not beyond the last end of a line: the search would begin again at every byte of noise behind it.
         end = max(data.rfind(CR), data.rfind(BEL)) + 1
         events: list[Event] = []
         for match in _LINE.finditer(data, 0, end):

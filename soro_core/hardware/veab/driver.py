@@ -43,8 +43,8 @@ class VeabRegulator(LinkDriver[VeabPlatform]):
         Ports, range and times.
     link : ByteLink
         Connection to the server; `configure` opens it.
-    clock, lockstep : object
-        As for `Driver`; in lockstep each message has one reading as answer, and no thread runs.
+    clock, lockstep : callable, bool
+        As in `Driver`; in lockstep each message has one reading as answer, and no thread runs.
     """
 
     source, kind = "link", "VEAB server"

@@ -134,7 +134,7 @@ class Client:
     def read_write(
         self, inputs: int, count: int, outputs: int, values: Sequence[int], deadline_s: float
     ) -> list[int] | None:
-        """Write registers and read others with one message.
+        """Write registers and read others with one message; return the words as `read`.
 
         Parameters
         ----------
@@ -142,15 +142,8 @@ class Client:
             First register to read, and number of registers.
         outputs : int
             First register to write.
-        values : sequence of int
-            Words to write.
-        deadline_s : float
-            Time of `clock` at which the wait ends [s].
-
-        Returns
-        -------
-        list of int or None
-            Words; None without an answer, or after an exception.
+        values, deadline_s : sequence of int, float
+            As in `Client.write`.
         """
         request = ReadWriteMultipleRegistersRequest(
             read_address=inputs,

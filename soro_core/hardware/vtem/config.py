@@ -23,7 +23,7 @@ class VtemValve(ValveBase):
 
 
 class VtemRegisters(Strict):
-    """Where the terminal is in the bus node's registers: addresses as they are in the messages."""
+    """Addresses of the terminal in the bus node's registers, as in the messages."""
 
     unit: int = Field(
         255, ge=0, le=255, description="Modbus unit identifier; a bus node without a gateway ignores it"

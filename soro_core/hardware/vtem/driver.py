@@ -36,8 +36,8 @@ class VtemRegulator(LinkDriver[VtemPlatform]):
         Slots, range and times.
     link : ByteLink
         Connection to the bus node; `configure` opens it.
-    clock, lockstep : object
-        As for `Driver`.
+    clock, lockstep : callable, bool
+        As in `Driver`.
     """
 
     source, kind = "terminal", "motion terminal"

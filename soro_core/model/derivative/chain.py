@@ -127,7 +127,7 @@ def _inward(t: Tables, d: DerivativeWork, wrench: Array) -> None:
 def inverse_derivatives(t: Tables, d: DerivativeWork, wrench: Array, q: Array, qd: Array, a: Array) -> None:
     """d.equation <- derivatives of M a + C qd + G - J_tip' wrench by a, q and qd.
 
-    Of the first, the inertia matrix, the lower triangle only.
+    Only the lower triangle of the first, the inertia matrix, is written.
     """
     _outward(t, d, q, qd, a)
     _inward(t, d, wrench)

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.lie import ad, add_ad, stumpff, tangent_coefficients, to_parent
+from soro_core.model.lie import ad, add_ad, series, stumpff, tangent_coefficients, to_parent
 
 Array: TypeAlias = NDArray[np.float64]
 
 # Coefficients (-1)^n k! / (2 n + k)! of the series of k! c_k for k = 8 and 9, to 1e-16 for y < 4.
-_EVEN = tuple((-1) ** n * math.factorial(8) / math.factorial(2 * n + 8) for n in range(12))
-_ODD = tuple((-1) ** n * math.factorial(9) / math.factorial(2 * n + 9) for n in range(12))
+_C8 = tuple((-1) ** n * math.factorial(8) / math.factorial(2 * n + 8) for n in range(12))
+_C9 = tuple((-1) ** n * math.factorial(9) / math.factorial(2 * n + 9) for n in range(12))
 
 
 @inner
@@ -35,16 +35,8 @@ def coefficients(y: float, c: Array, a: Array) -> None:
     stumpff(y, c)
     tangent_coefficients(c, a)
     if y < 4.0:
-        z = y * y
-        even, even_y = _EVEN[10], _EVEN[11]
-        odd, odd_y = _ODD[10], _ODD[11]
-        for n in range(8, -1, -2):
-            even = even * z + _EVEN[n]
-            odd = odd * z + _ODD[n]
-            even_y = even_y * z + _EVEN[n + 1]
-            odd_y = odd_y * z + _ODD[n + 1]
-        c[8] = (even + y * even_y) / 40320.0
-        c[9] = (odd + y * odd_y) / 362880.0
+        c[8] = series(y, _C8) / 40320.0
+        c[9] = series(y, _C9) / 362880.0
     else:
         c[8] = (1.0 / 720.0 - c[6]) / y
         c[9] = (1.0 / 5040.0 - c[7]) / y
@@ -117,26 +109,11 @@ def along(s: float, rate: float, rate2: float, a: Array, k: Array) -> None:
 
 
 @inner
-def _sum5(k: Array, order: int, P: Array, j: int, r: int) -> float:
-    value: float = (
-        k[order, 0] * P[0, j, r]
-        + k[order, 1] * P[1, j, r]
-        + k[order, 2] * P[2, j, r]
-        + k[order, 3] * P[3, j, r]
-        + k[order, 4] * P[4, j, r]
-    )
-    return value
-
-
-@inner
-def _sum4(k: Array, order: int, P: Array, j: int, r: int) -> float:
-    """Without n = 0, whose coefficient does not change."""
-    value: float = (
-        k[order, 1] * P[1, j, r]
-        + k[order, 2] * P[2, j, r]
-        + k[order, 3] * P[3, j, r]
-        + k[order, 4] * P[4, j, r]
-    )
+def _sum(k: Array, order: int, first: int, P: Array, j: int, r: int) -> float:
+    """Return sum_n k_n ad_Omega^n X from n = `first` on, one entry; the coefficient of n = 0 has no rates."""
+    value: float = k[order, first] * P[first, j, r]
+    for n in range(first + 1, 5):
+        value += k[order, n] * P[n, j, r]
     return value
 
 
@@ -146,9 +123,9 @@ def combine(count: int, k: Array, powers: Array, rates: Array, columns: Array) -
     D, DD = rates[0], rates[1]
     for j in range(count):
         for r in range(6):
-            x = _sum5(k, 0, powers, j, r)
-            xd = _sum5(k, 0, D, j, r) + _sum4(k, 1, powers, j, r)
-            xdd = _sum5(k, 0, DD, j, r) + 2.0 * _sum4(k, 1, D, j, r) + _sum4(k, 2, powers, j, r)
+            x = _sum(k, 0, 0, powers, j, r)
+            xd = _sum(k, 0, 0, D, j, r) + _sum(k, 1, 1, powers, j, r)
+            xdd = _sum(k, 0, 0, DD, j, r) + 2.0 * _sum(k, 1, 1, D, j, r) + _sum(k, 2, 1, powers, j, r)
             columns[0, j, r], columns[1, j, r], columns[2, j, r] = x, xd, xdd
 
 

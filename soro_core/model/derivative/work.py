@@ -78,7 +78,7 @@ class DerivativeWork(NamedTuple):
     slice_turn: Array
     """Rotary block of a slice's Q, (3, 3)."""
     rotation: Array
-    """Of poses in use, (4, 3, 3)."""
+    """Rotations of poses in use, (4, 3, 3)."""
     position: Array
     twists: Array
     """Twists and wrenches in use, (N_TWISTS, 6)."""
@@ -103,8 +103,8 @@ class DerivativeWork(NamedTuple):
     powers: Array
     """ad_Omega^n of each column, (n, K, 5, G, 6)."""
     columns: Array
-    """Of each step: columns of the coordinates at its start, unit twists of the strains, columns added;
-    (n, K, 3, G, 6)."""
+    """Blocks of each step: columns of the coordinates at its start, unit twists of the strains, columns
+    added; (n, K, 3, G, 6)."""
     force: Array
     """Wrench of the nodes before each step in the first row; for constant strain sums over all nodes, of
     coefficients times force: (n, K, 10, 6)."""

@@ -100,8 +100,8 @@ def answers_to_the_driver(pieces: int, seed: int, family: str, firmware: str = "
         counted.bad += bad
         counted.good += line.counts["received"] - before["received"] - bad
         for channel in line.channels:
-            if not channel.low <= channel.sent_counts <= channel.high:
-                raise AssertionError(f"{channel.sent_counts} counts on the wire")
+            if not channel.setpoint.low <= channel.setpoint.sent_counts <= channel.setpoint.high:
+                raise AssertionError(f"{channel.setpoint.sent_counts} counts on the wire")
     for channel, latch in zip(line.channels, latches, strict=True):
         channel.latch = latch
     line.port = plugged
@@ -166,9 +166,9 @@ def bytes_between(pieces: int, seed: int, family: str) -> Counted:
 def _right(channel: Any, request: Any) -> bytes:
     """What a device in order answers."""
     if not hasattr(channel, "unit"):
-        return b"%d" % {"set": request.counts, "check": channel.sent_counts}.get(request.kind, 400)
+        return b"%d" % {"set": request.counts, "check": channel.setpoint.sent_counts}.get(request.kind, 400)
     units = b" 14 kPaG" if request.kind == "ls" else b""
-    return b"%s +040.00 %+07.2f%s" % (channel.unit.encode(), channel.sent_counts / 100, units)
+    return b"%s +040.00 %+07.2f%s" % (channel.unit.encode(), channel.setpoint.sent_counts / 100, units)
 
 
 def _disturb(rig: Rig, rng: random.Random, counted: Counted) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import os
 
 
 def compiled() -> int:
     """Number of compiled kernels in the cache."""
     from soro_core._jit import numba_config  # imported late, so that the first processes start earlier
 
-    return sum(1 for _ in Path(numba_config.CACHE_DIR).rglob("*.nbc"))
+    # A start calls this twenty times a second; `Path.rglob` takes five times as long.
+    folders = os.walk(numba_config.CACHE_DIR)
+    return sum(name.endswith(".nbc") for _, _, names in folders for name in names)

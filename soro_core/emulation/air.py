@@ -93,6 +93,12 @@ class Air:
         self._settle()
         return self._state.pressure_pa
 
+    @property
+    def demand_pa(self) -> Array:
+        """Set points (n,) [Pa gauge] of the valves now, without faults of the valves; NaN while one vents."""
+        demands = [demand() for demand in self._demands]
+        return np.array([np.nan if demand is None else demand for demand in demands])
+
     def advance(self, now_ns: int) -> None:
         """Advance to a time [ns] with the present demands; call it before a demand changes."""
         if now_ns > self._now_ns:

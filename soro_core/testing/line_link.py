@@ -7,10 +7,16 @@ from soro_core.errors import HardwareError
 
 
 class LineLink:
-    """A connection to an emulated line; all answers arrive during `send`."""
+    """A connection to an emulated line; all answers arrive during `send`.
+
+    Attributes
+    ----------
+    line : Line
+        Line of the devices; another one in its place is that of other devices at the same address.
+    """
 
     def __init__(self, line: Line) -> None:
-        self._line = line
+        self.line = line
         self._open = False
 
     @property
@@ -25,32 +31,32 @@ class LineLink:
     def close(self) -> None:
         if self._open:
             self._open = False
-            self._line.connected(False)
-        self._line.hang_up = False
-        self._line.output.clear()
+            self.line.connected(False)
+        self.line.hang_up = False
+        self.line.output.clear()
 
     def send(self, data: bytes) -> None:
         self._check()
-        self._line.feed(data)
+        self.line.feed(data)
 
     def receive(self, timeout_s: float) -> bytes:
-        if not self._line.output:
+        if not self.line.output:
             self._check()
-        chunk = bytes(self._line.output)
-        self._line.output.clear()
+        chunk = bytes(self.line.output)
+        self.line.output.clear()
         return chunk
 
     def reconnect(self) -> bool:
-        if not self._open and not self._line.refuses:
+        if not self._open and not self.line.refuses:
             self._open = True
-            self._line.connected(True)
+            self.line.connected(True)
         return self._open
 
     def fileno(self) -> int:
         return -1
 
     def _check(self) -> None:
-        if self._line.hang_up:
+        if self.line.hang_up:
             self.close()
         if not self._open:
             raise HardwareError("the connection is gone", "emulated line", "gone")

@@ -98,8 +98,8 @@ def first_pressure(
                 plan,
                 guarded,
                 samples.append,
-                ask=_ask,
-                answers=_answer,
+                ask=show_question,
+                answers=typed_answer,
                 stopped=lambda: bool(stopped),
             )
     about = {**_about(platform, device or loaded.device), "robot": robot or "-"}
@@ -231,14 +231,14 @@ def _typed() -> bool:
     return False
 
 
-def _ask(question: str) -> None:
+def show_question(question: str) -> None:
     """Show a question and discard earlier input."""
     while _typed() and sys.stdin.readline():
         pass
     typer.echo(question, err=True)
 
 
-def _answer() -> str | None:
+def typed_answer() -> str | None:
     """Return a typed line without waiting; a closed input means no."""
     return (sys.stdin.readline() or "n") if _typed() else None
 

@@ -115,7 +115,7 @@ class Pressurised:
         return pressurise(
             self.plan,
             guarded,
-            self._record,
+            self.record,
             self._ask,
             lambda: self._waiting.pop() if self._waiting else None,
             lambda: len(self.samples) >= self.stop_at,
@@ -124,7 +124,8 @@ class Pressurised:
     def _tip(self) -> np.ndarray | None:
         return WAYS[list(self.wiring)].T @ self.devices.pressure_pa if self.arm else None
 
-    def _record(self, sample: Sample) -> None:
+    def record(self, sample: Sample) -> None:
+        """Take a sample of the run."""
         self.samples.append(sample)
         self.true_pa.append(self.devices.pressure_pa.copy())
 

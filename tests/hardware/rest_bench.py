@@ -81,8 +81,7 @@ class Resting:
     @property
     def demand_pa(self) -> np.ndarray:
         """What each valve does now [Pa gauge]; one that vents asks for nothing."""
-        demands = [self.devices.air._demands[place]() for place in self.devices.places]
-        return np.array([demand or 0.0 for demand in demands])
+        return np.nan_to_num(self.devices.air.demand_pa[self.devices.places])
 
     def give(self, chamber: int, pressure_pa: float) -> None:
         """Another program, or a hand at the front panel, gives a device a set point."""

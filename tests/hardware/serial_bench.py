@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from soro_core.hardware.families import parse_platform
 from soro_core.hardware.serial_line.config import SerialPlatform
 from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
 from soro_core.hardware.serial_line.driver import SerialRegulator
+from soro_core.hardware.serial_line.engine import LineEngine
 from soro_core.hardware.serial_line.lockstep import MARK, START_MARK
+from soro_core.hardware.serial_line.port import BytePort
 from soro_core.testing.line_link import LinePort
 
 AIR = {
@@ -119,6 +122,8 @@ class SerialBench:
         self.ports = [LoopPort(line, f"port{n}") for n, line in enumerate(devices.lines)]
         kind = ItvRegulator if platform.family == "itv_rs232" else AlicatRegulator
         self.driver: SerialRegulator = kind(platform, self._open, time.monotonic, lockstep=True)
+        self.engines: list[LineEngine] = []  # of the last start-up
+        self.driver.make_lines = partial(self._make_lines, self.driver.make_lines)  # type: ignore[method-assign]
         self.cycle = 0
         self.period_ns = round(1e9 / platform.cycle_hz)
 
@@ -142,6 +147,12 @@ class SerialBench:
     def log(self) -> list[str]:
         """What has passed on the lines since the last call, port after port."""
         return [entry for port in self.ports for entry in port.take_log()]
+
+    def _make_lines(
+        self, make: Callable[[Sequence[BytePort]], list[LineEngine]], ports: Sequence[BytePort]
+    ) -> list[LineEngine]:
+        self.engines = make(ports)
+        return self.engines
 
     def _open(self) -> list[LoopPort]:
         return self.ports

@@ -9,6 +9,7 @@ from board_bench import QUIET, BoardBench, board_platform, itv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
 from soro_core.hardware.board import frames, messages, texts
 from soro_core.hardware.board.frames import BoardFrame, Kind
@@ -94,17 +95,19 @@ def recovers_after_failure(bench):
 
 
 def test_a_transfer_that_fails_is_tried_once_more_in_the_same_cycle(bench):
-    bus = bench.devices.buses[1]
-    transfer, failed = bus._transfer, []
+    bus, failed = bench.devices.buses[1], []
 
-    def every_other(address, length):
-        if address not in failed:
-            failed.append(address)
-            raise OSError(errno.ENXIO, "ENXIO")
-        failed.remove(address)
-        transfer(address, length)
+    def every_other(transfer):
+        def tried(address, *rest):
+            if address not in failed:
+                failed.append(address)
+                raise OSError(errno.ENXIO, "ENXIO")
+            failed.remove(address)
+            return transfer(address, *rest)
 
-    bus._transfer = every_other
+        return tried
+
+    bus.read, bus.write = every_other(bus.read), every_other(bus.write)
     result = bench.run(10, 20e3, 40e3, 60e3)
     assert result.faults == ()
     assert result.fresh.all()
@@ -294,7 +297,9 @@ def test_board_that_does_not_answer():
 
 
 def test_open_circuit_of_a_sensor_is_named(bench):
-    bench.devices.adcs[0]._volts = lambda: 3.0  # beyond the converter
+    bench.devices.faults.add(
+        read_injection("fault: sensor_open_circuit, chamber: link0/chamber0, reading_pa: 200e3")
+    )
     result = bench.run(5, 20e3)
     assert result.pressure_pa[0] > 100e3
     assert result.faults == (), "the limiter trips on the reading"

@@ -15,13 +15,13 @@ class ErrorBus(can.BusABC):
     """A bus that has error frames of the kernel to give."""
 
     def __init__(self, *messages):
-        self.channel_info, self._messages, self._is_shutdown = "errors", list(messages), True
+        self.channel_info, self.messages, self._is_shutdown = "errors", list(messages), True
 
     def send(self, msg, timeout=None):
         """Take it."""
 
     def recv(self, timeout=None):
-        return self._messages.pop(0) if self._messages else None
+        return self.messages.pop(0) if self.messages else None
 
 
 def error_frame(classes, data=bytes(8)):
@@ -38,7 +38,7 @@ def test_error_frames_of_the_kernel_are_counted_and_tell_of_bus_off():
     assert link.receive(0.0) is None
     assert link.is_bus_off
     assert link.counts["errors"] == 2
-    bus._messages.append(error_frame(RESTARTED))
+    bus.messages.append(error_frame(RESTARTED))
     link.receive(0.0)
     assert not link.is_bus_off
     assert letters(CONTROLLER, b"\x00\x01") == "o"

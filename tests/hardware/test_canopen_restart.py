@@ -21,9 +21,14 @@ from hardware_bench import (
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.canopen import frames, sdo_frames
-from soro_core.hardware.canopen.cia408 import ValveState
+from soro_core.hardware.canopen.cia408 import (
+    ERROR_COMMUNICATION,
+    ERROR_GENERIC,
+    ERROR_REGISTER,
+    ValveState,
+)
 from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.canopen.frames import EmcyCode, NmtCommand, NmtState
+from soro_core.hardware.canopen.frames import NmtCommand, NmtState
 from soro_core.hardware.transport.frame import Frame
 from tests.refused import fails
 
@@ -171,15 +176,15 @@ def test_the_watch_is_armed_at_the_end_of_the_start_up():
 
 def test_a_node_that_does_not_stay_operational_is_named():
     bench = Bench(single(canopen={"activation_timeout_s": 0.05}))
-    node, reset = bench.world.nodes[0], bench.world.nodes[0].reset
+    node, receive = bench.world.nodes[0], bench.world.nodes[0].receive
 
-    def reset_with_an_error_of_its_own(now_ns, communication_only=False):
-        reset(now_ns, communication_only)
-        node._standing.add(EmcyCode.BUS_OFF_RECOVERED)
-        node._emergency(EmcyCode.BUS_OFF_RECOVERED)
+    def receive_with_an_error_of_its_own(frame, now_ns):
+        if frame.can_id == frames.NMT_ID and frame.data[0] == NmtCommand.START:
+            node.dictionary.values[ERROR_REGISTER, 0] = ERROR_GENERIC | ERROR_COMMUNICATION
+        else:
+            receive(frame, now_ns)
 
-    node.reset = reset_with_an_error_of_its_own
-    node.reset(0)
+    node.receive = receive_with_an_error_of_its_own
     with fails(
         HardwareError,
         "OPERATIONAL",

@@ -59,9 +59,10 @@ def test_node_that_falls_out_of_active_without_a_word(arm):
 
 def test_fault_reaction_is_not_active(arm):
     """0111 has all bits of ACTIVE but R."""
-    arm.world.nodes[1].valve.state = ValveState.FAULT_REACTION
-    arm.world.nodes[1].valve._after_reaction = (10**18, ValveState.FAULT_HOLD)
+    valve = arm.world.nodes[1].valve
+    valve.fault(ValveState.FAULT_HOLD)
     assert ("not_active", NODE_2) in codes(arm.exchange(20e3))
+    assert valve.state is ValveState.FAULT_REACTION
 
 
 def test_node_that_never_becomes_active():

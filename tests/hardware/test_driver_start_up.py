@@ -26,7 +26,6 @@ def sabotage(node, what):
     elif what == "no limit":
         for key in [key for key in dictionary.entries if key[0] == 0x63A0]:
             del dictionary.entries[key]
-        dictionary._indices.discard(0x63A0)
     elif what == "forgets":
         dictionary.on_read[0x6394, 1] = lambda: 7
     elif what == "map":

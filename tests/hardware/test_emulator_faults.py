@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hardware_bench import PERIOD_NS, driver, emulator, platform, platform_file
 
+from soro_core.emulation.__main__ import main
 from soro_core.emulation.control import ControlClient
 from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import HardwareError
@@ -53,13 +54,19 @@ def test_by_option_at_its_time_of_the_devices(tmp_path):
         ("[", "valid YAML"),
     ],
 )
-def test_a_wrong_option_is_one_line(tmp_path, fault, says, capfd):
-    with emulator(tmp_path, "--lockstep", "--fault", fault) as served:
-        assert served.ready == ""
-        assert served.wait() == 2
-    error = capfd.readouterr().err
+def test_a_wrong_option_is_one_line(fault, says, capfd):
+    assert main(["emulated_canopen", "--lockstep", "--fault", fault]) == 2
+    out, error = capfd.readouterr()
+    assert out == ""
     assert says in error
     assert len(error.splitlines()) == 1
+
+
+def test_a_wrong_option_ends_the_process(tmp_path, capfd):
+    with emulator(tmp_path, "--lockstep", "--fault", "fault: stuck_open") as served:
+        assert served.ready == ""
+        assert served.wait() == 2
+    assert len(capfd.readouterr().err.splitlines()) == 1
 
 
 def test_over_the_control_socket(tmp_path):

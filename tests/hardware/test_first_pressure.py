@@ -91,7 +91,7 @@ def test_a_fault_is_found_and_named(fault, where, says):
 def test_a_leak_behind_a_closed_valve_is_a_drift():
     rig = Pressurised(FirstPressureConfig(steps_pa=(TOP_PA,), hold_s=1.5))
 
-    def close(sample, record=rig._record):
+    def close(sample, record=rig.record):
         record(sample)
         if sample.sent_pa[1] == TOP_PA and not rig.devices.faults.is_active:
             for fault in ("stuck_closed", "leak, rate_1_s: 0.06"):
@@ -99,7 +99,7 @@ def test_a_leak_behind_a_closed_valve_is_a_drift():
                     read_injection(f"fault: {fault}, chamber: link0/chamber1, at: 0.3, duration_s: 3")
                 )
 
-    rig._record = close
+    rig.record = close
     found = failed(rig.run())
     assert found["link0/chamber1: leak"].startswith("leak: -1."), found
     assert set(found) <= {"link0/chamber1: leak", "link0/chamber1: vent", "not examined"}

@@ -118,11 +118,11 @@ def test_an_answer_is_a_line_and_nobody_says_no(monkeypatch):
     read, write = os.pipe()
     with os.fdopen(read) as source:
         monkeypatch.setattr(sys, "stdin", source)
-        assert hil._answer() is None
+        assert hil.typed_answer() is None
         os.write(write, b"y\n")
-        hil._ask("too early?")
-        assert hil._answer() is None
+        hil.show_question("too early?")
+        assert hil.typed_answer() is None
         os.write(write, b"y\n")
-        assert hil._answer() == "y\n"
+        assert hil.typed_answer() == "y\n"
         os.close(write)
-        assert hil._answer() == "n"
+        assert hil.typed_answer() == "n"

@@ -78,15 +78,24 @@ def test_the_delay_of_a_slow_line_is_none_of_its_valves():
     assert [f.level for hz in (200.0, 36.0) for f in compare(found, model, hz)] == ["warn", "ok"]
 
 
-def test_the_time_that_an_exchange_takes_counts():
-    def late(n, took_s):
-        t = 0.005 * n - 0.1
-        pressure = 5e3 + (4e3 * (1 - np.exp(-max(t - 0.005, 0) / 0.052)) if t >= 0 else 0)
-        sent = np.array([9e3 if t >= -1e-9 else 5e3])
-        return Sample(t, sent, sent, np.array([pressure]), np.ones(1, dtype=bool), took_s)
+def risen(t):
+    """Part of a step [1] that a pressure has done at a time [s] after it."""
+    return 1 - np.exp(-max(t - 0.005, 0) / 0.052) if t >= 0 else 0.0
 
+
+def sample(n, sent_pa, pressure_pa, took_s=0.0):
+    sent, fresh = np.array([sent_pa]), np.ones(1, dtype=bool)
+    return Sample(0.005 * n, sent, sent, np.array([pressure_pa]), fresh, took_s)
+
+
+def test_the_time_that_an_exchange_takes_counts():
     for took_s in (0.0, 0.003):
-        runs = [[late(n, took_s) for n in range(120)]]
+        runs = [
+            [
+                sample(n, 9e3 if n >= 20 else 5e3, 5e3 + 4e3 * risen(0.005 * (n - 20)), took_s)
+                for n in range(120)
+            ]
+        ]
         (chamber,) = evaluate(LatencyConfig(hold_s=0.5), NAMES[:1], 200.0, runs).chambers
         assert chamber.dead_s == pytest.approx(0.005 + took_s, abs=1e-5)
         assert chamber.lag_s == pytest.approx(0.052, rel=1e-3)
@@ -100,8 +109,19 @@ def test_what_the_limiter_does_not_allow_is_refused():
 
 
 def test_a_step_that_takes_two_cycles_begins_with_the_first_of_them():
-    where = np.array([0, 0, 1, 1, -1, -1, 0, 1, 1, 0, 0, -1, 1, 0, 0, 0])
-    assert list(latency._steps(where)) == [(4, -1), (6, 1), (9, -1), (12, 1)]
+    """Of both directions; what ends between the levels, at rest, is no step."""
+    samples = []
+    for n in range(440):
+        sent = 9e3 if 20 < n < 140 or 240 <= n < 340 else 5e3 if n < 340 else 0.0
+        sent = 7e3 if n in (20, 140) else sent  # the third step and the fall to rest take one cycle
+        done = risen(0.005 * (n - 20)) - risen(0.005 * (n - 140)) + risen(0.005 * (n - 240))
+        samples.append(sample(n, sent, 5e3 + 4e3 * done if n < 340 else 0.0))
+    (chamber,) = evaluate(LatencyConfig(hold_s=0.5), NAMES[:1], 200.0, [samples]).chambers
+    assert chamber.steps == 3
+    # Half a second after a step the lag has left 1e-4 of it.
+    assert chamber.dead_s == pytest.approx(0.005, abs=1e-4)
+    assert chamber.lag_s == pytest.approx(0.052, rel=1e-2)
+    assert [chamber.t63_up_s, chamber.t63_down_s] == pytest.approx([0.06, 0.06]), "seen in the next cycle"
 
 
 def test_a_trip_or_an_interrupt_ends_it_vented():

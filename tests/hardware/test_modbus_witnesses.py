@@ -6,6 +6,7 @@ pymodbus' client is in test_vtem_tcp.py; its server is not used, since its inter
 """
 
 import contextlib
+import socket
 import time
 
 import numpy as np
@@ -72,12 +73,16 @@ class TerminalBank(DataBank):
 @contextlib.contextmanager
 def their_server(bank):
     """pyModbusTCP's server with these registers, and its address."""
-    server = ModbusServer("127.0.0.1", 0, no_block=True, data_bank=bank)
-    server.start()
-    try:
-        yield "{}:{}".format(*server._service.server_address)
-    finally:
-        server.stop()
+    with socket.socket() as taken:  # never listens: it keeps the port free for the server
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        server = ModbusServer("127.0.0.1", port, no_block=True, data_bank=bank)
+        server.start()
+        try:
+            yield f"127.0.0.1:{port}"
+        finally:
+            server.stop()
 
 
 @pytest.fixture

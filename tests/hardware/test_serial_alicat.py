@@ -7,6 +7,7 @@ import pytest
 from hardware_bench import codes, transcript
 from serial_bench import SerialBench, alicat, quiet
 
+from soro_core.emulation.serial_line.alicat import EmulatedAlicat
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.serial_line.alicat_codec import (
     Layout,
@@ -16,6 +17,7 @@ from soro_core.hardware.serial_line.alicat_codec import (
     parse_setpoint,
     parse_version,
 )
+from soro_core.hardware.serial_line.lockstep import MARK
 from tests.refused import fails
 
 NEW, LATE_8, OLD = "10v20.0-R24", "8v17.0-R23", "5v12.0-R22"
@@ -320,10 +322,12 @@ def test_sensor_flags(three):
     assert three.run(10, 20e3, 40e3, 60e3).faults == ()
 
 
-def test_refused_set_point(three):
-    """A device whose full scale is lower than the platform says."""
-    three.valves[1]._full_scale_pa = 50e3
-    seen = {code for _ in range(60) for code in codes(three.exchange(20e3, 80e3, 60e3))}
+def test_refused_set_point():
+    """Devices whose full scale is lower than the platform says."""
+    bench = SerialBench(alicat(3, emulation=quiet(full_scale_pa=50e3)))
+    bench.driver.configure()
+    assert bench.run(120, 20e3, 40e3, 30e3).faults == ()
+    seen = {code for _ in range(60) for code in codes(bench.exchange(20e3, 80e3, 30e3))}
     assert ("command_rejected", "link0/chamber1 (unit B on port0)") in seen
 
 
@@ -355,15 +359,18 @@ def test_stream_is_stopped_at_start_up(streaming, baud):
     assert bench.run(120, 20e3, 40e3, 60e3).faults == ()
 
 
+class Endless(EmulatedAlicat):
+    """One that nothing stops once it streams."""
+
+    def __setattr__(self, name, value):
+        if name != "streaming" or not getattr(self, name, False):
+            super().__setattr__(name, value)
+
+
 def test_stream_of_a_stranger_cannot_be_stopped():
     bench = bench_of(2)
-    stranger = bench_of(1).valves[0]
-    stranger.unit, stranger.streaming, stranger.reading_pa = "@", True, lambda: 0.0
-    bus = bench.devices.lines[0].station
-    bus._obey = lambda line, now_ns, obey=bus._obey: None if line.startswith(b"@@") else obey(line, now_ns)
-    bus.units.append(stranger)
-    bus._stream_ns = 0
-    bus._plan()
+    bench.devices.lines[0].station.units.append(Endless("Z", NEW, "kPaG", 100e3, lambda: 0.0, 0))
+    bench.ports[0].write(b"Z@ @\r" + MARK)
     with fails(HardwareError, device="port0", step="streaming", code="flood"):
         bench.driver.configure()
 

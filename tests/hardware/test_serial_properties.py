@@ -148,7 +148,7 @@ def test_twenty_thousand_answers_each_bad_one_counted(name):
     rng = np.random.default_rng(17)
     bench = MAKE[name]()
     bench.driver.configure()
-    engine = bench.driver._engines[0]
+    engine = bench.engines[0]
     engine.port = port = Script()
     outcomes = []
     for channel in engine.channels:

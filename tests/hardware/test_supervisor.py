@@ -337,8 +337,7 @@ def test_an_arm_that_was_not_seen_empty_and_that_no_line_reaches_is_named(line, 
     """The lines have gone before the driver's end, or a start-up has failed."""
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
     process.release()
-    process._say(b"left")
-    process.control.close()
+    process.dismiss(vented=False)
     code, said = end_of(process)
     assert code == 1
     assert "has not seen the arm empty; NOT ALL VENTED: open the dump valve" in said

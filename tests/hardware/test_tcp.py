@@ -1,7 +1,10 @@
 """TCP: the link alone, and both families over real sockets against `soro emulate`."""
 
+import contextlib
+import os
 import signal
 import socket
+import threading
 import time
 
 import numpy as np
@@ -21,6 +24,7 @@ from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
 from soro_core.hardware import load_platform, open_regulator
 from soro_core.hardware.transport.tcp import TcpLink
+from soro_core.hardware.veab.driver import VeabRegulator
 from tests.patience import LIMIT_S
 from tests.refused import fails
 
@@ -74,7 +78,8 @@ def test_bytes_both_ways(pair):
     assert peer.recv(100) == b"there"
     peer.sendall(b"back")
     assert link.receive(5.0) == b"back"
-    assert link._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
+    with socket.socket(fileno=os.dup(link.fileno())) as same:
+        assert same.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
 
 
 def test_other_side_closes(pair):
@@ -124,16 +129,20 @@ def test_address_in_a_link(listener, tmp_path):
     link.close()
 
 
-def test_attempts_to_reconnect_come_at_growing_intervals(listener):
-    clock = Clock()
+def test_attempts_to_reconnect_come_at_growing_intervals(listener, monkeypatch):
+    clock, attempts = Clock(), []
     link = TcpLink(address(listener), 1.0, clock)
     link.open()
     listener.accept()[0].close()
     listener.close()
     with pytest.raises(HardwareError):
         link.receive(5.0)
-    attempts, begin = [], link._begin
-    link._begin = lambda *args: attempts.append(round(clock.now, 3)) or begin(*args)
+
+    def connect(sock, where, connect=socket.socket.connect):
+        attempts.append(round(clock.now, 3))
+        connect(sock, where)
+
+    monkeypatch.setattr(socket.socket, "connect", connect)
     while clock.now < 8.0:
         assert not link.reconnect()
         clock.now += 0.005
@@ -247,15 +256,25 @@ def test_the_keeper_vents_and_keeps_the_server_alive_while_nobody_exchanges(tmp_
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_dead_keeper_is_noticed_in_the_next_cycle(tmp_path):
+    class Link(TcpLink):
+        is_deadly = False
+
+        def receive(self, timeout_s):
+            if self.is_deadly and threading.current_thread().name == "veab keeper":
+                raise RuntimeError("as by an error of the program")
+            return super().receive(timeout_s)
+
     path = file_of(tmp_path, VEAB, **PATIENT["veab_tcp"])
-    with (
-        emulator(tmp_path, platform=path) as served,
-        driver(load_platform(path), served.device, lockstep=False) as regulator,
-    ):
-        regulator._keeper._keep = None
-        regulator._keeper._thread.join(5.0)
-        result = regulator.exchange(TARGET, time.monotonic_ns())
-        assert [fault.code for fault in result.faults if fault.latched] == ["device_error"]
+    with emulator(tmp_path, platform=path) as served:
+        link = Link(str(served.device), 5.0, time.monotonic)
+        regulator = VeabRegulator(load_platform(path), link, time.monotonic)
+        with contextlib.closing(regulator):
+            regulator.configure()
+            (keeper,) = (thread for thread in threading.enumerate() if thread.name == "veab keeper")
+            link.is_deadly = True
+            keeper.join(LIMIT_S)
+            result = regulator.exchange(TARGET, time.monotonic_ns())
+            assert [fault.code for fault in result.faults if fault.latched] == ["device_error"]
 
 
 CASES = {

@@ -96,4 +96,4 @@ def _start_up_and_two_cycles(served: EmulatorProcess, tap: Tap) -> None:
     regulator.configure()
     regulator.exchange(np.array([20e3]), 0)
     regulator.exchange(np.array([20e3]), 5_000_000)
-    regulator.link.bus._port.close()  # without a word, so that nothing but the transcript is sent
+    regulator.link.bus.close_descriptor()  # without a word, so that nothing but the transcript is sent

@@ -191,7 +191,7 @@ def test_a_server_started_again_with_another_number_is_not_taken_for_the_one_bef
     bench.devices.end("killed")
     bench.run(2, 20e3)
     other = EmulatedVeabServer(veab_platform(emulation={"ports": 2}), lockstep=True)
-    bench.link._line, bench.devices = other.line, other
+    bench.link.line, bench.devices = other.line, other
     bench.link.take_log()
     result = bench.run(10, 20e3)
     assert not result.fresh.any()

@@ -17,6 +17,7 @@ from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
 from soro_core.hardware import doctor, load_platform, open_regulator
 from soro_core.hardware.vtem.client import Client
+from soro_core.hardware.vtem.modbus import LAST_TRANSACTION
 from soro_core.hardware.vtem.probe import check_speed
 from soro_core.hardware.vtem.registers import SlotState, command
 from tests.patience import LIMIT_S
@@ -53,15 +54,21 @@ def peer(text):
 @pytest.mark.parametrize(
     "text", [b"", bytes.fromhex("0001 0000 0005 FF 03 02 0000") * 5000], ids=["silent", "endless"]
 )
-def test_a_peer_that_never_answers_or_never_stops_holds_nobody(text):
-    platform = vtem_platform(host={"answer_timeout_s": 0.1, "supervisor": False})
-    with peer(text) as address:
-        regulator = open_regulator(platform, address)
+def test_a_peer_that_never_answers_or_never_stops_holds_nobody(text, tmp_path):
+    """From the start, or after a start-up: another device under the same address."""
+    platform, where = vtem_platform(host={"supervisor": False}), tmp_path / "terminal"
+    with peer(text) as address, served(platform) as (_, right):
+        impatient = open_regulator(vtem_platform(host={"answer_timeout_s": 0.1}), address)
         with fails(HardwareError, step="start-up") as caught:
-            regulator.configure()
+            impatient.configure()
         assert caught.value.code in ({"silent", "flood"} if text else {"silent"})
+        impatient.close()
+        where.symlink_to(right)
+        regulator = open_regulator(platform, str(where))
+        regulator.configure()
+        where.unlink()
+        where.symlink_to(address)
         regulator.link.open()
-        regulator._configured = True  # as if it had become so afterwards
         codes = set()
         for cycle in range(10):
             result = regulator.exchange(np.zeros(3), cycle * 10_000_000)
@@ -188,7 +195,13 @@ def test_a_vent_is_sent_to_a_peer_that_never_stops():
     assert not link.is_open
 
 
-def test_transactions_never_are_that_of_the_last_vent():
+def test_transactions_never_are_that_of_the_last_vent(monkeypatch):
+    """That of the supervisor's messages: of all numbers the last, here of three."""
+    plan = open_regulator(vtem_platform(), "127.0.0.1:1").vent_plan()
+    last = LAST_TRANSACTION.to_bytes(2, "big")
+    assert all(step["send"].encode("latin-1").startswith(last) for step in plan.steps)
+    monkeypatch.setattr("soro_core.hardware.vtem.client.LAST_TRANSACTION", 3)
+
     class Link:
         is_open, sent = True, []
 
@@ -198,8 +211,7 @@ def test_transactions_never_are_that_of_the_last_vent():
         def receive(self, timeout_s):
             return b""
 
-    client = Client(Link(), 255, lambda: 0.0)
-    client._transaction = 0xFFFC
-    for _ in range(4):
-        client.read(45395, 3, 0.0)
-    assert Link.sent == [0xFFFD, 0xFFFE, 1, 2]
+    ours = Client(Link(), 255, lambda: 0.0)
+    for _ in range(5):
+        ours.read(45395, 3, 0.0)
+    assert Link.sent == [1, 2, 1, 2, 1]

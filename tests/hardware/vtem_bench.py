@@ -39,7 +39,8 @@ class VtemBench(Bench):
     devices: EmulatedTerminal
     driver: VtemRegulator
 
-    def __init__(self, platform: VtemPlatform, seed: int = 0) -> None:
-        self.devices = EmulatedTerminal(platform, lockstep=True, seed=seed)
+    def __init__(self, platform: VtemPlatform, seed: int = 0, there: VtemPlatform | None = None) -> None:
+        """`there` is the terminal, where it is another one than the driver's platform describes."""
+        self.devices = EmulatedTerminal(there or platform, lockstep=True, seed=seed)
         super().__init__(RecordingLink(self.devices.line))
         self.driver = VtemRegulator(platform, self.link, time.monotonic, lockstep=True)

@@ -8,6 +8,7 @@ from soro_core import SoftArm, robot_from_dict, simulate
 from soro_core._box import view
 from soro_core._jit import kernel
 from soro_core.errors import ConfigError, ModelError
+from soro_core.model.entries import make_box
 from soro_core.model.method import factor_system, inverse_dynamics, solve_system
 from soro_core.model.tables import CONTACT
 from tests.refused import fails
@@ -138,7 +139,7 @@ def system(box, q, qd, by_q, by_v, secant, X):
 
 def tangent(arm, q, qd, by_q, by_v, secant=0.0):
     X = np.eye(arm.n_q)
-    assert system(arm._box, q, qd, by_q, by_v, secant, X)
+    assert system(make_box(arm.tables), q, qd, by_q, by_v, secant, X)
     return np.linalg.inv(X) - arm.inertia_matrix(q)
 
 

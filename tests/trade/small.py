@@ -13,7 +13,12 @@ ROBOT = {
             "radius": 0.01,
             "density": 1100.0,
             "strains": {"bending_x": {"basis": "constant"}},
-            "material": {"youngs_modulus": 3e5, "shear_modulus": 1e5, "viscosity": 200.0},
+            "material": {
+                "youngs_modulus": 3e5,
+                "shear_modulus": 1e5,
+                "viscosity": 200.0,
+                "shear_correction": False,  # takes most of the time of making an arm
+            },
             "chambers": [{"angle_rad": 0.0, "area_m2": 2e-5, "offset_m": 0.006}],
         }
     ],

@@ -34,7 +34,8 @@ class Coupled:
         self.twin = Twin(robot, config)
         self.state = self.twin.initial()
         self.demands = [0.0] * len(self.devices.air.pressure_pa)
-        self.devices.air._demands = [lambda n=n: self.demands[n] for n in range(len(self.demands))]
+        given = [lambda n=n: self.demands[n] for n in range(len(self.demands))]
+        self.devices.connect_air(given, self.devices.places)
         self.devices.on_tick = self.heard
         self.devices.connect_plant(lambda: self.state.air.pressure_pa)
 

@@ -40,7 +40,6 @@ class ObjectDictionary:
         self.overrides: dict[Key, int] = {}
         self.on_read: dict[Key, Callable[[], int]] = {}
         self.on_write: dict[Key, Callable[[int], None]] = {}
-        self._indices = {index for index, _ in entries}
 
     def reset(self, communication_only: bool) -> None:
         """Reset all objects, or those of the communication profile (1000 to 1FFF), to power-on values."""
@@ -56,7 +55,8 @@ class ObjectDictionary:
         """Return the entry of an object; raises `Refused` if there is none."""
         entry = self.entries.get((index, sub))
         if entry is None:
-            raise Refused(SdoAbort.NO_SUBINDEX if index in self._indices else SdoAbort.NO_OBJECT)
+            is_there = any(index == other for other, _ in self.entries)
+            raise Refused(SdoAbort.NO_SUBINDEX if is_there else SdoAbort.NO_OBJECT)
         return entry
 
     def get(self, index: int, sub: int) -> int:

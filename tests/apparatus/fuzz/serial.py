@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import random
+from collections import deque
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 from soro_core.emulation.families import emulate
 from soro_core.hardware import load_platform
 from soro_core.hardware.platform import PlatformBase
+from soro_core.hardware.serial_line.channel import Channel
+from soro_core.hardware.serial_line.engine import LineEngine
 from soro_core.hardware.serial_line.lines import LONGEST_LINE
+from soro_core.hardware.serial_line.request import Request
 from tests.apparatus.faults.rigs import Rig, in_process
 from tests.apparatus.fuzz.canopen import alive
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged
@@ -79,18 +84,22 @@ def answers_to_the_driver(pieces: int, seed: int, family: str, firmware: str = "
     rng, counted = random.Random(seed), Counted()
     rig = in_process(platform(family, firmware))
     driver: Any = rig.regulator
+    make_lines, lines = driver.make_lines, list[LineEngine]()
+    driver.make_lines = lambda ports: lines.extend(made := make_lines(ports)) or made
     driver.configure()
-    line, port = driver._engines[0], Scripted()
+    line, port = lines[0], Scripted()
     plugged, line.port = line.port, port
     latches = [channel.latch for channel in line.channels]
+    asked: deque[tuple[Channel, Request]] = deque(maxlen=1)
     for channel in line.channels:
         channel.latch = _nothing  # a device that is given up is hardly asked any more
+        channel.next_request = partial(_noted, asked, channel, channel.next_request)
     now_ns = driver.now_ns()
     for _ in range(pieces):
         now_ns += 20_000_000
         rng.choice(line.channels).follow(rng.uniform(0.0, 90e3), 0.02)
         line.send(now_ns)
-        messages = [_right(*line._waiting)] * 12 + _ANSWERS
+        messages = [_right(*asked[-1])] * 12 + _ANSWERS
         answer = damaged(rng, messages).translate(None, b"\r\n")[:LONGEST_LINE] or b"0"
         port.coming = answer + b"\r"
         before = line.counts.copy()
@@ -161,6 +170,15 @@ def bytes_between(pieces: int, seed: int, family: str) -> Counted:
     rig.close()
     counted.untold = counted.sent
     return counted
+
+
+def _noted(
+    asked: deque[tuple[Channel, Request]], channel: Channel, ask: Callable[[int], Request], now_ns: int
+) -> Request:
+    """The next request of a channel, which `asked` remembers."""
+    request = ask(now_ns)
+    asked.append((channel, request))
+    return request
 
 
 def _right(channel: Any, request: Any) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +14,7 @@ from soro_core.adaptation.regulators import RegulatorState
 from soro_core.control.following import Following
 from soro_core.control.laws.protocol import Terms
 from soro_core.control.trajectory import Hold, Point
+from soro_core.control.watch import WatchState
 from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
@@ -37,6 +38,8 @@ class ControllerState:
         Chambers at a bound at the last tick.
     regulators : RegulatorState or None
         State of the regulators' observer; None where the law has none.
+    watch : WatchState
+        What the user must know.
     following : Following or None
         The reference in force; None before the first tick.
     point : Point or None
@@ -50,6 +53,7 @@ class ControllerState:
     creep: Array
     saturated: NDArray[np.bool_]
     regulators: RegulatorState | None = None
+    watch: WatchState = field(default_factory=WatchState)
     following: Following | None = None
     point: Point | None = None
 

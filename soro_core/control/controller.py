@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,8 @@ from soro_core.control.command import Command, ControllerState, ControllerStatus
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.following import follow, reference_ahead
-from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting, Terms
+from soro_core.control.laws.call import call_law
+from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.laws.trial import refuse_lost_arm
 from soro_core.control.references import (
@@ -28,8 +29,9 @@ from soro_core.control.references import (
 )
 from soro_core.control.setpoints import SetpointMaker
 from soro_core.control.spread import feedback_gains
-from soro_core.control.trajectory import Reference
-from soro_core.errors import ModelError, SoroError
+from soro_core.control.trajectory import Point, Reference
+from soro_core.control.watch import WatchState, watched
+from soro_core.errors import SoroError
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.coordinates import strain_fields
@@ -148,7 +150,9 @@ class Controller:
         and the status says why.
         """
         trouble = input_error(q, qd, t, dt, self.arm.n_q)
-        if not trouble:
+        if trouble:
+            state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
+        else:
             try:
                 return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty)
             except (SoroError, np.linalg.LinAlgError) as error:
@@ -169,7 +173,10 @@ class Controller:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
         if measured.shape != (self.arm.n_u,) or not np.all(np.isfinite(measured)):
             measured = state.model_pa
+            state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         start_s, before = self.config.reference.start_s, state.following
+        if state.watch.fallen:
+            return self._vented(state, dt)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
@@ -187,7 +194,7 @@ class Controller:
         regulators = (
             None if state.regulators is None else self.observer.observe(state.regulators, measured, dt)
         )
-        inner, wished, terms = self._wished(state, belief, ahead, dt)
+        inner, wished, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
         actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
         believed = self.law.actuation(inner, actuation)
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
@@ -197,9 +204,11 @@ class Controller:
             return self._held(state, "no finite pressures for the wished force")
         saturated = bool(wish.saturated.any())
         inner = self.law.allocated(inner, Made(wished, wish.force, actuation, measured, saturated), dt)
+        missing = self.setpoints.missing_pa(believed, wished, wish)
         after = replace(
             state,
             law=inner,
+            watch=self._judged(state, q, point, missing, self.law.note(inner), dt),
             setpoint_pa=made.command_pa,
             model_pa=made.model_pa,
             wish_pa=wish.pressure_pa,
@@ -220,26 +229,26 @@ class Controller:
             tip_reference=self.arm.pose(point.q, self.robot.length),
             saturated=made.at_bound,
             terms=terms,
-            status=ControllerStatus(True, "", self.law.note(inner)),
+            status=ControllerStatus(True, "", after.watch.note),
         )
 
-    def _wished(
-        self, state: ControllerState, belief: ArmBelief, reference: Preview, dt: float
-    ) -> tuple[Any, Array, Terms]:
-        """Return the law's answer; raises ModelError for one that no pressures can be found for."""
-        try:
-            inner, wished, terms = self.law.step(state.law, belief, reference, dt)
-            wished = np.asarray(wished, dtype=np.float64)
-        except (SoroError, np.linalg.LinAlgError):
-            raise
-        except Exception as error:  # a law of another package must not end the loop
-            raise ModelError(f"law {self.config.law}: {type(error).__name__}: {error}", "law") from error
-        if wished.shape != (self.arm.n_q,):
-            allowed = f"allowed is ({self.arm.n_q},)"
-            raise ModelError(f"law {self.config.law} gives a force of shape {wished.shape}; {allowed}", "law")
-        if not np.isfinite(wished).all():
-            raise ModelError(f"law {self.config.law} gives a force that is not finite", "law")
-        return inner, wished, terms
+    def _judged(
+        self, state: ControllerState, q: Array, point: Point, missing: Array, event: str, dt: float
+    ) -> WatchState:
+        """Return the watch after a tick."""
+        tip, wanted = (self.arm.pose(x, self.robot.length)[:3, 3] for x in (q, point.q))
+        away = float(np.linalg.norm(tip - wanted)) / self.robot.length
+        if not self.law.learns:  # its lost arm is the verdict's
+            away = 0.0
+        start_s, names = self.config.reference.start_s, self.robot.chamber_names
+        return watched(state.watch, away, missing, names, event, start_s, dt)
+
+    def _vented(self, state: ControllerState, dt: float) -> tuple[ControllerState, Command]:
+        """Let the air of an arm go that has fallen over."""
+        least = np.maximum(self.minimum_pa, state.setpoint_pa - self.pressures.fall_pa_s * dt)
+        state = replace(state, setpoint_pa=least)
+        command = self._held(state, "")[1]
+        return state, replace(command, status=ControllerStatus(True, "", state.watch.note))
 
     def _held(self, state: ControllerState, trouble: str) -> tuple[ControllerState, Command]:
         """Hold the last set points and say why."""

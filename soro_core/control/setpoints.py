@@ -84,6 +84,33 @@ class SetpointMaker:
             start_pa,
         )
 
+    def missing_pa(self, actuation: Array, wished: Array, wish: Allocation) -> Array:
+        """Return the pressure (n_u,) [Pa] beyond its bound that a force needs of each chamber.
+
+        Parameters
+        ----------
+        actuation : ndarray (n_q, n_u)
+            H as the law believes it.
+        wished : ndarray (n_q,)
+            Wished generalised force.
+        wish : Allocation
+            Its pressures within the bounds.
+        """
+        if not wish.saturated.any():
+            return np.zeros(len(self.preferred_pa))
+        wide = 1e3 * (self.maximum_pa - self.minimum_pa)
+        free = allocate(
+            actuation,
+            wished,
+            self.minimum_pa - wide,
+            self.maximum_pa + wide,
+            self.force_weight[:, None] * balanced_weight(actuation, self.fields),
+            1e-12,
+            self.preferred_pa,
+            wish.pressure_pa,
+        ).pressure_pa
+        return np.asarray(free - np.minimum(np.maximum(free, self.minimum_pa), self.maximum_pa))
+
     def make(
         self, wish: Allocation, model_pa: Array, setpoint_pa: Array, bias_pa: Array | float, dt: float
     ) -> Setpoints:

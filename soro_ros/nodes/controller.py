@@ -274,6 +274,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         problems = "; ".join(text for text in (self._trouble, self._refused) if text)
         self.diagnostics.update(WARN if problems else OK, problems or "active")
 
+    def diagnose(self) -> None:
+        counts = {"refused": self._state.watch.refused, **self.controller.law.counts(self._state.law)}
+        self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
+
     # Services --------------------------------------------------------------------------------------
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._enabled:

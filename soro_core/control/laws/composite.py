@@ -97,6 +97,10 @@ class Composite(Law[CompositeState]):
         """Return the learned model, for the filter."""
         return state.learner.learned
 
+    def counts(self, state: CompositeState) -> dict[str, int]:
+        """Return samples refused and priors restored."""
+        return {"samples_refused": state.learner.refused, "priors_restored": state.learner.restored}
+
     def note(self, state: CompositeState) -> str:
         """Return what the learner has to say."""
         return state.learner.note

@@ -216,3 +216,7 @@ class Law(ABC, Generic[State]):
     def note(self, state: State) -> str:
         """Return what the user must know of this tick, or an empty string."""
         return ""
+
+    def counts(self, state: State) -> dict[str, int]:
+        """Return counts since the start, by name, for /diagnostics."""
+        return {}

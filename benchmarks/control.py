@@ -1,4 +1,4 @@
-"""The closed loop on a plant that it does not know, with the laws `adaptive` and `composite`, case by case."""
+"""The closed loop on a plant that it does not know, with `adaptive` and with `composite`, case by case."""
 
 from __future__ import annotations
 
@@ -115,11 +115,11 @@ def run(options: Options) -> str:
     head = ["case", *(f"{law}: {column}" for law in LAWS for column in columns)]
     return "\n\n".join(
         [
-            "Circle of 10 1/m in 4 s with 20 g that the loop does not know of, on a plant of four links behind "
-            "lagging regulators, 20 s (`tests/loop/loop_harness.py`): tip error RMS of the last 5 s (set points: "
-            f"of the last {HELD_S:g} s of each), largest after 3 s, time after which the RMS over 0.25 s stays "
-            "below 2 mm (from a step of the load on), RMS rate of the commands. Means of the seeds "
-            f"{', '.join(map(str, options.pick(SEEDS, SEEDS[:1])))}; `lost`: no further step of the plant.",
+            "Circle of 10 1/m in 4 s with 20 g that the loop does not know of, on a plant of four links "
+            "behind lagging regulators, 20 s (`tests/loop/loop_harness.py`): tip error RMS of the last 5 s "
+            f"(set points: of the last {HELD_S:g} s of each), largest after 3 s, time after which the RMS "
+            "over 0.25 s stays below 2 mm (from a step of the load on), RMS rate of the commands. Means of "
+            f"seeds {', '.join(map(str, options.pick(SEEDS, SEEDS[:1])))}; lost: the plant has no next step.",
             table(head, rows),
         ]
     )

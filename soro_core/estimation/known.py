@@ -8,6 +8,8 @@ from soro_core.adaptation.learned import Learned
 
 # A learned force that is not renewed for this time [s] fades out; each way takes `FADE_S`.
 HEARD_S, FADE_S = 0.1, 0.5
+# Times that differ by less [s] are equal.
+_SAME_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Known:
     @property
     def note(self) -> str:
         """What the user must know, or an empty string."""
-        if self.learned is None or self.age_s <= HEARD_S:
+        if self.learned is None or self.age_s <= HEARD_S + _SAME_S:
             return ""
         return f"no learned force for {self.age_s:.2f} s: it fades out ({self.share:.0%} left)"
 
@@ -51,6 +53,6 @@ def heard(state: Known, learned: Learned | None, dt: float) -> Known:
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
         return Known()
-    change = dt / FADE_S if age_s <= HEARD_S else -dt / FADE_S
+    change = dt / FADE_S if age_s <= HEARD_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
     return Known(kept, age_s, share) if share > 0.0 else Known()

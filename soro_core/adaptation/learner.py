@@ -28,9 +28,9 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Information whose condition is worse than this is singular.
 _SINGULAR = 1e14
-# The low-pass begins when the force is known to this many times the noise: before, the filter still moves
-# from its start to the arm, and the low-pass would keep that.
-_TRUSTED = 3.0
+# The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
+# filter is sure, or after this time [s].
+_WAIT_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,8 @@ class LearnerState:
         A and b of A theta = b.
     residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
         Both sides after the low-pass, in units of force.
-    passed_s : float
-        Time since the low-pass began [s].
+    waited_s, passed_s : float
+        Time before the low-pass began, and since then [s].
     at_bound_s : float
         Time at a bound without a break [s].
     refused, restored : int
@@ -94,6 +94,7 @@ class LearnerState:
     moment: Array
     residual: Array | None = None
     regressor: Array | None = None
+    waited_s: float = 0.0
     passed_s: float = 0.0
     at_bound_s: float = 0.0
     refused: int = 0
@@ -143,8 +144,8 @@ class Learner:
         residual, regressor = self._sides(sample)
         if not (np.isfinite(residual).all() and np.isfinite(regressor).all()):
             return replace(state, refused=state.refused + 1, note="a force that is not finite: not learned")
-        if state.residual is None and self._doubt(sample.covariance) > _TRUSTED * self.config.noise:
-            return replace(state, note="")
+        if state.residual is None and state.waited_s < _WAIT_S and self._doubtful(sample.covariance):
+            return replace(state, waited_s=state.waited_s + dt, note="")
         if state.residual is not None and state.regressor is not None:
             # At first a mean: the first sample alone would count for the time of the low-pass.
             part = max(-math.expm1(-self.config.low_pass_per_s * dt), dt / (state.passed_s + dt))
@@ -157,9 +158,10 @@ class Learner:
             return self._restored(state, "the information is singular: prior restored")
         return self._projected(replace(state, information=information, moment=moment), theta, dt)
 
-    def _doubt(self, covariance: Array) -> float:
-        """Return the largest deviation of a force by that of q, in its unit."""
-        return float(np.sqrt(np.max(np.abs(np.diag(covariance)) * self.force.scales.stiffness**2)))
+    def _doubtful(self, covariance: Array) -> bool:
+        """Whether the filter's doubt about q, as a force, is above the noise."""
+        variance = np.diag(covariance) * self.force.scales.stiffness**2
+        return bool(np.max(variance) > self.config.noise**2)
 
     def deviations(self, state: LearnerState) -> Array:
         """Return the deviation (size,) of each learned value by the noise that the learner assumes."""

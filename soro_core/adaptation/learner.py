@@ -152,8 +152,11 @@ class Learner:
             residual = state.residual + part * (residual - state.residual)
             regressor = state.regressor + part * (regressor - state.regressor)
         state = replace(state, residual=residual, regressor=regressor, passed_s=state.passed_s + dt, note="")
-        information, moment = self._gained(state, residual, regressor, sample.covariance, dt)
-        theta = _solved(information, moment)
+        try:
+            information, moment = self._gained(state, residual, regressor, sample.covariance, dt)
+            theta = _solved(information, moment)
+        except np.linalg.LinAlgError:  # a covariance that cancels the noise
+            theta = None
         if theta is None:
             return self._restored(state, "the information is singular: prior restored")
         return self._projected(replace(state, information=information, moment=moment), theta, dt)

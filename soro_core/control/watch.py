@@ -85,7 +85,8 @@ def watched(
     """
     run_s = state.run_s + dt
     upright = run_s > start_s + UPRIGHT_S
-    away_s = state.away_s + dt if upright and away > FALLEN_PART else 0.0
+    # An arm that swings on the ground comes near its reference again and again.
+    away_s = state.away_s + dt if upright and away > FALLEN_PART else max(state.away_s - 0.5 * dt, 0.0)
     short = np.abs(missing_pa) > LACKING_PA
     lacking_s = state.lacking_s + dt if short.any() else 0.0
     lacking = ""

@@ -62,6 +62,7 @@ class Record:
     estimates: np.ndarray
     names: tuple
     saturated: np.ndarray
+    statuses: tuple = ()
     counts: object = None
     notes: dict = field(default_factory=dict)
 
@@ -225,6 +226,7 @@ def run(robot, setup: Setup) -> Record:
     return Record(
         **{key: np.array([row[key] for row in rows]) for key in rows[0]},
         names=tuple(ticks[-1].command.estimates),
+        statuses=tuple(tick.command.status.message or tick.command.status.note for tick in ticks),
         counts=ticks[-1].estimate.status.counts,
     )
 

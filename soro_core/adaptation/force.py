@@ -61,8 +61,10 @@ class LearnedForce:
         shape = learned.weights(self.arm.n_q) @ self._features(q)
         return np.asarray(self.arm.tip_mass_force(q, qd, qdd) * learned.mass_kg + self.scales.force * shape)
 
-    def acceleration(self, learned: Learned, q: Array, qd: Array) -> Array:
-        """Return the acceleration (n_q,) by the learned force, its mass weighed but not accelerated.
+    def acceleration(self, learned: Learned, q: Array, qd: Array, alone: Array) -> Array:
+        """Return what the learned force adds (n_q,) to the acceleration of the arm.
+
+        Its mass is weighed and accelerated: (M + m J' J) (alone + added) = M alone - (force at rest of it).
 
         Parameters
         ----------
@@ -70,21 +72,25 @@ class LearnedForce:
             The learned model.
         q, qd : ndarray (n_q,)
             Coordinates and rates.
+        alone : ndarray (n_q,)
+            Acceleration of the arm without the learned force.
         """
+        _, loaded, extra = self._inertia(learned, q)
         force = self.force(learned, q, qd, np.zeros_like(q))
-        return np.asarray(np.linalg.solve(self.arm.inertia_matrix(q), -force))
+        return np.asarray(np.linalg.solve(loaded, -force - extra @ alone))
 
-    def slope(self, learned: Learned, q: Array, qd: Array) -> Array:
-        """Return the derivative (n_q, n_q) of `acceleration` by q, the inertia held.
+    def linearise(self, learned: Learned, q: Array, qd: Array) -> tuple[Array, Array]:
+        """Return the factor on the derivatives of `alone` and the slope of the rest by q, (n_q, n_q) each.
 
         Parameters
         ----------
         learned : Learned
             The learned model.
         q, qd : ndarray (n_q,)
-            Coordinates and rates.
+            Coordinates and rates. The inertia is held.
         """
         n, zero, scales = self.arm.n_q, np.zeros_like(q), self.scales
+        inertia, loaded, _ = self._inertia(learned, q)
         here = self.arm.tip_mass_force(q, qd, zero)
         steps = _STEP * np.diag(scales.q)
         weight = np.stack(
@@ -92,7 +98,15 @@ class LearnedForce:
         )
         shape = scales.force[:, None] * learned.weights(n)[:, 1:] / scales.q
         change = learned.mass_kg * weight + shape
-        return np.asarray(np.linalg.solve(self.arm.inertia_matrix(q), -change))
+        both = np.linalg.solve(loaded, np.hstack([inertia, -change]))
+        return np.asarray(both[:, :n]), np.asarray(both[:, n:])
+
+    def _inertia(self, learned: Learned, q: Array) -> tuple[Array, Array, Array]:
+        """Return M, M + m J' J and m J' J of the learned mass; less mass than the file's has no inertia."""
+        jacobian = self.arm.jacobian(q, self.arm.length)[3:]
+        extra = max(learned.mass_kg, 0.0) * jacobian.T @ jacobian
+        inertia = self.arm.inertia_matrix(q)
+        return inertia, inertia + extra, extra
 
     def _features(self, q: Array) -> Array:
         return np.concatenate([[1.0], q / self.scales.q])

@@ -40,3 +40,7 @@ class Learned:
     def usable(self, n_q: int) -> bool:
         """Whether it is one of `n_q` coordinates, and finite."""
         return self.theta.shape == (size_of(n_q),) and bool(np.isfinite(self.theta).all())
+
+    def scaled(self, share: float) -> Learned:
+        """Return this part of it."""
+        return Learned(share * self.theta)

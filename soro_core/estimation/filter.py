@@ -181,8 +181,10 @@ class Filter:
         """
         system, process, n = self.linearise(belief, pressure_pa), self.process, self.n
         if known.learned is not None:
-            slope = self.force.slope(known.learned, belief.q, belief.qd)
-            system[n : 2 * n, :n] += known.share * slope
+            part = known.learned.scaled(known.share)
+            factor, slope = self.force.linearise(part, belief.q, belief.qd)
+            system[n : 2 * n, : 2 * n] = factor @ system[n : 2 * n, : 2 * n]
+            system[n : 2 * n, :n] += slope
             process = process + known.share * (self.learned_process - process)
         return Transition(system, process)
 
@@ -227,7 +229,7 @@ class Filter:
             fade = np.exp(-dt / self.config.process.disturbance_time_s)
             push = 0.5 * dt * (disturbance + 0.5 * dt * drift)
             disturbance, drift = fade * (disturbance + dt * drift), fade * drift
-        begun = push + 0.5 * dt * self._learned(known, belief.q, belief.qd)
+        begun = push + 0.5 * dt * self._learned(known, belief.q, belief.qd, belief.internal, pressure_pa)
         state, status = self.stepper.step(
             State(belief.q, belief.qd + begun, belief.internal), pressure_pa, dt
         )
@@ -235,7 +237,8 @@ class Filter:
         q, qd, internal = belief.q, 0.0 * belief.qd, belief.internal
         if ok:
             end = state.qd + push
-            q, qd, internal = state.q, end + 0.5 * dt * self._learned(known, state.q, end), state.internal
+            kick = 0.5 * dt * self._learned(known, state.q, end, state.internal, pressure_pa)
+            q, qd, internal = state.q, end + kick, state.internal
         whole, noise = transition.over(dt)
         spread = whole @ belief.covariance @ whole.T + noise
         if not ok:
@@ -243,12 +246,15 @@ class Filter:
         q = self.fields.within(q, self.limit)
         return Belief(q, qd, disturbance, drift, internal, 0.5 * (spread + spread.T)), ok
 
-    def _learned(self, known: Known, q: Array, qd: Array) -> Array | float:
+    def _learned(
+        self, known: Known, q: Array, qd: Array, internal: Array, pressure_pa: Array
+    ) -> Array | float:
         """Return the acceleration (n_q,) by the learned force, 0 without one."""
         if known.learned is None:
             return 0.0
-        # A step may end where the model has no value.
-        return known.share * self.force.acceleration(known.learned, self.fields.within(q, self.limit), qd)
+        q = self.fields.within(q, self.limit)  # a step may end where the model has no value
+        alone = self.arm.forward_dynamics(q, qd, pressure_pa, internal=internal)
+        return self.force.acceleration(known.learned.scaled(known.share), q, qd, alone)
 
     def distance(self, belief: Belief, innovation: Innovation) -> float:
         """Return the normalised innovation squared, chi-square distributed for a good sample."""

@@ -56,6 +56,9 @@ class EstimatorNodeConfig(ArmNodeKeys):
     priority: Priority = 20
     backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone; 0 for none")
     backbone_points: int = Field(21, ge=2, le=200, description="poses along the arm in arm/backbone")
+    learned: bool = Field(
+        False, description="lockstep: the law learns, so each tick waits for arm/learned of the one before"
+    )
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
 
 

@@ -10,16 +10,18 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from soro_core.adaptation import Learned
 from soro_core.control import Reference
 from soro_core.control.reach import check_reach
 from soro_core.errors import ConfigError, SoroError
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.scene import ControllerNodeConfig
-from soro_ros import messages, qos
+from soro_ros import learning, messages, qos
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
@@ -51,11 +53,16 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._reference: Reference | None = None
         self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
+        self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
+        self._learned = self.create_publisher(Float64MultiArray, "arm/learned", loop)
+        self._deviations = self.create_publisher(JointState, "controller/deviations", loop)
+        self._terms = self.create_publisher(JointState, "controller/terms", loop)
         self._desired_tip = self.create_publisher(PoseStamped, "arm/desired/tip", loop)
         self._estimates = self.create_publisher(JointState, "controller/estimates", loop)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
+        self.create_subscription(Float64MultiArray, "arm/covariance", self._on_covariance, loop)
         self.create_subscription(JointState, "arm/state", self._on_state, loop)
         self.create_subscription(
             JointTrajectory, "arm/reference/trajectory", self._on_trajectory, qos.RELIABLE
@@ -113,6 +120,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._states.append(message)
         self._process()
 
+    def _on_covariance(self, message: Float64MultiArray) -> None:
+        self._covariances.append(message)
+        self._process()
+
     def _on_trajectory(self, message: JointTrajectory) -> None:
         self._follow(self._trajectory(message))
 
@@ -168,9 +179,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         while self._states:
             stamp_ns = messages.to_ns(self._states[0].header.stamp)
             reading = self._reading_at(stamp_ns)
-            if reading is None:
+            covariance = self._covariance_at(stamp_ns)
+            if reading is None or (covariance is None and self._lockstep and self.controller.law.learns):
                 return
-            self._tick(self._states.popleft(), stamp_ns, reading)
+            self._tick(self._states.popleft(), stamp_ns, reading, covariance)
 
     def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
         """Return the reading of the same tick, in real time the latest one."""
@@ -179,8 +191,19 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
                 return pressure
         return None if self._lockstep else np.full(len(self._names), np.nan)
 
-    def _tick(self, message: JointState, stamp_ns: int, reading: np.ndarray) -> None:
+    def _covariance_at(self, stamp_ns: int) -> Float64MultiArray | None:
+        """Return the covariance of the same tick, in real time the latest one that is not too old."""
+        for message in reversed(self._covariances):
+            age_s = (stamp_ns - learning.stamp_ns(message)) * 1e-9
+            if age_s == 0.0 or (not self._lockstep and age_s <= self._config.state_age_s):
+                return message
+        return None
+
+    def _tick(
+        self, message: JointState, stamp_ns: int, reading: np.ndarray, covariance: Float64MultiArray | None
+    ) -> None:
         if not self._enabled:
+            self._publish_learned(None, stamp_ns)
             self._publish(np.zeros(len(self._names)), stamp_ns)
             return
         trouble = self._unusable(message, stamp_ns)
@@ -192,18 +215,37 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             dt = min(dt, self._config.state_age_s)
             q, qd = np.array(message.position), np.array(message.velocity)
             t = (stamp_ns - self._epoch_ns) * 1e-9
-            self._state, command = self.controller.step(self._state, q, qd, t, dt, reading, self._reference)
+            certainty = None if covariance is None else learning.certainty_of(covariance, len(q))
+            self._state, command = self.controller.step(
+                self._state, q, qd, t, dt, reading, self._reference, certainty
+            )
             self._last_ns, trouble = stamp_ns, command.status.message
-        self._note(trouble)
+            self._publish_learned(command.learned, stamp_ns)
+        else:
+            self._publish_learned(None, stamp_ns)
+        self._note(trouble or command.status.note)
         if trouble:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)
             return
         self._publish(command.setpoint_pa, stamp_ns)
         self._desired_tip.publish(messages.pose_stamped(command.tip_reference, stamp_ns, FRAME))
-        estimates = JointState(name=list(command.estimates), position=list(command.estimates.values()))
-        estimates.header.stamp = message.header.stamp
-        self._estimates.publish(estimates)
+        terms = command.terms or {}
+        names = [f"{name}/{term}" for term in terms for name in self._coordinates]
+        values = [float(value) for term in terms.values() for value in term]
+        for publisher, told in (
+            (self._estimates, command.estimates),
+            (self._deviations, command.deviations),
+            (self._terms, dict(zip(names, values, strict=True))),
+        ):
+            named = JointState(name=list(told), position=list(told.values()))
+            named.header.stamp = message.header.stamp
+            publisher.publish(named)
+
+    def _publish_learned(self, learned: Learned | None, stamp_ns: int) -> None:
+        """Publish what is learned; in lockstep the filter waits for an answer, even an empty one."""
+        if self.controller.law.learns and (self._lockstep or learned is not None):
+            self._learned.publish(learning.learned(learned, stamp_ns))
 
     def _unusable(self, message: JointState, stamp_ns: int) -> str:
         if not message.name:
@@ -231,6 +273,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def _report(self) -> None:
         problems = "; ".join(text for text in (self._trouble, self._refused) if text)
         self.diagnostics.update(WARN if problems else OK, problems or "active")
+
+    def diagnose(self) -> None:
+        counts = {"refused": self._state.watch.refused, **self.controller.law.counts(self._state.law)}
+        self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
 
     # Services --------------------------------------------------------------------------------------
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

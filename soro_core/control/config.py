@@ -212,6 +212,31 @@ class ReferenceConfig(Strict):
     )
 
 
+class MotionConfig(Strict):
+    """Motions along paths of the tip (arm/reference/path, soro move)."""
+
+    speed_m_s: float = Field(0.04, gt=0, le=10, description="fastest speed of the tip")
+    acceleration_m_s2: float = Field(0.1, gt=0, le=1e3, description="largest acceleration of the tip")
+    tolerance_m: float = Field(
+        1e-4, gt=0, le=0.1, description="paths that the tip would leave by more are refused as out of reach"
+    )
+    slowest: float = Field(
+        10.0,
+        ge=1,
+        le=1e3,
+        description="largest factor by which the time of a motion is extended until pressures and rates fit",
+    )
+    rate_part: float = Field(
+        0.8, gt=0, le=1, description="part of the allowed rates of set points that a motion takes"
+    )
+    reached_m: float = Field(
+        2e-3, gt=0, le=1, description="distance of the tip from the end of a motion that counts as reached"
+    )
+    settle_s: float = Field(
+        2.0, gt=0, le=60, description="time after the end of a motion within which the tip must be there"
+    )
+
+
 # The defaults below are tuned for this robot.
 BUILT_IN_ROBOT = "tue_three_bellow"
 
@@ -235,3 +260,4 @@ class ControllerConfig(Strict):
     adaptation: Adaptation = Field(Adaptation(), description="adaptation")
     pressures: Pressures = Field(Pressures(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
+    motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")

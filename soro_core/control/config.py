@@ -237,6 +237,19 @@ class MotionConfig(Strict):
     )
 
 
+class EnableBounds(Strict):
+    """What is checked before the controller is enabled, and within which bounds."""
+
+    sample_age_s: float = Field(0.5, gt=0, le=10, description="oldest sample of readings, state and sensors")
+    pressure_pa: float = Field(1e3, gt=0, le=1e5, description="largest measured pressure, of either sign")
+    distance_m: float = Field(
+        0.01, gt=0, le=10, description="distance of a pose from the model at rest under some load"
+    )
+    angle_deg: float = Field(
+        10.0, gt=0, le=180, description="angle of a pose, or of gravity in an IMU, from the model at rest"
+    )
+
+
 # The defaults below are tuned for this robot.
 BUILT_IN_ROBOT = "tue_three_bellow"
 
@@ -261,3 +274,9 @@ class ControllerConfig(Strict):
     pressures: Pressures = Field(Pressures(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
     motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")
+    check_at_enable: Literal["refuse", "warn", "off"] = Field(
+        "refuse",
+        description="what a finding of the checks before ~/enable does; samples that are not fresh refuse "
+        "with warn too; lockstep has no samples before it is enabled and is not checked",
+    )
+    enable: EnableBounds = Field(EnableBounds(), description="bounds of the checks before ~/enable")

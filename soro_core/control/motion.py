@@ -107,8 +107,9 @@ class Planner:
         legs = legs_of(positions, orientations)
         first = positions[0], None if orientations is None else orientations[0]
         kinematics = PathCoordinates(self.supply.arm, self.supply.fields, self.bounds.strain, self.config)
-        rest = begin.q if self._is_there(begin, *first) else kinematics.first(begin.q, *first)
-        yield
+        rest = begin.q
+        if not self._is_there(begin, *first):
+            rest = yield from kinematics.first(begin.q, *first)
         curves, q = [], rest
         for leg in legs:
             curve = yield from kinematics.along(leg, q)

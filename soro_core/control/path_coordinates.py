@@ -64,14 +64,15 @@ class PathCoordinates:
         )
         return found.q, found.position_error_m
 
-    def first(self, start: Array, position: Array, orientation: Array | None) -> Array:
-        """Return the coordinates of the first pose, by a search from several starts."""
+    def first(self, start: Array, position: Array, orientation: Array | None) -> Planning[Array]:
+        """Find the coordinates of the first pose, by a search from several starts."""
         fields = self.fields
         bend = fields.of("bending_x") + 1j * fields.of("bending_y")
         ways = [(bend * np.exp(0.5j * np.pi * k)).real / fields.length for k in range(4)]
         tried = []
         for begin in (start, np.zeros_like(start), *ways):
             q, missed = self._solve(begin, position, orientation)
+            yield
             tried.append((missed, q))
             if missed <= self.config.motion.tolerance_m:
                 return q

@@ -53,6 +53,14 @@ class EnableCheck:
                     _KINDS[kind], topic, partial(self._on_sample, topic), qos.SENSOR, raw=True
                 )
 
+    def warm_up(self) -> None:
+        """Run the checks once without effect: imports and compilation take longer than a tick."""
+        if self._mode != "off":
+            upside_down = Seen(
+                "", self._controller.arm.length, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(3)
+            )
+            self._rest.findings([upside_down], self._bounds)
+
     def note_reading(self, pressure_pa: np.ndarray) -> None:
         """Note measured pressures (n_u,) [Pa gauge]."""
         self._arrived["chambers/state"], self._pressure_pa = time.monotonic(), pressure_pa

@@ -102,6 +102,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
+        self._check.warm_up()
         begin = Point(*np.zeros((3, arm.n_q)))
         tips = [arm.pose(x, self.controller.robot.length)[:3, 3] for x in (begin.q, q)]
         with contextlib.suppress(SoroError):  # an arm that cannot move like this has done the same work

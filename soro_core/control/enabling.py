@@ -6,6 +6,7 @@ standing arm may lean in any direction then: the search for its rest starts wher
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,10 +17,11 @@ from numpy.typing import NDArray
 
 from soro_core.control.config import EnableBounds
 from soro_core.control.kinematics import inverse_kinematics
-from soro_core.errors import ModelError
+from soro_core.control.references import bounds_of
+from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium
-from soro_core.robot.coordinates import StrainFields
+from soro_core.robot.coordinates import StrainFields, strain_fields
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_log
 
 if TYPE_CHECKING:
@@ -27,8 +29,12 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Loads between none and the largest that are tried, and halvings of the distance to the best one.
-_LOADS, _HALVINGS = 6, 4
+# Links of the arm that is compared with the samples.
+_PARTS = 4
+# Loads that are tried beside the one that is nearest to balance, relative to it.
+_AROUND = (-0.1, 0.1, -0.2, 0.2)
+# Halvings of the distance to the best of them.
+_HALVINGS = 3
 
 
 @dataclass(frozen=True)
@@ -78,40 +84,59 @@ class RestingArm:
 
     def findings(self, seen: Sequence[Seen], bounds: EnableBounds) -> list[str]:
         """Return a line for each sensor that fits the model under no load."""
-        best, fitting = math.inf, np.zeros(self.arm.n_q)
+        tried: list[Array] = []
         for q in self._rests(seen, bounds):
-            misfit = max((self._misfit(one, q, bounds) for one in seen), default=0.0)
-            if misfit <= 1.0:
+            if self._worst(seen, q, bounds) <= 1.0:
                 return []
-            if misfit < best:
-                best, fitting = misfit, q
-        return [self._text(one, fitting, bounds) for one in seen if self._misfit(one, fitting, bounds) > 1.0]
+            tried.append(q)
+        tried = tried or [np.zeros(self.arm.n_q)]
+        best = min(tried, key=lambda q: self._worst(seen, q, bounds))
+        wrong = [one for one in seen if self._misfit(one, best, bounds) > 1.0]
+        return [self._text(one, best, bounds) + self._turn(one, tried, bounds) for one in wrong]
 
     def _rests(self, seen: Sequence[Seen], bounds: EnableBounds) -> Iterator[Array]:
-        """Yield coordinates at rest, under the loads that fit best towards the end."""
-        start = np.zeros(self.arm.n_q)
+        """Yield coordinates at rest: from where the sensors see the tip, and upright."""
+        upright, start = np.zeros(self.arm.n_q), np.zeros(self.arm.n_q)
         tip = next((one for one in seen if one.position is not None and one.s >= self.arm.length), None)
         if tip is not None and tip.position is not None:
-            start = inverse_kinematics(self.arm, self.fields, tip.position, None, start, self.limit).q
-        found: list[tuple[float, float]] = []
+            # Weighted so that both bounds count the same.
+            weight = bounds.distance_m / math.radians(bounds.angle_deg)
+            start = inverse_kinematics(
+                self.arm, self.fields, tip.position, tip.quaternion, start, self.limit, weight
+            ).q
+        likely = self._load_at(start)
+        yield from self._rest(likely, start)
+        yield from self._rest(0.0, upright)
+        near = [(load, q) for x in _AROUND for load in (likely * (1.0 + x),) for q in self._rest(load, start)]
+        yield from (q for _, q in near)
+        step = 0.5 * abs(_AROUND[0]) * likely
+        for _ in range(_HALVINGS if near else 0):
+            # Near buckling the tip moves far with little load: from the rest that fits best.
+            load, best = min(near, key=lambda pair: self._worst(seen, pair[1], bounds))
+            found = [(load + x, q) for x in (-step, step) for q in self._rest(load + x, best)]
+            yield from (q for _, q in found)
+            near, step = [(load, best), *found], 0.5 * step
 
-        def rest(load: float) -> Iterator[Array]:
-            try:
-                q = equilibrium(self.arm, np.zeros(self.arm.n_u), start, load)
-            except ModelError:  # near buckling the search may fail; a load beside it is found
-                return
-            found.append((max((self._misfit(one, q, bounds) for one in seen), default=0.0), load))
-            yield q
+    def _rest(self, load: float, start: Array) -> Iterator[Array]:
+        """Yield the rest under a load [kg] that a search from `start` finds, if it finds one."""
+        if 0.0 <= load <= self.heaviest_kg:
+            with contextlib.suppress(ModelError):
+                yield equilibrium(self.arm, np.zeros(self.arm.n_u), start, load)
 
-        step = self.heaviest_kg / _LOADS
-        for k in range(_LOADS + 1):
-            yield from rest(k * step)
-        for _ in range(_HALVINGS if found and step > 0.0 else 0):
-            step *= 0.5
-            _, load = min(found)
-            for near in (load - step, load + step):
-                if 0.0 <= near <= self.heaviest_kg:
-                    yield from rest(near)
+    def _load_at(self, q: Array) -> float:
+        """Return the load [kg] that is nearest to balance in `q`."""
+        rest = np.zeros(self.arm.n_q)
+        force = self.arm.gravity_force(q) + self.arm.elastic_force(q)
+        weight = self.arm.mass_regressor(q, rest, rest, rest)[:, 0]
+        # The forces of bendings alone: an elongation says little of a load.
+        bend = ~self.fields.stretch
+        square = float(weight[bend] @ weight[bend])
+        load = -float(weight[bend] @ force[bend]) / square if square > 0.0 else 0.0
+        return min(max(load, 0.0), self.heaviest_kg)
+
+    def _worst(self, seen: Sequence[Seen], q: Array, bounds: EnableBounds) -> float:
+        """Return the misfit of the sample that fits least."""
+        return max((self._misfit(one, q, bounds) for one in seen), default=0.0)
 
     def _misfit(self, one: Seen, q: Array, bounds: EnableBounds) -> float:
         """Return distance and angle of a sample from the model, the larger one, in bounds."""
@@ -137,29 +162,45 @@ class RestingArm:
         distance, angle = self._apart(one, q)
         apart = [] if one.position is None else [f"{1e3 * distance:.0f} mm"]
         apart += [f"{math.degrees(angle):.0f} degrees"]
-        text = (
+        return (
             f"{one.name} is {' and '.join(apart)} from the model at rest under any load from 0 to "
             f"{1e3 * self.heaviest_kg:.0f} g, allowed: {1e3 * bounds.distance_m:g} mm and "
             f"{bounds.angle_deg:g} degrees (enable)"
         )
+
+    def _turn(self, one: Seen, rests: Sequence[Array], bounds: EnableBounds) -> str:
+        """Return the rotation of a pose that would make it fit one of these rests, as an end of the line."""
         if one.quaternion is None:
-            return text
-        pose, base = self.arm.pose(q, one.s), np.asarray(self.arm.robot.base_position, dtype=np.float64)
-        turn = pose[:3, :3] @ matrix_from_quaternion(one.quaternion).T
-        if one.position is not None:
-            turned = base + turn @ (one.position - base)
-            if float(np.linalg.norm(turned - pose[:3, 3])) > bounds.distance_m:
-                return f"{text}; no rotation about the base makes it fit"
-        rotation = ", ".join(f"{x:.3f}" for x in quaternion_from_matrix(turn))
-        cure = "see base_quaternion, or the sensor's frame"
-        return f"{text}; turned by the quaternion [{rotation}] it fits: {cure}"
+            return ""
+        base = np.asarray(self.arm.robot.base_position, dtype=np.float64)
+        found = []
+        for q in rests:
+            pose = self.arm.pose(q, one.s)
+            turn = pose[:3, :3] @ matrix_from_quaternion(one.quaternion).T
+            away = 0.0 if one.position is None else base + turn @ (one.position - base) - pose[:3, 3]
+            found.append((float(np.linalg.norm(away)), quaternion_from_matrix(turn)))
+        distance, quaternion = min(found, key=lambda pair: pair[0])
+        if distance > bounds.distance_m:
+            return "; no rotation about the base makes it fit"
+        rounded = quaternion.round(3)
+        if rounded[3] == 0.0 and rounded.sum() < 0.0:  # half a turn has two signs
+            rounded = -rounded
+        rotation = ", ".join(f"{x:.3f}" for x in rounded + 0.0)
+        return f"; turned by the quaternion [{rotation}] it fits: see base_quaternion, or the sensor's frame"
 
 
 def resting_arm(controller: Controller) -> RestingArm:
     """Return the model at rest, with loads up to the bound of the mass that the law learns."""
-    parameters, tip = controller.parameters, controller.robot.tip_mass
-    upper = dict(zip(parameters.names, parameters.polytope.upper, strict=True)).get("tip_mass", tip)
-    return RestingArm(controller.arm, controller.fields, controller.limit, max(float(upper) - tip, 0.0))
+    parameters, robot = controller.parameters, controller.robot
+    upper = dict(zip(parameters.names, parameters.polytope.upper, strict=True)).get(
+        "tip_mass", robot.tip_mass
+    )
+    # A load bends a link unevenly: one link of constant strain would match its tip or its angle, not both.
+    with contextlib.suppress(ConfigError):  # modes cannot be split
+        robot = robot if robot.varies else robot.refine(math.ceil(_PARTS / len(robot.links)))
+    fields = strain_fields(robot)
+    limit = bounds_of(fields, controller.config.reference, 1).strain
+    return RestingArm(SoftArm(robot), fields, limit, max(upper - robot.tip_mass, 0.0))
 
 
 def pressure_findings(names: Sequence[str], pressure_pa: Array, bounds: EnableBounds) -> list[str]:

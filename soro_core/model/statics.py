@@ -81,7 +81,8 @@ def _search(arm: SoftArm, p: Array, share: float, begin: Array, added: float) ->
     stiffness = np.array([(unbalanced(e) - unbalanced(-e)) / (2 * step) for e in step * np.eye(arm.n_q)])
     scale = np.maximum(np.abs(np.diag(stiffness)), 1e-12)
     try:
-        found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a search that leaves all bounds
+            found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
     except ModelError as error:
         return begin, str(error).split(" (q = ")[0]
     q = np.asarray(found.x, float)

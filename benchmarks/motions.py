@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,8 +40,85 @@ SPEED_M_S = 0.04
 SEEDS = (1, 2, 3, 4, 5)
 
 
+# A controller in real time that gets its states directly.
+LATENESS = """
+import json, sys, time
+import numpy as np, rclpy
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from soro_ros import messages
+from soro_ros.nodes.controller import ControllerNode
+
+rclpy.init()
+node = ControllerNode()
+node.trigger_configure()
+node.trigger_activate()
+names = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
+chambers = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
+sent, publish = [0.0], node._command.publish
+node._command.publish = lambda message: (publish(message), sent.append(time.perf_counter()))
+zero, period, due = np.zeros(3), 1.0 / 200.0, time.perf_counter()
+
+def tick():
+    global due
+    due = max(due + period, time.perf_counter())
+    time.sleep(max(due - time.perf_counter(), 0.0))
+    now, q = node.get_clock().now().nanoseconds, getattr(node._state.point, "q", zero)
+    node._on_reading(messages.chambers(chambers, zero, now))
+    begun = time.perf_counter()
+    node._on_state(messages.arm_state(names, q, zero, zero, now))
+    return 1e3 * (sent[-1] - begun), 1e3 * (time.perf_counter() - begun)
+
+tick()
+node._on_enable_anyway(None, type("R", (), {})())
+plain = [tick() for _ in range(400)]
+upright = np.array([0.0, 0.0, 0.0, 1.0])
+poses = [messages.pose(np.array(p), upright) for p in json.load(sys.stdin)]
+planned, taken = [], []
+for k in range(5):
+    path = Path(poses=[PoseStamped(pose=pose) for pose in poses])
+    path.header.frame_id, path.header.stamp.sec = "world", k
+    node._motions._on_path(path)
+    job, before = node._motions._job, len(planned)
+    while job.state == "planning" and len(planned) < before + 2000:
+        planned.append(tick())
+    taken.append(len(planned) - before)
+print(json.dumps([plain, planned, taken, node._motions._job.state]))
+"""
+
+
 def run(options: Options) -> str:
     """Measure and write."""
+    return f"{tracking(options)}\n\n{lateness(options)}"
+
+
+def lateness(options: Options) -> str:
+    """What a tick of the controller takes while a motion is planned."""
+    options.say("ticks beside a plan")
+    path = json.dumps(PATHS["square of 20 mm"].tolist())
+    environment = {**os.environ, "ROS_DOMAIN_ID": "99"}
+    done = subprocess.run(
+        [sys.executable, "-c", LATENESS], input=path, capture_output=True, text=True, env=environment
+    )
+    if done.returncode != 0:
+        raise RuntimeError(done.stderr)
+    plain, planned, taken, state = json.loads(done.stdout.splitlines()[-1])
+    rows = []
+    for name, ticks in (("without a plan", plain), ("while the square is planned", planned)):
+        command, whole = np.array(ticks).T
+        late = 100.0 * np.mean(whole > 5.0)
+        figures = [f"{np.percentile(values, q):.2f}" for values in (command, whole) for q in (50, 99)]
+        rows.append([name, len(command), *figures, f"{late:.1f}"])
+    head = ["ticks", "number", "command, p50 ms", "p99", "whole tick, p50 ms", "p99", "beyond 5 ms, %"]
+    return (
+        "Time of a tick at 200 Hz in a node in real time, from the state to the command and to its end, the "
+        f"slice of the plan included. A plan of the square takes {min(taken)} to {max(taken)} ticks "
+        f"({len(taken)} plans, the last one {state}).\n\n{table(head, rows)}"
+    )
+
+
+def tracking(options: Options) -> str:
+    """How far the tip is from its timed reference."""
     rows = []
     for controller in options.pick(controllers(), controllers()[:1]):
         for name, path in list(PATHS.items())[: options.pick(None, 1)]:

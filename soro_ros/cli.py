@@ -28,11 +28,12 @@ def application() -> typer.Typer:
     """Import every command; this takes half a second or more."""
     import typer
 
-    from soro_ros.commands import bag, fit, hil, move, services
+    from soro_ros.commands import bag, fit, hil, services
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
     from soro_ros.commands.film import film
+    from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.play import play
     from soro_ros.commands.reach import reach
     from soro_ros.commands.run import run
@@ -54,9 +55,9 @@ def application() -> typer.Typer:
     app.command()(trade)
     app.command()(board)
     app.command()(reach)
+    app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)
-    app.add_typer(move.app, name="move", help="Move the tip along lines, arcs and splines.")
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     app.add_typer(hil.app, name="hil", help="Hardware in the loop: first pressurisation, latency.")

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from soro_core.config import changed
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.control.config import MotionConfig
-from soro_core.control.following import reference_ahead
+from soro_core.control.following import Following, reference_ahead
 from soro_core.control.motion_parts import Motion
 from soro_core.control.path_coordinates import Planning
 from soro_core.control.trajectory import Point
@@ -32,7 +32,7 @@ TOPIC, STATUS = "arm/reference/path", "arm/motion"
 PLANNING, MOVING = "planning", "moving"
 REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replaced", "vented"
 # Part of a period, after a tick has begun, until which a plan is continued.
-_SHARE = 0.6
+_SHARE = 0.5
 # A motion that begins under way does so that long after its message [s]; twice as long each time that the
 # plan was not ready.
 _AHEAD_S, _LONGEST_S = 0.5, 8.0
@@ -49,8 +49,6 @@ class _Job:
     orientations: np.ndarray | None
     config: MotionConfig
     state: str = PLANNING
-    ahead_s: float = 0.0
-    start_s: float = 0.0
     steps: Planning[Motion] | None = None
     motion: Motion | None = None
     reported_s: float = -np.inf
@@ -124,7 +122,7 @@ class MotionTopic:
             return
         if job.state == PLANNING:
             self._plan(job, begun_s + _SHARE * self._period_s)
-            self._begin(job, state, t)
+            self._begin(job, t)
         elif job.state == MOVING and job.motion is not None:
             self._judge(job, job.motion, t, tip)
 
@@ -135,10 +133,9 @@ class MotionTopic:
         stamp_ns = messages.to_ns(message.header.stamp)
         try:
             positions, orientations = self._poses(message)
-            if self._now is None:
-                raise ConfigError("path", "controller", "not enabled", "a controller in control: soro enable")
+            self._reached()
             job = _Job(stamp_ns, positions, orientations, self._settings())
-            self._start(job, *self._now)
+            job.steps = self._steps(job)
         except SoroError as error:
             self._report_refusal(stamp_ns, error)
             return
@@ -180,20 +177,32 @@ class MotionTopic:
         # An orientation of zeros is one that was not stated.
         return positions, orientations if np.any(orientations) else None
 
-    def _start(self, job: _Job, state: ControllerState, t: float) -> None:
-        """Begin to plan from the reference at the time of the motion's begin."""
-        controller, following = self._controller, state.following
-        if following is None:
-            raise ConfigError("path", "controller", "not in control", "a controller in control: soro enable")
-        now, later = (reference_ahead(controller.bounds, following, x) for x in (0.0, _AHEAD_S))
-        job.ahead_s = (
-            0.0 if _rests(now) and _rests(later) else min(max(2.0 * job.ahead_s, _AHEAD_S), _LONGEST_S)
-        )
-        job.start_s = t + job.ahead_s
-        begin = now if job.ahead_s == 0.0 else reference_ahead(controller.bounds, following, job.ahead_s)
+    def _steps(self, job: _Job) -> Planning[Motion]:
+        """Plan the path, then the way to it from the reference at the time of the motion's begin."""
+        controller, (state, _, following) = self._controller, self._reached()
         planner = controller.planner(state, self._period_s)
         planner = replace(planner, config=changed(planner.config, motion=job.config))
-        job.steps = planner.plan(begin, job.positions, job.orientations, job.start_s)
+        near = reference_ahead(controller.bounds, following, 0.0).q
+        route = yield from planner.route(near, job.positions, job.orientations)
+        ahead_s = _AHEAD_S
+        while True:
+            _, t, following = self._reached()
+            now, later = (reference_ahead(controller.bounds, following, x) for x in (0.0, ahead_s))
+            rests = _rests(now) and _rests(later)
+            start_s = t if rests else t + ahead_s
+            motion = yield from planner.motion(route, now if rests else later, start_s)
+            _, t, _ = self._reached()
+            if rests:
+                return replace(motion, start_s=t)
+            if t <= start_s or ahead_s >= _LONGEST_S:
+                return motion
+            ahead_s *= 2.0  # the way was planned too late: the arm is elsewhere
+
+    def _reached(self) -> tuple[ControllerState, float, Following]:
+        """State, time and reference of the last tick."""
+        if self._now is None or self._now[0].following is None:
+            raise ConfigError("path", "controller", "not in control", "a controller in control: soro enable")
+        return *self._now, self._now[0].following
 
     def _plan(self, job: _Job, until_s: float) -> None:
         """Continue the plan until a monotonic time [s]."""
@@ -208,16 +217,10 @@ class MotionTopic:
             self._job, self._replaced = self._replaced, None
             self._report_refusal(job.stamp_ns, error)
 
-    def _begin(self, job: _Job, state: ControllerState, t: float) -> None:
+    def _begin(self, job: _Job, t: float) -> None:
         """Begin the planned motion when it is due."""
-        if job.motion is None or t < job.start_s:
+        if job.motion is None or t < job.motion.start_s:
             return
-        if job.ahead_s > 0.0 and t > job.start_s + 2.0 * self._period_s and job.ahead_s < _LONGEST_S:
-            job.motion = None
-            self._start(job, state, t)  # the plan was late: the arm is elsewhere
-            return
-        if job.ahead_s == 0.0:
-            job.motion = replace(job.motion, start_s=t)
         if self._replaced is not None:
             self._end(self._replaced, REPLACED, "by another path")
             self._replaced = None

@@ -34,8 +34,12 @@ _ON_THE_WAY = 8
 _ON_THE_WAY_TEXT = "on the way to the first pose"
 # Samples of a part at which rates of strain and the speed of the tip are taken.
 _SAMPLES = 64
-# Of them in one step of the plan.
+# What rates may be between two samples, relative to the largest sample.
+_BETWEEN = 1.01
+# Samples in one step of the plan.
 _IN_A_STEP = 8
+# Coordinates that differ by less are equal, relative to the largest strain.
+_SAME = 1e-9
 # Shortest passage to the path [s].
 _SHORTEST_S = 0.2
 # Times that the way to the path is extended by a third.
@@ -44,6 +48,28 @@ _LONGER = 12
 _HOPELESS = 10.0
 # A search for the factor of time ends within this part of the smallest one.
 _PRECISION = 0.03
+
+
+@dataclass(frozen=True)
+class Route:
+    """A planned path.
+
+    Attributes
+    ----------
+    first : ndarray (n_q,)
+        Coordinates of its first pose.
+    parts : tuple of Part
+        From rest to rest each.
+    factor : float
+        How many times longer they take than asked for.
+    note : str
+        What they leave out; empty if nothing.
+    """
+
+    first: Array
+    parts: tuple[Part, ...]
+    factor: float
+    note: str
 
 
 @dataclass(frozen=True)
@@ -70,16 +96,14 @@ class Planner:
     def plan(
         self, begin: Point, positions: Array, orientations: Array | None, start_s: float
     ) -> Planning[Motion]:
-        """Plan the motion to the first pose and through the others; the last value is the motion.
+        """Plan the motion to the first pose and through the others.
 
         Parameters
         ----------
         begin : Point
             The reference at `start_s`, moving or at rest.
-        positions : ndarray (n, 3)
-            Positions to pass, in the world [m].
-        orientations : ndarray (n, 4) or None
-            Orientations (x, y, z, w), weighted with `reference.rotation_weight_m`.
+        positions, orientations : ndarray (n, 3) and (n, 4) or None
+            As for `route`.
         start_s : float
             Time of the begin [s].
 
@@ -99,43 +123,88 @@ class Planner:
         ConfigError
             If the path is none.
         """
+        route = yield from self.route(begin.q, positions, orientations)
+        return (yield from self.motion(route, begin, start_s))
+
+    def route(self, q: Array, positions: Array, orientations: Array | None) -> Planning[Route]:
+        """Plan the path itself, from rest at its first pose.
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+            Coordinates near which the search for those of the first pose starts.
+        positions : ndarray (n, 3)
+            Positions to pass, in the world [m].
+        orientations : ndarray (n, 4) or None
+            Orientations (x, y, z, w), weighted with `reference.rotation_weight_m`.
+
+        Yields
+        ------
+        None
+            After each step.
+
+        Returns
+        -------
+        Route
+
+        Raises
+        ------
+        MotionError
+            If the tip or the pressures cannot do it.
+        ConfigError
+            If the path is none.
+        """
         note = ""
         if orientations is not None and self.config.reference.rotation_weight_m <= 0.0:
             if np.ptp(orientations, axis=0).max(initial=0.0) > 1e-9:
                 note = "orientations are not followed: reference.rotation_weight_m is 0"
             orientations = None
         legs = legs_of(positions, orientations)
-        first = positions[0], None if orientations is None else orientations[0]
         kinematics = PathCoordinates(self.supply.arm, self.supply.fields, self.bounds.strain, self.config)
-        rest = begin.q
-        if not self._is_there(begin, *first):
-            rest = yield from kinematics.first(begin.q, *first)
-        curves, q = [], rest
+        away = np.linalg.norm(self.supply.arm.pose(q, self.supply.arm.length)[:3, 3] - positions[0])
+        first = q
+        if orientations is not None or away > SAME_M:
+            turn = None if orientations is None else orientations[0]
+            first = yield from kinematics.first(q, positions[0], turn)
+        curves, q = [], first
         for leg in legs:
             curve = yield from kinematics.along(leg, q)
             curves.append(curve)
             q = np.asarray(curve(leg.length_m))
         passed = 0.0
+        self._check_rest(first, "the first pose")
         for leg, curve in zip(legs, curves, strict=True):
             for s in curve.x:
                 self._check_rest(np.asarray(curve(s)), f"{1e3 * (passed + s):.1f} mm along the path")
                 yield
             passed += leg.length_m
-        approach = yield from self._approach(begin, rest)
         path = [self._timed(leg, curve) for leg, curve in zip(legs, curves, strict=True)]
         factor = yield from self._factor(path)
-        slower: list[Part] = [Slower(part, factor) if factor > 1.0 else part for part in path]
-        parts = [*approach, *slower]
+        slower = tuple(Slower(part, factor) if factor > 1.0 else part for part in path)
+        return Route(first, slower, factor, note)
+
+    def motion(self, route: Route, begin: Point, start_s: float) -> Planning[Motion]:
+        """Plan the way to a path; parameters as in `plan`.
+
+        Yields
+        ------
+        None
+            After each step.
+
+        Returns
+        -------
+        Motion
+
+        Raises
+        ------
+        MotionError
+            If the pressures cannot do it.
+        """
+        approach = yield from self._approach(begin, route.first)
+        parts: list[Part] = [*approach, *route.parts]
         if not parts:  # it is there already
             parts = [ToRest(begin, begin.q, _SHORTEST_S)]
-        return Motion(tuple(parts), start_s, len(approach), factor, note)
-
-    def _is_there(self, begin: Point, position: Array, orientation: Array | None) -> bool:
-        """Whether the reference rests at the first pose."""
-        arm = self.supply.arm
-        moves = bool(np.any(begin.qd) or np.any(begin.qdd))
-        away = np.linalg.norm(arm.pose(begin.q, arm.length)[:3, 3] - position)
-        return not moves and orientation is None and bool(away <= SAME_M)
+        return Motion(tuple(parts), start_s, len(approach), route.factor, route.note)
 
     def _check_rest(self, q: Array, where: str) -> None:
         """Refuse coordinates that the pressures cannot hold at rest."""
@@ -164,11 +233,12 @@ class Planner:
 
     def _approach(self, begin: Point, rest: Array) -> Planning[list[Part]]:
         """Plan a stop and the way to the first pose; none if the reference is there at rest."""
-        if rest is begin.q:
-            return []
         settings, still = self.config.motion, np.zeros_like(rest)
+        moves = bool(np.any(begin.qd) or np.any(begin.qdd))
+        if not moves and np.all(np.abs(rest - begin.q) <= _SAME * self.bounds.strain):
+            return []
         parts: list[Part] = []
-        if np.any(begin.qd) or np.any(begin.qdd):
+        if moves:
             speed, _, _ = yield from self._peaks(ToRest(begin, begin.q + 0.5 * begin.qd, 1.0))
             duration_s = max(_SHORTEST_S, STEEPEST * speed / settings.acceleration_m_s2)
             # An even stop covers half of what the motion would.
@@ -221,7 +291,7 @@ class Planner:
         return (
             float(np.max(np.linalg.norm(speeds, axis=1))),
             float(np.max(np.linalg.norm(change, axis=1))),
-            float(np.max(bounds.fields.peaks(np.array(rate)) / bounds.rate)),
+            _BETWEEN * float(np.max(bounds.fields.peaks(np.array(rate)) / bounds.rate)),
         )
 
     def _factor(self, path: list[AlongPath]) -> Planning[float]:

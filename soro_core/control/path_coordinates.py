@@ -65,7 +65,31 @@ class PathCoordinates:
         return found.q, found.position_error_m
 
     def first(self, start: Array, position: Array, orientation: Array | None) -> Planning[Array]:
-        """Find the coordinates of the first pose, by a search from several starts."""
+        """Find the coordinates of the first pose, by a search from several starts.
+
+        Parameters
+        ----------
+        start : ndarray (n_q,)
+            Coordinates of the reference.
+        position : ndarray (3,)
+            Position of the tip in the world [m].
+        orientation : ndarray (4,) or None
+            Orientation (x, y, z, w).
+
+        Yields
+        ------
+        None
+            After each search.
+
+        Returns
+        -------
+        ndarray (n_q,)
+
+        Raises
+        ------
+        MotionError
+            If no search ends near enough.
+        """
         fields = self.fields
         bend = fields.of("bending_x") + 1j * fields.of("bending_y")
         ways = [(bend * np.exp(0.5j * np.pi * k)).real / fields.length for k in range(4)]

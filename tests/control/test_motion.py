@@ -103,7 +103,7 @@ def test_limits_hold_for_any_path_that_is_not_refused(corner, speed, acceleratio
     # The spline in coordinates leaves its path by some micrometres: at high speed this is an acceleration.
     a = np.diff(v, axis=0) / 2e-3
     assert np.linalg.norm(a, axis=1).max(initial=0.0) <= acceleration * 1.05
-    assert np.all(control.fields.peaks(qd).max(axis=0) <= control.bounds.rate * (1 + 1e-6))
+    assert np.all(control.fields.peaks(qd).max(axis=0) <= control.bounds.rate)
     assert np.all(control.fields.peaks(q).max(axis=0) <= control.bounds.strain)
 
 
@@ -154,8 +154,8 @@ def test_time_is_extended_until_the_set_points_keep_their_rates():
     assert caught.value.factor == pytest.approx(fast.factor)
     assert caught.value.chamber in control.robot.chamber_names
     _, slow = planned(LINE, **{**asked, "rate_part": 1.0})
-    assert slow.factor == pytest.approx(2.71, abs=0.02)  # by the rate of bending
-    with pytest.raises(MotionError, match=r"rate of strain.*2\.71"):
+    assert slow.factor == pytest.approx(2.74, abs=0.02)  # by the rate of bending
+    with pytest.raises(MotionError, match=r"rate of strain.*2\.74"):
         planned(LINE, **{**asked, "rate_part": 1.0}, slowest=1.2)
 
 

@@ -15,11 +15,13 @@ from soro_core.control.actuation import complete_pressures
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
+from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.laws.trial import refuse_lost_arm
+from soro_core.control.motion import Planner
 from soro_core.control.references import (
     bounds_of,
     check_configured,
@@ -290,6 +292,10 @@ class Controller:
             stamp_ns=stamp_ns,
         )
 
+    def planner(self, state: ControllerState, dt: float) -> Planner:
+        """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
+        return Planner(supply_of(self, state), self.bounds, self.config, dt)
+
     def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
         """Return a set point that brings the tip to a pose.
 
@@ -311,8 +317,7 @@ class Controller:
         ConfigError
             If a number is not finite, or the arm misses the position by more than the configured tolerance.
         """
-        # The start at the reference in force keeps redundant coordinates continuous: neighbouring poses get
-        # neighbouring coordinates.
+        # From the reference in force, so that neighbouring poses get neighbouring coordinates.
         start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
         return tip_reference(
             self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion

@@ -18,6 +18,9 @@ from soro_core.robot.coordinates import StrainFields
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Margin of a wide search, in ranges of the set points; regularised as before it would keep to the range.
+_WIDE, _WIDE_REGULARISATION = 1e3, 1e-12
+
 
 @dataclass(frozen=True)
 class Setpoints:
@@ -61,7 +64,7 @@ class SetpointMaker:
         self.minimum_pa, self.maximum_pa = np.full(robot.n_u, low), np.full(robot.n_u, high)
         self.preferred_pa = np.full(robot.n_u, min(max(pressures.preferred_pa, low), high))
 
-    def allocate(self, actuation: Array, wished: Array, start_pa: Array) -> Allocation:
+    def allocate(self, actuation: Array, wished: Array, start_pa: Array, wide: bool = False) -> Allocation:
         """Return the pressures for a force.
 
         Parameters
@@ -72,17 +75,24 @@ class SetpointMaker:
             Wished generalised force.
         start_pa : ndarray (n_u,)
             Start of the search [Pa gauge].
+        wide : bool
+            Far beyond the bounds, for what a force would need.
         """
+        margin = _WIDE * (self.maximum_pa - self.minimum_pa) if wide else 0.0
         return allocate(
             actuation,
             wished,
-            self.minimum_pa,
-            self.maximum_pa,
+            self.minimum_pa - margin,
+            self.maximum_pa + margin,
             self.force_weight[:, None] * balanced_weight(actuation, self.fields),
-            self.pressures.regularisation,
+            _WIDE_REGULARISATION if wide else self.pressures.regularisation,
             self.preferred_pa,
             start_pa,
         )
+
+    def beyond_pa(self, pressure_pa: Array) -> Array:
+        """Return how far pressures (..., n_u) [Pa gauge] are beyond the range of the set points."""
+        return np.maximum(pressure_pa - self.maximum_pa, self.minimum_pa - pressure_pa)
 
     def missing_pa(self, actuation: Array, wished: Array, wish: Allocation) -> Array:
         """Return the pressure (n_u,) [Pa] beyond its bound that a force needs of each chamber.
@@ -98,17 +108,7 @@ class SetpointMaker:
         """
         if not wish.saturated.any():
             return np.zeros(len(self.preferred_pa))
-        wide = 1e3 * (self.maximum_pa - self.minimum_pa)
-        free = allocate(
-            actuation,
-            wished,
-            self.minimum_pa - wide,
-            self.maximum_pa + wide,
-            self.force_weight[:, None] * balanced_weight(actuation, self.fields),
-            1e-12,
-            self.preferred_pa,
-            wish.pressure_pa,
-        ).pressure_pa
+        free = self.allocate(actuation, wished, wish.pressure_pa, wide=True).pressure_pa
         return np.asarray(free - np.minimum(np.maximum(free, self.minimum_pa), self.maximum_pa))
 
     def make(

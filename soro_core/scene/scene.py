@@ -252,6 +252,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
             regulator=self.twin.regulator,
             model=self.discretisation,
             control=self.controller,
+            pose_locations=(self.twin.pose.location,),
+            imu_locations=(self.twin.imu.location,),
             reach=self.verdict.tip_error_part,
         )
 

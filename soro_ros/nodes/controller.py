@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -15,7 +17,8 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.adaptation import Learned
-from soro_core.control import Reference
+from soro_core.control import Point, Reference
+from soro_core.control.motion import finished
 from soro_core.control.reach import check_reach
 from soro_core.errors import ConfigError, SoroError
 from soro_core.loop import controller_of
@@ -23,7 +26,9 @@ from soro_core.robot import load_robot
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos
 from soro_ros.diagnostics import OK, WARN
+from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
+from soro_ros.motion_topic import REPLACED, VENTED, MotionTopic
 from soro_ros.node_process import run_node
 
 # Frame of all poses.
@@ -55,6 +60,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._states: deque[JointState] = deque(maxlen=1000)
         self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
+        self._motions = MotionTopic(
+            self, self.controller, self._lockstep, 1.0 / config.rate_hz, self._take, self._refuse
+        )
+        self._check = EnableCheck(self, self.controller, config)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
         self._learned = self.create_publisher(Float64MultiArray, "arm/learned", loop)
         self._deviations = self.create_publisher(JointState, "controller/deviations", loop)
@@ -70,6 +79,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.create_subscription(PoseStamped, "arm/reference/tip", self._on_tip, qos.RELIABLE)
         for name, callback in (
             ("enable", self._on_enable),
+            ("enable_anyway", self._on_enable_anyway),
             ("vent", self._on_vent),
             ("reset", self._on_reset),
         ):
@@ -98,7 +108,12 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             reference = self._trajectory(trajectory)(0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
-        self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
+        state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
+        self._check.warm_up()
+        begin = Point(*np.zeros((3, arm.n_q)))
+        tips = [arm.pose(x, self.controller.robot.length)[:3, 3] for x in (begin.q, q)]
+        with contextlib.suppress(SoroError):  # an arm that cannot move like this has done the same work
+            finished(self.controller.planner(state, dt).plan(begin, np.array(tips), None, 0.0))
 
     def _forget(self) -> None:
         """Reset time, estimates and reference."""
@@ -114,10 +129,12 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         except ValueError:
             return  # the estimator reports it
         self._readings.append((messages.to_ns(message.header.stamp), pressure))
+        self._check.note_reading(pressure)
         self._process()
 
     def _on_state(self, message: JointState) -> None:
         self._states.append(message)
+        self._check.note_state(message)
         self._process()
 
     def _on_covariance(self, message: Float64MultiArray) -> None:
@@ -161,11 +178,20 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def _follow(self, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
         t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
-        refused = ""
         try:
-            self._reference = make(t)
+            self._take(make(t))
         except SoroError as error:
-            refused = f"reference refused: {error}"
+            self._refuse(str(error))
+            return
+        self._motions.cancel(REPLACED, "by another reference")
+        self._refuse("")
+
+    def _take(self, reference: Reference) -> None:
+        self._reference = reference
+
+    def _refuse(self, reason: str) -> None:
+        """Report why a reference is refused; an empty reason ends the report of the last refusal."""
+        refused = f"reference refused: {reason}" if reason else ""
         if refused and refused == self._refused:  # limit the log of a repeated reference
             self.get_logger().error(refused, throttle_duration_sec=1.0)
         elif refused != self._refused:
@@ -206,6 +232,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             self._publish_learned(None, stamp_ns)
             self._publish(np.zeros(len(self._names)), stamp_ns)
             return
+        begun_s = time.monotonic()
         trouble = self._unusable(message, stamp_ns)
         if not trouble:
             if self._epoch_ns is None:
@@ -241,6 +268,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             named = JointState(name=list(told), position=list(told.values()))
             named.header.stamp = message.header.stamp
             publisher.publish(named)
+        tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
+        self._motions.tick(self._state, t, tip, begun_s)
 
     def _publish_learned(self, learned: Learned | None, stamp_ns: int) -> None:
         """Publish what is learned; in lockstep the filter waits for an answer, even an empty one."""
@@ -280,19 +309,35 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     # Services --------------------------------------------------------------------------------------
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._enable(response, anyway=False)
+
+    def _on_enable_anyway(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._enable(response, anyway=True)
+
+    def _enable(self, response: Trigger.Response, anyway: bool) -> Trigger.Response:
+        """Start the commands; an arm that is in control already is not checked."""
+        warnings: list[str] = []
         if not self._enabled:
+            refusals, warnings = self._check.findings(anyway)
+            for line in (*refusals, *warnings):
+                self.get_logger().warning(f"enable: {line}")
+            if refusals:
+                response.success, response.message = False, "; ".join(refusals)
+                return response
             self._forget()
         self._enabled = True
-        response.success, response.message = True, "enabled"
+        response.success, response.message = True, "; ".join(["enabled", *warnings])
         return response
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._enabled = False
+        self._motions.forget(VENTED, "commanding zero until ~/enable")
         response.success, response.message = True, "commanding zero until ~/enable"
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
+        self._motions.forget(REPLACED, "estimates and reference start anew")
         response.success, response.message = True, "estimates and reference start anew"
         return response
 

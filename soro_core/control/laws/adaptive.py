@@ -68,6 +68,17 @@ class Adaptive(Law[AdaptiveState]):
         }
         return replace(state, creep=creep, terms=terms), terms.wished, named
 
+    def heaviest_kg(self) -> float:
+        """Return the upper bound of the adapted mass [kg], less that of the robot file."""
+        parameters, mass = self.parameters, self.setting.arm.robot.tip_mass
+        upper = dict(zip(parameters.names, parameters.polytope.upper.tolist(), strict=True))
+        return float(max(upper.get("tip_mass", mass) - mass, 0.0))
+
+    def reference_force(self, state: AdaptiveState, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the force of the model with the estimates; parameters as in `Law.reference_force`."""
+        model, regressor = self.parameters.model_force(q, qd, qd, qdd)
+        return np.asarray(model + regressor @ (state.estimate - self.parameters.nominal))
+
     def actuation(self, state: AdaptiveState, actuation: Array) -> Array:
         """Return H with the adapted gains of the chambers."""
         return actuation * self.parameters.gains(state.estimate)

@@ -62,11 +62,7 @@ class Composite(Law[CompositeState]):
         q = self.setting.moved(belief, reference.ahead_s)
         error = q - wanted.q
         s = belief.qd - wanted.qd + gains.rate * error
-        model = np.asarray(
-            arm.inverse_dynamics(wanted.q, wanted.qd, wanted.qd, wanted.qdd)
-            + arm.elastic_force(wanted.q)
-            + arm.damping_force(wanted.q, wanted.qd)
-        )
+        model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
         internal = arm.internal_force(wanted.q, state.creep)
         learned = self.learner.force.force(learner.learned, wanted.q, wanted.qd, wanted.qdd)
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
@@ -82,6 +78,15 @@ class Composite(Law[CompositeState]):
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
         wished = model + internal + learned + proportional + derivative
         return CompositeState(learner, creep), wished, terms
+
+    def heaviest_kg(self) -> float:
+        """Return the upper bound of the learned mass [kg]."""
+        return self.learner.config.mass_upper_kg if self.adapts else 0.0
+
+    def reference_force(self, state: CompositeState, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the force of model and learned load; parameters as in `Law.reference_force`."""
+        learned = self.learner.force.force(state.learner.learned, q, qd, qdd)
+        return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:
         """Return the mass at the tip [kg] and W by name."""

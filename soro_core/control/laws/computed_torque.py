@@ -57,16 +57,10 @@ class ComputedTorque(Law[Array]):
         error, rate = q - wanted.q, belief.qd - wanted.qd
         linear = -self.stiffness * error - self.damping * rate
         feedback = arm.inertia_matrix(q) @ linear
-        model = self._model(q, belief.qd, wanted.qdd) + arm.internal_force(q, state)
+        model = self.setting.model_force(q, belief.qd, wanted.qdd) + arm.internal_force(q, state)
         after = advance_creep(arm, state, wanted.q, wanted.qd, dt)
         return after, model + feedback, {"error": error, "model": model, "feedback": feedback}
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:
         """Return the measured state: what is cancelled there is made there."""
         return self.setting.moved(belief, reference.ahead_s)
-
-    def _model(self, q: Array, qd: Array, qdd: Array) -> Array:
-        arm = self.setting.arm
-        return np.asarray(
-            arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
-        )

@@ -136,6 +136,19 @@ class Setting:
         """Return the coordinates (n_q,) after `ahead_s` [s] at the estimated rates, within the limits."""
         return self.fields.within(belief.q + ahead_s * belief.qd, self.limit)
 
+    def model_force(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return M qdd + C qd + G + f_e + R qd of the model (n_q,), without creep.
+
+        Parameters
+        ----------
+        q, qd, qdd : ndarray (n_q,)
+            Coordinates, rates and accelerations.
+        """
+        arm = self.arm
+        return np.asarray(
+            arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
+        )
+
 
 State = TypeVar("State")
 
@@ -152,9 +165,11 @@ class Law(ABC, Generic[State]):
     # Whether the bias of each regulator is observed and taken off its command.
     observes_regulators: ClassVar[bool] = False
 
+    setting: Setting
+
     @abstractmethod
     def __init__(self, setting: Setting, options: LawOptions) -> None:
-        """Keep what the ticks need."""
+        """Keep what the ticks need, `setting` among it."""
 
     @abstractmethod
     def initial_state(self) -> State:
@@ -175,6 +190,22 @@ class Law(ABC, Generic[State]):
         dt : float
             Time since the last tick [s].
         """
+
+    def reference_force(self, state: State, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the force (n_q,) on the reference, without feedback and creep; the plan of a motion asks.
+
+        Parameters
+        ----------
+        state : State
+            Holds what is learned.
+        q, qd, qdd : ndarray (n_q,)
+            Coordinates, rates and accelerations of the reference.
+        """
+        return self.setting.model_force(q, qd, qdd)
+
+    def heaviest_kg(self) -> float:
+        """Return the largest load [kg] at the tip, beside that of the robot file, that the law can learn."""
+        return 0.0
 
     def trial_loads_kg(self) -> tuple[float, ...]:
         """Return the loads [kg] with which a trial on the model must keep the arm; none for no trial."""

@@ -22,6 +22,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium
 from soro_core.robot.coordinates import StrainFields, strain_fields
+from soro_core.robot.description import END_TOLERANCE
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_log
 
 if TYPE_CHECKING:
@@ -97,7 +98,8 @@ class RestingArm:
     def _rests(self, seen: Sequence[Seen], bounds: EnableBounds) -> Iterator[Array]:
         """Yield coordinates at rest: from where the sensors see the tip, and upright."""
         upright, start = np.zeros(self.arm.n_q), np.zeros(self.arm.n_q)
-        tip = next((one for one in seen if one.position is not None and one.s >= self.arm.length), None)
+        end = self.arm.length - END_TOLERANCE
+        tip = next((one for one in seen if one.position is not None and one.s >= end), None)
         if tip is not None and tip.position is not None:
             # Weighted so that both bounds count the same.
             weight = bounds.distance_m / math.radians(bounds.angle_deg)

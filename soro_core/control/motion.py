@@ -206,10 +206,10 @@ class Planner:
             parts = [ToRest(begin, begin.q, _SHORTEST_S)]
         return Motion(tuple(parts), start_s, len(approach), route.factor, route.note)
 
-    def _check_rest(self, q: Array, where: str) -> None:
-        """Refuse coordinates that the pressures cannot hold at rest."""
+    def _check_rest(self, q: Array, where: str, tolerance_m: float = 0.0) -> None:
+        """Refuse coordinates that the pressures cannot hold at rest, by more than a distance of the tip."""
         lack = shortage(self.supply, q)
-        if lack is None:
+        if lack is None or lack.distance_m <= tolerance_m:
             return
         supply = self.supply
         tip = listed(supply.arm.pose(q, supply.arm.length)[:3, 3])
@@ -246,8 +246,10 @@ class Planner:
                 lambda T: ToRest(begin, begin.q + 0.5 * T * begin.qd, T), duration_s
             )
             parts, begin = [stop], Point(stop.end, still, still)
+        # The arm may be where no pressure would hold it with the load that is learned so far.
+        most = self.config.reference.tip_tolerance_m
         for x in np.linspace(0.0, 1.0, _ON_THE_WAY, endpoint=False)[1:]:
-            self._check_rest(begin.q + x * (rest - begin.q), _ON_THE_WAY_TEXT)
+            self._check_rest(begin.q + x * (rest - begin.q), _ON_THE_WAY_TEXT, most)
             yield
         speed, acceleration, rate = yield from self._peaks(ToRest(begin, rest, 1.0))
         duration_s = max(
@@ -265,7 +267,7 @@ class Planner:
             part = part_of(duration_s)
             found = yield from rates(self.supply, part, self.dt, self.config.motion.rate_part)
             _, _, rate = yield from self._peaks(part)
-            if found.fits and rate <= 1.0:
+            if found.rate <= 1.0 and rate <= 1.0:
                 return part
             duration_s *= 1.3
         raise self._too_fast(found, rate, _ON_THE_WAY_TEXT, None)

@@ -206,6 +206,16 @@ def test_orientations_count_with_a_weight_alone_and_that_is_said():
     assert motion.note == ""
 
 
+def test_a_motion_may_begin_where_the_pressures_would_not_hold_the_arm():
+    """As a vented arm that leans: its load is not learned yet."""
+    lean = replace(REST, q=np.array([0.0, 3.0, 2.0]))
+    with pytest.raises(MotionError) as caught:
+        planned(tips(controller()[0], [lean.q]), mass_kg=0.0)
+    assert caught.value.reason == "pressure"
+    _, motion = planned(LINE, lean, mass_kg=0.0)
+    assert motion.sample(0.0).q == pytest.approx(lean.q)
+
+
 def test_a_motion_to_where_the_arm_rests_ends_at_once():
     _control, motion = planned(tips(controller()[0], [REST.q]))
     assert motion.end_s <= 0.2

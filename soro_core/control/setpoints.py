@@ -92,7 +92,7 @@ class SetpointMaker:
 
     def beyond_pa(self, pressure_pa: Array) -> Array:
         """Return how far pressures (..., n_u) [Pa gauge] are beyond the range of the set points."""
-        return np.maximum(pressure_pa - self.maximum_pa, self.minimum_pa - pressure_pa)
+        return np.asarray(np.maximum(pressure_pa - self.maximum_pa, self.minimum_pa - pressure_pa))
 
     def missing_pa(self, actuation: Array, wished: Array, wish: Allocation) -> Array:
         """Return the pressure (n_u,) [Pa] beyond its bound that a force needs of each chamber.

@@ -40,6 +40,10 @@ class ComputedTorque(Law[Array]):
         self.stiffness, self.damping = w * w, 2.0 * options.damping_ratio * w
         self.load_kg = options.load_kg
 
+    def heaviest_kg(self) -> float:
+        """Return the load of the options [kg]."""
+        return self.load_kg
+
     def trial_loads_kg(self) -> tuple[float, ...]:
         """Return the loads with which the arm must be kept [kg]."""
         return tuple(sorted({0.0, self.load_kg}))

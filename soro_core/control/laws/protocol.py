@@ -204,7 +204,7 @@ class Law(ABC, Generic[State]):
         return self.setting.model_force(q, qd, qdd)
 
     def heaviest_kg(self) -> float:
-        """Return the largest load [kg] at the tip, beside that of the robot file, that the law can learn."""
+        """Return the largest load [kg] at the tip, beside that of the robot file, that the law is for."""
         return 0.0
 
     def trial_loads_kg(self) -> tuple[float, ...]:

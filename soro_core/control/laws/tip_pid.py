@@ -50,6 +50,10 @@ class TipPid(Law[TipState]):
         # One value a coordinate: its own stiffness where the arm is straight.
         self.compliance = np.linalg.inv(setting.arm.stiffness_matrix(np.zeros(setting.arm.n_q)))
 
+    def heaviest_kg(self) -> float:
+        """Return the load of the options [kg]."""
+        return self.options.load_kg
+
     def trial_loads_kg(self) -> tuple[float, ...]:
         """Return the loads with which the arm must be kept [kg]."""
         return tuple(sorted({0.0, self.options.load_kg}))

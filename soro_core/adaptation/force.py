@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned, size_of
 from soro_core.adaptation.scales import scales_of
+from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -33,6 +34,7 @@ class LearnedForce:
     def __init__(self, arm: SoftArm, pieces: int = 1) -> None:
         self.arm, self.scales = arm, scales_of(arm, pieces)
         self.size = size_of(arm.n_q)
+        self._bends = ~strain_fields(arm.robot).stretch
 
     def regressor(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return Phi (n_q, size): the learned force is U Phi theta.
@@ -64,7 +66,8 @@ class LearnedForce:
     def acceleration(self, learned: Learned, q: Array, qd: Array, alone: Array) -> Array:
         """Return what the learned force adds (n_q,) to the acceleration of the arm.
 
-        Its mass is weighed and accelerated: (M + m J' J) (alone + added) = M alone - (force at rest of it).
+        Its mass is weighed and accelerated: (M + m J' J)(alone + added) = M alone - Y_m m - U W phi, J of the
+        bendings, Y_m without acceleration.
 
         Parameters
         ----------
@@ -102,8 +105,12 @@ class LearnedForce:
         return np.asarray(both[:, :n]), np.asarray(both[:, n:])
 
     def _inertia(self, learned: Learned, q: Array) -> tuple[Array, Array, Array]:
-        """Return M, M + m J' J and m J' J of the learned mass; less mass than the file's has no inertia."""
-        jacobian = self.arm.jacobian(q, self.arm.length)[3:]
+        """Return M, M + m J' J and m J' J of the learned mass; less mass than the file's has no inertia.
+
+        Of the bendings: elongation is so stiff that its acceleration alone, corrected once a step, would
+        oscillate, and the load moves slowly along the arm.
+        """
+        jacobian = self.arm.jacobian(q, self.arm.length)[3:] * self._bends
         extra = max(learned.mass_kg, 0.0) * jacobian.T @ jacobian
         inertia = self.arm.inertia_matrix(q)
         return inertia, inertia + extra, extra

@@ -92,7 +92,7 @@ def test_the_learned_force_is_in_the_linearisation():
     loaded = filter_.transition(belief, pressures(1.0), run.state.known).over(DT)[0]
     heavier = Estimator(ROBOT.replace(tip_mass=ROBOT.tip_mass + LOAD_KG), dt=DT).filter
     expected = heavier.transition(belief, pressures(1.0)).over(DT)[0]
-    found, wanted = (np.abs((one - expected)[3:6, :6]).max() for one in (loaded, plain))
+    found, wanted = (np.abs((one - expected)[4:6, [1, 2, 4, 5]]).max() for one in (loaded, plain))
     assert found < 0.1 * wanted
 
 

@@ -1,5 +1,7 @@
 """The controller as a whole: commands are always finite and within bounds; references; nonsense."""
 
+from dataclasses import replace
+
 import control_samples
 import numpy as np
 import pytest
@@ -79,7 +81,8 @@ def test_a_state_that_is_no_state_holds_the_command():
         (np.zeros(3), np.zeros(3), 1.0, 0.0),
     ]:
         after, command = control.step(state, q, qd, t, dt, np.zeros(3))
-        assert after is state
+        assert after.watch.refused == state.watch.refused + 1
+        assert replace(after, watch=state.watch) == state
         assert not command.status.ok
         assert command.status.message
         assert command.setpoint_pa.tolist() == state.setpoint_pa.tolist()

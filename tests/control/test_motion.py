@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core import load_robot
+from soro_core.adaptation.learned import Learned
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.demand import rates
@@ -27,7 +28,22 @@ LINE = np.array([[-0.015, 0.0, HIGH], [0.015, 0.0, HIGH]])
 def controller(mass_kg=0.02, **motion):
     config = parse({"motion": motion, "reference": {"kind": "hold"}}, ControllerConfig, "test")
     control = Controller(load_robot(find_config("tue_three_bellow", "robots")), config)
-    return control, replace(control.initial_state(), estimate=np.array([mass_kg]))
+    state = control.initial_state()
+    return control, replace(state, law=replace(state.law, estimate=np.array([mass_kg])))
+
+
+def test_laws_that_have_learned_the_same_load_ask_for_the_same_force():
+    adaptive, state = controller()
+    learned = Learned(np.concatenate([[0.02], np.zeros(12)]))
+    config = parse({"law": "composite", "reference": {"kind": "hold"}}, ControllerConfig, "test")
+    composite = Controller(load_robot(find_config("tue_three_bellow", "robots")), config)
+    inner = composite.initial_state().law
+    inner = replace(inner, learner=replace(inner.learner, learned=learned))
+    q, qd, qdd = np.array([[0.05, 6.0, -3.0], [0.1, -20.0, 30.0], [1.0, 200.0, -100.0]])
+    force = adaptive.law.reference_force(state.law, q, qd, qdd)
+    assert composite.law.reference_force(inner, q, qd, qdd) == pytest.approx(force, rel=1e-9, abs=1e-12)
+    without = composite.law.reference_force(composite.initial_state().law, q, qd, qdd)
+    assert np.abs(without - force).max() > 1e-3
 
 
 def planned(path, begin=REST, start_s=0.0, orientations=None, **settings):

@@ -141,7 +141,12 @@ class Estimator:
         counts = state.counts
         if learned is not None and not learned.usable(self.arm.n_q):
             learned, counts = None, replace(counts, learned=counts.learned + 1)
-        return replace(state, known=heard(state.known, learned, dt), counts=counts)
+        return replace(state, known=heard(state.known, learned, dt, self._placed(state)), counts=counts)
+
+    def _placed(self, state: EstimatorState) -> bool:
+        """Whether what is fused has positions in it; without any sample nothing speaks against them."""
+        late_s = self.config.lost_after_s
+        return not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
 
     def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
         measured = np.asarray(pressure_pa, dtype=np.float64)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
+from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -117,6 +118,7 @@ class Learner:
 
     def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
         self.arm, self.config, self.force = arm, config, LearnedForce(arm, pieces)
+        self._stretch = strain_fields(arm.robot).stretch
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.prior = np.diag(deviation**-2)
@@ -181,8 +183,11 @@ class Learner:
         missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
         regressor = self.force.regressor(q, qd, sample.qdd)
         if not sample.positions:
-            # A bend from orientations alone is biased: W would learn the bias.
+            # A bend from orientations alone is biased: W would learn the bias. Elongation is then what the
+            # filter predicts with the learned mass itself, which says nothing of it.
             regressor[:, 1:] = 0.0
+            regressor[self._stretch] = 0.0
+            missing[self._stretch] = 0.0
         return missing / self.force.scales.force, regressor
 
     def _gained(

@@ -19,7 +19,7 @@ from scipy.special import chdtri
 from soro_core.adaptation.learned import Learned
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Belief, Filter
-from soro_core.estimation.frozen import LastPose, distance_m, is_frozen, is_repeated
+from soro_core.estimation.frozen import LastPose, next_pose
 from soro_core.estimation.known import heard
 from soro_core.estimation.measurement import Innovation, innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
@@ -141,7 +141,12 @@ class Estimator:
         counts = state.counts
         if learned is not None and not learned.usable(self.arm.n_q):
             learned, counts = None, replace(counts, learned=counts.learned + 1)
-        return replace(state, known=heard(state.known, learned, dt), counts=counts)
+        return replace(state, known=heard(state.known, learned, dt, self._placed(state)), counts=counts)
+
+    def _placed(self, state: EstimatorState) -> bool:
+        """Whether what is fused has positions in it; without any sample nothing speaks against them."""
+        late_s = self.config.lost_after_s
+        return not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
 
     def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
         measured = np.asarray(pressure_pa, dtype=np.float64)
@@ -213,6 +218,9 @@ class Estimator:
                     last = max(last, sample.stamp_s)
                     if isinstance(sample, PoseSample):
                         position = max(position, sample.stamp_s)
+                    if gated and isinstance(sample, PoseSample):
+                        after = self._place(sample, belief)
+                        poses[sample.sensor] = replace(poses[sample.sensor], after=after)
             belief, counts = self._predicted(belief, part, part.end_s - t, counts)
             history[i] = replace(part, belief=begun, samples=tuple(kept))
         if not belief.finite():
@@ -230,15 +238,15 @@ class Estimator:
             counts=counts,
         )
 
+    def _place(self, sample: PoseSample, belief: Belief) -> Array:
+        """Return the estimated position (3,) at the place of a sample [m]."""
+        return self.arm.pose(belief.q, min(max(sample.s, 0.0), self.length))[:3, 3]
+
     def _frozen(self, poses: dict[str, LastPose], sample: PoseSample, belief: Belief) -> bool:
-        """Whether a sensor repeats itself while the arm moves; a new pose is noted in `poses`."""
-        predicted = self.arm.pose(belief.q, min(max(sample.s, 0.0), self.length))
-        last = poses.get(sample.sensor)
-        if last is None or not is_repeated(last, sample):
-            away = distance_m(sample, predicted)
-            poses[sample.sensor] = LastPose(sample.position, sample.quaternion, away)
-            return False
-        return is_frozen(last, sample, predicted, self.config.pose)
+        """Whether a sensor repeats itself while the arm moves; the sample is noted in `poses`."""
+        record = next_pose(poses.get(sample.sensor), sample, self._place(sample, belief))
+        poses[sample.sensor] = record
+        return record.is_frozen(self.config.pose.position_std_m)
 
     def _admit(
         self, state: EstimatorState, offered: list[Sample]

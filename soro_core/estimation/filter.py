@@ -237,7 +237,9 @@ class Filter:
         q, qd, internal = belief.q, 0.0 * belief.qd, belief.internal
         if ok:
             end = state.qd + push
-            kick = 0.5 * dt * self._learned(known, state.q, end, state.internal, pressure_pa)
+            # At about the velocity after the second half: before it, damping would see the first half alone.
+            qd = state.qd + begun
+            kick = 0.5 * dt * self._learned(known, state.q, qd, state.internal, pressure_pa)
             q, qd, internal = state.q, end + kick, state.internal
         whole, noise = transition.over(dt)
         spread = whole @ belief.covariance @ whole.T + noise

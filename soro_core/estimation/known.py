@@ -38,7 +38,7 @@ class Known:
         return f"no learned force for {self.age_s:.2f} s: it fades out ({self.share:.0%} left)"
 
 
-def heard(state: Known, learned: Learned | None, dt: float) -> Known:
+def heard(state: Known, learned: Learned | None, dt: float, placed: bool = True) -> Known:
     """Return what is in force after a tick.
 
     Parameters
@@ -49,10 +49,13 @@ def heard(state: Known, learned: Learned | None, dt: float) -> Known:
         What came since then, finite; None for nothing.
     dt : float
         Time since the last tick [s].
+    placed : bool
+        False where the filter has orientations alone: a mass that these have taught would confirm itself in
+        what they do not see, and its force is not used.
     """
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
         return Known()
-    change = dt / FADE_S if age_s <= HEARD_S + _SAME_S else -dt / FADE_S
+    change = dt / FADE_S if placed and age_s <= HEARD_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
-    return Known(kept, age_s, share) if share > 0.0 else Known()
+    return Known(kept, age_s, share) if share > 0.0 or age_s == 0.0 else Known()

@@ -89,13 +89,13 @@ def test_the_linearisation_is_the_derivative_of_the_acceleration_but_for_the_ine
 def test_it_learns_the_force_that_acts():
     learner = Learner(ARM, config(noise=0.01, forget_s=1e3))
     theta = true_model()
-    state = learn(learner, theta, 6000)
+    state = learn(learner, theta, 1600)
     # Mass and weights overlap: what counts is their force where the arm has been.
-    for k in (5200, 5500, 5900):
+    for k in (1000, 1300, 1590):
         one = circle(k, theta)
         force = LearnedForce(ARM)
         made, wanted = (force.force(Learned(x), one.q, one.qd, one.qdd) for x in (state.learned.theta, theta))
-        assert np.abs((made - wanted) / force.scales.force).max() < 0.02
+        assert np.abs((made - wanted) / force.scales.force).max() < 0.05
     deviations = learner.deviations(state)
     assert (deviations < learner.deviations(learner.initial_state()) + 1e-12).all()
 
@@ -115,11 +115,12 @@ def test_what_samples_do_not_determine_stays_at_the_prior():
 
 def test_without_positions_only_the_mass_is_learned():
     learner = Learner(ARM, config())
-    state = learn(learner, true_model() * ([1.0] + [0.0] * (N * (N + 1))), 2000, positions=False)
-    assert state.learned.mass_kg == pytest.approx(0.02, rel=0.05)
+    state = learn(learner, true_model() * ([1.0] + [0.0] * (N * (N + 1))), 800, positions=False)
+    assert state.learned.mass_kg == pytest.approx(0.02, rel=0.1)
     assert not state.learned.theta[1:].any()
-    back = learn(learner, true_model(), 6000, learn(learner, true_model(), 1000), positions=False)
-    assert np.abs(back.learned.theta[1:]).max() < 0.05  # forgotten
+    taught = learn(learner, true_model(), 200)
+    back = learn(Learner(ARM, config(forget_s=0.2)), true_model(), 400, taught, positions=False)
+    assert np.abs(back.learned.theta[1:]).max() < 0.1 * np.abs(taught.learned.theta[1:]).max()  # forgotten
 
 
 @pytest.mark.parametrize("field", ["q", "qd", "qdd", "pressure_pa", "covariance"])
@@ -142,8 +143,8 @@ def test_an_estimate_at_its_bound_for_a_second_restores_the_prior():
     theta = np.zeros(1 + N * (N + 1))
     theta[0] = 0.05
     state, ends, peaks = learner.initial_state(), [], []
-    for k in range(1200):
-        state = learner.step(state, circle(k, theta, positions=False), DT)
+    for k in range(500):
+        state = learner.step(state, circle(k, theta), DT)
         peaks.append(state.learned.mass_kg)
         if state.note:
             ends.append(k)

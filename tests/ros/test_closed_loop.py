@@ -55,7 +55,7 @@ def test_the_controller_tracks_the_circle_on_emulated_valves(domain, tmp_path, f
     figure(f"main job: tip error RMS {first:.2f} mm at first, {last:.2f} mm in the last 5 s")
     figure(f"main job: {without:.2f} mm in the last 5 s without adaptation")
     figure(f"main job: estimator's tip error RMS {estimator:.2f} mm")
-    assert on["tip_error_last_rms_m"] <= 1.5e-3
+    assert on["tip_error_last_rms_m"] <= 0.3e-3
     assert on["tip_error_last_rms_m"] <= 0.5 * off["tip_error_last_rms_m"]
     assert on["tip_error_last_rms_m"] < on["tip_error_first_rms_m"] < off["tip_error_last_rms_m"]
     assert on["estimator_error_last_rms_m"] <= 1.0e-3

@@ -161,11 +161,11 @@ def test_time_is_extended_until_the_set_points_keep_their_rates():
 
 
 def test_the_way_to_the_path_keeps_the_rates_of_set_points():
-    control, motion = planned([[0.012, 0.0, HIGH]], speed_m_s=5.0, acceleration_m_s2=500.0, rate_part=0.3)
+    control, motion = planned([[0.012, 0.0, HIGH]], speed_m_s=5.0, acceleration_m_s2=500.0, rate_part=0.1)
     supply, (way,) = control.planner(controller()[1], DT).supply, motion.parts
-    assert finished(rates(supply, way, DT, 0.3)).rate <= 1.0
+    assert finished(rates(supply, way, DT, 0.1)).rate <= 1.0
     # It is extended by a third at a time.
-    assert finished(rates(supply, replace(way, duration_s=way.duration_s / 1.3), DT, 0.3)).rate > 1.0
+    assert finished(rates(supply, replace(way, duration_s=way.duration_s / 1.3), DT, 0.1)).rate > 1.0
 
 
 def test_a_point_out_of_reach_is_refused_with_the_nearest():

@@ -207,11 +207,13 @@ class MotionTopic:
     def _plan(self, job: _Job, until_s: float) -> None:
         """Continue the plan until a monotonic time [s]."""
         try:
-            while job.steps is not None and time.monotonic() < until_s:
+            while job.steps is not None:
                 try:
-                    next(job.steps)
+                    next(job.steps)  # one at least, however late the tick is
                 except StopIteration as end:
                     job.steps, job.motion = None, end.value
+                if time.monotonic() >= until_s:
+                    break
         except SoroError as error:
             job.steps = None
             self._job, self._replaced = self._replaced, None

@@ -6,6 +6,7 @@ the next state; in lockstep, which has no deadlines, it is made at once.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from soro_core.config import changed
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.control.config import MotionConfig
 from soro_core.control.following import Following, reference_ahead
+from soro_core.control.motion import finished
 from soro_core.control.motion_parts import Motion
 from soro_core.control.path_coordinates import Planning
 from soro_core.control.trajectory import Point
@@ -89,6 +91,13 @@ class MotionTopic:
         self._now: tuple[ControllerState, float] | None = None  # state and time of the last tick
         self._publisher = node.create_publisher(DiagnosticStatus, STATUS, qos.RELIABLE)
         node.create_subscription(Path, TOPIC, self._on_path, qos.RELIABLE)
+
+    def warm_up(self, state: ControllerState, q: np.ndarray) -> None:
+        """Plan a motion to `q` (n_q,) once without effect: imports and compilation outlast a tick."""
+        arm, begin = self._controller.arm, Point(*np.zeros((3, len(q))))
+        tips = np.array([arm.pose(x, arm.length)[:3, 3] for x in (begin.q, q)])
+        with contextlib.suppress(SoroError):  # an arm that cannot move like this has done the same work
+            finished(self._controller.planner(state, self._period_s).plan(begin, tips, None, 0.0))
 
     def cancel(self, state: str, text: str) -> None:
         """End the motion, if there is one, because of something else."""
@@ -207,11 +216,13 @@ class MotionTopic:
     def _plan(self, job: _Job, until_s: float) -> None:
         """Continue the plan until a monotonic time [s]."""
         try:
-            while job.steps is not None and time.monotonic() < until_s:
+            while job.steps is not None:
                 try:
-                    next(job.steps)
+                    next(job.steps)  # one at least, however late the tick is
                 except StopIteration as end:
                     job.steps, job.motion = None, end.value
+                if time.monotonic() >= until_s:
+                    break
         except SoroError as error:
             job.steps = None
             self._job, self._replaced = self._replaced, None

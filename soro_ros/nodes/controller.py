@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import time
 from collections import deque
@@ -17,8 +16,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.adaptation import Learned
-from soro_core.control import Point, Reference
-from soro_core.control.motion import finished
+from soro_core.control import Reference
 from soro_core.control.reach import check_reach
 from soro_core.errors import ConfigError, SoroError
 from soro_core.loop import controller_of
@@ -110,10 +108,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
         self._check.warm_up()
-        begin = Point(*np.zeros((3, arm.n_q)))
-        tips = [arm.pose(x, self.controller.robot.length)[:3, 3] for x in (begin.q, q)]
-        with contextlib.suppress(SoroError):  # an arm that cannot move like this has done the same work
-            finished(self.controller.planner(state, dt).plan(begin, np.array(tips), None, 0.0))
+        self._motions.warm_up(state, q)
 
     def _forget(self) -> None:
         """Reset time, estimates and reference."""

@@ -159,6 +159,7 @@ def test_time_is_extended_until_the_set_points_keep_their_rates():
     asked = {"speed_m_s": 0.2, "acceleration_m_s2": 2.0, "rate_part": 0.3}
     control, fast = planned(LINE, **asked)
     assert 3.0 < fast.factor < 10.0
+    smooth(fast)
     supply = control.planner(controller()[1], DT).supply
     path = fast.parts[-1]
     assert finished(rates(supply, path, DT, 0.3)).fits
@@ -173,6 +174,14 @@ def test_time_is_extended_until_the_set_points_keep_their_rates():
     assert slow.factor == pytest.approx(2.74, abs=0.02)  # by the rate of bending
     with pytest.raises(MotionError, match=r"rate of strain.*2\.74"):
         planned(LINE, **{**asked, "rate_part": 1.0}, slowest=1.2)
+
+
+def test_the_way_to_the_path_keeps_the_rates_of_set_points():
+    control, motion = planned([[0.012, 0.0, HIGH]], speed_m_s=5.0, acceleration_m_s2=500.0, rate_part=0.1)
+    supply, (way,) = control.planner(controller()[1], DT).supply, motion.parts
+    assert finished(rates(supply, way, DT, 0.1)).rate <= 1.0
+    # It is extended by a third at a time.
+    assert finished(rates(supply, replace(way, duration_s=way.duration_s / 1.3), DT, 0.1)).rate > 1.0
 
 
 def test_a_point_out_of_reach_is_refused_with_the_nearest():

@@ -36,9 +36,11 @@ def test_the_places_are_rests_under_pressures_of_the_range(arm, tmp_path):
 def test_more_load_lowers_the_places_and_an_unstable_rest_is_none(arm):
     light, heavy = (reachable(arm, 0.0, 60e3, load) for load in (0.0, 0.02))
     assert heavy.rest_m[2] < light.rest_m[2]
-    fallen = reachable(arm, 0.0, 60e3, 0.05)
-    # Upright is a rest there too, but not a stable one.
-    assert fallen.failed > 0 or np.linalg.norm(fallen.tip_m[:, :2], axis=1).min() > 0.01
+    none = np.zeros(3)
+    for load, stable in ((0.0, True), (0.05, False)):
+        upright = equilibrium(arm, none, none, load)
+        assert np.abs(upright[1:]).max() < 1e-6
+        assert reachable_module._is_stable(arm, none, upright, load) == stable
 
 
 def test_many_chambers_are_sampled(monkeypatch):

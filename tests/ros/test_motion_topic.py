@@ -147,6 +147,15 @@ def test_a_path_that_replaces_another_begins_under_way(alone):
         assert it.wanted == pytest.approx([0.015, 0.0, 0.066], abs=1e-6)
 
 
+def test_a_plan_goes_on_however_late_the_ticks_are(alone, monkeypatch):
+    with controller() as it:
+        it.node._motions._lockstep = False
+        monkeypatch.setattr("soro_ros.motion_topic._SHARE", -1e3)
+        it.send([0.0, 0.0, 0.066])
+        assert it.states == ["planning"]
+        it.until("moving")
+
+
 def test_the_end_of_a_motion_that_is_not_reached_has_its_reason(alone):
     with controller("control.motion.settle_s:=0.1") as it:
         line = ([0.0, 0.0, 0.066], [0.01, 0.0, 0.066])

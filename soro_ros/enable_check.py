@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -70,13 +71,15 @@ class EnableCheck:
         if message.name:
             self._arrived["arm/state"] = time.monotonic()
 
-    def findings(self, anyway: bool) -> tuple[list[str], list[str]]:
+    def findings(self, anyway: bool, between: Callable[[], None]) -> tuple[list[str], list[str]]:
         """Return lines that refuse to enable the controller, and warnings.
 
         Parameters
         ----------
         anyway : bool
             Only samples that are not fresh refuse.
+        between : callable
+            Called again and again: the check takes longer than a tick.
         """
         if self._mode == "off":
             return [], []
@@ -88,7 +91,7 @@ class EnableCheck:
         found = pressure_findings(self._names, self._pressure_pa, self._bounds)
         seen = [self._seen(topic) for topic in sensors]
         if seen:
-            found += self._rest.findings(seen, self._bounds)
+            found += self._rest.findings(seen, self._bounds, between)
         beside = self._without_place()
         return ([], found + beside) if anyway or self._mode == "warn" else (found, beside)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -83,10 +83,22 @@ class RestingArm:
     limit: Array
     heaviest_kg: float
 
-    def findings(self, seen: Sequence[Seen], bounds: EnableBounds) -> list[str]:
-        """Return a line for each sensor that fits the model under no load."""
+    def findings(
+        self, seen: Sequence[Seen], bounds: EnableBounds, between: Callable[[], None] = lambda: None
+    ) -> list[str]:
+        """Return a line for each sensor that fits the model under no load.
+
+        Parameters
+        ----------
+        seen : sequence of Seen
+            Samples of the sensors.
+        bounds : EnableBounds
+        between : callable
+            Called after each rest that is tried: the search takes longer than a tick.
+        """
         tried: list[Array] = []
         for q in self._rests(seen, bounds):
+            between()
             if self._worst(seen, q, bounds) <= 1.0:
                 return []
             tried.append(q)

@@ -116,6 +116,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._epoch_ns: int | None = None
         self._last_ns = 0
         self._reference = None
+        self._zero_ns = 0
 
     # Inputs ----------------------------------------------------------------------------------------
     def _on_reading(self, message: JointState) -> None:
@@ -225,7 +226,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     ) -> None:
         if not self._enabled:
             self._publish_learned(None, stamp_ns)
-            self._publish(np.zeros(len(self._names)), stamp_ns)
+            if stamp_ns > self._zero_ns:
+                self._publish(np.zeros(len(self._names)), stamp_ns)
             return
         begun_s = time.monotonic()
         trouble = self._unusable(message, stamp_ns)
@@ -313,7 +315,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         """Start the commands; an arm that is in control already is not checked."""
         warnings: list[str] = []
         if not self._enabled:
-            refusals, warnings = self._check.findings(anyway)
+            refusals, warnings = self._check.findings(anyway, self._stay_at_zero)
             for line in (*refusals, *warnings):
                 self.get_logger().warning(f"enable: {line}")
             if refusals:
@@ -323,6 +325,13 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._enabled = True
         response.success, response.message = True, "; ".join(["enabled", *warnings])
         return response
+
+    def _stay_at_zero(self) -> None:
+        """Command zero once a period while no message is handled: without commands the driver would trip."""
+        now_ns = self.get_clock().now().nanoseconds
+        if now_ns - self._zero_ns > 1e9 / self._config.rate_hz:
+            self._zero_ns = now_ns
+            self._publish(np.zeros(len(self._names)), now_ns)
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._enabled = False

@@ -1,17 +1,19 @@
 """~/enable with samples that are missing, old or wrong."""
 
 import contextlib
+import time
 
 import numpy as np
 import pytest
 import rclpy
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Imu
+from sensor_msgs.msg import Imu, JointState
 
-from soro_ros import messages, middleware
+from soro_ros import messages, middleware, qos
 from soro_ros.nodes.controller import ControllerNode
 from tests.ros.conftest import own_domain
 from tests.ros.direct import receive, request
+from tests.ros.running import wait_until
 
 NAMES = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
 CHAMBERS = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
@@ -85,13 +87,47 @@ def test_an_arm_is_enabled_once_it_is_seen_at_rest_without_pressure(alone):
         assert answer(node) == (True, "enabled")
 
 
-def test_a_sensor_that_has_fallen_silent_refuses(alone):
+def test_a_sensor_that_has_fallen_silent_refuses(alone, monkeypatch):
     with controller() as node:
         see(node, upside_down=False)
-        node._check._arrived["sensors/pose0"] -= 2.0
+        now = time.monotonic
+        monkeypatch.setattr(time, "monotonic", lambda: now() + 2.0)
+        see(node)
         success, text = answer(node)
+        monkeypatch.undo()
         assert not success
         assert "sensors/pose0 is 2.0 s old" in text
+
+
+def test_zero_is_commanded_while_the_check_takes_its_time(alone):
+    """The driver trips on commands that stay away for a tenth of a second."""
+    commands = []
+    with controller("rate_hz:=1000.0") as node:
+        listener = rclpy.create_node("listener")
+        topic = node.resolve_topic_name("chambers/command")
+        listener.create_subscription(JointState, topic, commands.append, qos.loop(False))
+        wait_until(lambda: node.count_subscribers(topic), "the listener")
+        see(node, upside_down=True)
+        begin_ns = node.get_clock().now().nanoseconds
+        assert answer(node)[0] is False
+        end_ns = node.get_clock().now().nanoseconds
+
+        def during():
+            rclpy.spin_once(listener, timeout_sec=0.05)
+            return [one for one in commands if begin_ns < messages.to_ns(one.header.stamp) < end_ns]
+
+        wait_until(lambda: len(during()) > 1, "commands of the time of the check")
+        assert all(list(one.effort) == [0.0, 0.0, 0.0] for one in during())
+        # Samples that have waited are older than the last command, which the driver refuses.
+        receive(node, "arm/state", messages.arm_state(NAMES, *np.zeros((3, 3)), begin_ns))
+        see(node)
+
+        def stamps():
+            return [messages.to_ns(one.header.stamp) for one in commands]
+
+        wait_until(lambda: during() and stamps()[-1] > end_ns, "the next command")
+        assert begin_ns not in stamps()
+        listener.destroy_node()
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,9 @@ def test_a_state_that_is_no_state_holds_the_command():
         (np.zeros(3), np.zeros(3), 1.0, 0.0),
     ]:
         after, command = control.step(state, q, qd, t, dt, np.zeros(3))
-        assert after is state
+        assert after.law is state.law
+        assert after.following is state.following
+        assert after.watch.refused == state.watch.refused + 1
         assert not command.status.ok
         assert command.status.message
         assert command.setpoint_pa.tolist() == state.setpoint_pa.tolist()

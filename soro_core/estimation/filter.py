@@ -73,7 +73,17 @@ class Belief:
 
 
 class Filter:
-    """The filter's pure functions for one arm; nothing in it changes after construction."""
+    """The filter's pure functions for one arm; nothing in it changes after construction.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Discretised model.
+    config : EstimatorConfig
+        Noise and limits.
+    pieces : int
+        Number of pieces into which each link is discretised.
+    """
 
     def __init__(self, arm: SoftArm, config: EstimatorConfig, pieces: int = 1) -> None:
         self.arm, self.config = arm, config

@@ -18,9 +18,9 @@ from rclpy.node import Node
 
 from soro_core.config import changed
 from soro_core.control import Controller, ControllerState, Reference
-from soro_core.control.config import MotionConfig
 from soro_core.control.following import Following, reference_ahead
 from soro_core.control.motion import finished
+from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motion_parts import Motion
 from soro_core.control.path_coordinates import Planning
 from soro_core.control.trajectory import Point

@@ -246,7 +246,7 @@ class Controller:
         return watched(state.watch, away, missing, names, event, start_s, dt)
 
     def _vented(self, state: ControllerState, dt: float) -> tuple[ControllerState, Command]:
-        """Let the air of an arm go that has fallen over."""
+        """Vent an arm that has fallen over."""
         least = np.maximum(self.minimum_pa, state.setpoint_pa - self.pressures.fall_pa_s * dt)
         state = replace(state, setpoint_pa=least)
         command = self._held(state, "")[1]

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.config import EnableBounds
 from soro_core.control.kinematics import inverse_kinematics
+from soro_core.control.motion_config import EnableBounds
 from soro_core.control.references import bounds_of
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm

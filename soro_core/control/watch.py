@@ -17,8 +17,8 @@ LACKING_PA, LACKING_S = 2e3, 0.5
 FALLEN_PART, FALLEN_S = 0.5, 1.0
 # Time after the start of the reference [s] from which it is judged: a loaded arm gets up before.
 UPRIGHT_S = 2.0
-# Time for which an event is told [s].
-_TOLD_S = 5.0
+# Time for which an event is shown [s].
+_SHOWN_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class WatchState:
         Whether the arm has fallen over; it stays so until the controller starts anew.
     lacking : str
         Chambers that lack pressure.
-    told, told_s : str, float
+    event_text, event_s : str, float
         Last event of the law, and the time since then [s].
     refused : int
         Ticks with coordinates or pressures that were not finite.
@@ -44,15 +44,15 @@ class WatchState:
     lacking_s: float = 0.0
     fallen: bool = False
     lacking: str = ""
-    told: str = ""
-    told_s: float = 0.0
+    event_text: str = ""
+    event_s: float = 0.0
     refused: int = 0
 
     @property
     def note(self) -> str:
         """What the user must know, or an empty string."""
         fallen = "the arm has fallen over: vented until the controller starts anew" if self.fallen else ""
-        return "; ".join(text for text in (fallen, self.lacking, self.told) if text)
+        return "; ".join(text for text in (fallen, self.lacking, self.event_text) if text)
 
 
 def watched(
@@ -94,7 +94,7 @@ def watched(
         parts = [_lack(name, missing) for name, missing in zip(names, missing_pa, strict=True) if missing]
         # A text that changes with each tick would be a message each tick.
         lacking = state.lacking or "too much load: " + ", ".join(part for part in parts if part)
-    told, told_s = (event, 0.0) if event else (state.told, state.told_s + dt)
+    event_text, event_s = (event, 0.0) if event else (state.event_text, state.event_s + dt)
     return replace(
         state,
         run_s=run_s,
@@ -102,8 +102,8 @@ def watched(
         lacking_s=lacking_s,
         fallen=state.fallen or away_s > FALLEN_S,
         lacking=lacking,
-        told=told if told_s < _TOLD_S else "",
-        told_s=told_s,
+        event_text=event_text if event_s < _SHOWN_S else "",
+        event_s=event_s,
     )
 
 

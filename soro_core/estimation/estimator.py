@@ -20,7 +20,7 @@ from soro_core.adaptation.learned import Learned
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Belief, Filter
 from soro_core.estimation.frozen import LastPose, next_pose
-from soro_core.estimation.known import heard
+from soro_core.estimation.known import updated
 from soro_core.estimation.measurement import Innovation, innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
 from soro_core.estimation.state import EstimatorState, Segment
@@ -141,7 +141,7 @@ class Estimator:
         counts = state.counts
         if learned is not None and not learned.usable(self.arm.n_q):
             learned, counts = None, replace(counts, learned=counts.learned + 1)
-        return replace(state, known=heard(state.known, learned, dt, self._placed(state)), counts=counts)
+        return replace(state, known=updated(state.known, learned, dt, self._placed(state)), counts=counts)
 
     def _placed(self, state: EstimatorState) -> bool:
         """Whether what is fused has positions in it; without any sample nothing speaks against them."""

@@ -1,4 +1,4 @@
-"""The force that a learner knows of, as the filter uses it: heard, kept, and faded out where none comes."""
+"""The force that a learner knows of, as the filter uses it: received, kept, faded out where none comes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from soro_core.adaptation.learned import Learned
 
 # A learned force that is not renewed for this time [s] fades out; each way takes `FADE_S`.
-HEARD_S, FADE_S = 0.1, 0.5
+RENEWED_S, FADE_S = 0.1, 0.5
 # Times that differ by less [s] are equal.
 _SAME_S = 1e-9
 
@@ -33,12 +33,12 @@ class Known:
     @property
     def note(self) -> str:
         """What the user must know, or an empty string."""
-        if self.learned is None or self.age_s <= HEARD_S + _SAME_S:
+        if self.learned is None or self.age_s <= RENEWED_S + _SAME_S:
             return ""
         return f"no learned force for {self.age_s:.2f} s: it fades out ({self.share:.0%} left)"
 
 
-def heard(state: Known, learned: Learned | None, dt: float, placed: bool = True) -> Known:
+def updated(state: Known, learned: Learned | None, dt: float, placed: bool = True) -> Known:
     """Return what is in force after a tick.
 
     Parameters
@@ -56,6 +56,6 @@ def heard(state: Known, learned: Learned | None, dt: float, placed: bool = True)
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
         return Known()
-    change = dt / FADE_S if placed and age_s <= HEARD_S + _SAME_S else -dt / FADE_S
+    change = dt / FADE_S if placed and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
     return Known(kept, age_s, share) if share > 0.0 or age_s == 0.0 else Known()

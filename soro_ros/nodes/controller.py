@@ -23,14 +23,12 @@ from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos
+from soro_ros.control_report import FRAME, ControlReport
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.motion_topic import REPLACED, VENTED, MotionTopic
 from soro_ros.node_process import run_node
-
-# Frame of all poses.
-FRAME = "world"
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -64,10 +62,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._check = EnableCheck(self, self.controller, config)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
         self._learned = self.create_publisher(Float64MultiArray, "arm/learned", loop)
-        self._deviations = self.create_publisher(JointState, "controller/deviations", loop)
-        self._terms = self.create_publisher(JointState, "controller/terms", loop)
-        self._desired_tip = self.create_publisher(PoseStamped, "arm/desired/tip", loop)
-        self._estimates = self.create_publisher(JointState, "controller/estimates", loop)
+        self._report = ControlReport(self, self._coordinates, loop)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
         self.create_subscription(Float64MultiArray, "arm/covariance", self._on_covariance, loop)
         self.create_subscription(JointState, "arm/state", self._on_state, loop)
@@ -253,18 +248,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
                 self._publish(np.zeros(0), stamp_ns)
             return
         self._publish(command.setpoint_pa, stamp_ns)
-        self._desired_tip.publish(messages.pose_stamped(command.tip_reference, stamp_ns, FRAME))
-        terms = command.terms or {}
-        names = [f"{name}/{term}" for term in terms for name in self._coordinates]
-        values = [float(value) for term in terms.values() for value in term]
-        for publisher, told in (
-            (self._estimates, command.estimates),
-            (self._deviations, command.deviations),
-            (self._terms, dict(zip(names, values, strict=True))),
-        ):
-            named = JointState(name=list(told), position=list(told.values()))
-            named.header.stamp = message.header.stamp
-            publisher.publish(named)
+        self._report.publish(command, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
         self._motions.tick(self._state, t, tip, begun_s)
 

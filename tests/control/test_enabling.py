@@ -8,8 +8,8 @@ import pytest
 from soro_core import SoftArm, load_robot
 from soro_core.config import changed, find_config
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.config import EnableBounds
 from soro_core.control.enabling import Seen, pressure_findings, resting_arm
+from soro_core.control.motion_config import EnableBounds
 from soro_core.model.statics import equilibrium
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 

@@ -35,7 +35,7 @@ def test_chambers_that_lack_pressure_are_named_after_half_a_second():
     assert after(WatchState(), 5.0, missing=np.array([1e3, 0.0, 0.0])).note == ""
 
 
-def test_an_event_of_the_law_is_told_for_some_seconds():
+def test_an_event_of_the_law_is_shown_for_some_seconds():
     state = after(WatchState(), DT, event="prior restored")
     assert after(state, 4.9).note == "prior restored"
     assert after(state, 5.1).note == ""

@@ -62,7 +62,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._check = EnableCheck(self, self.controller, config)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
         self._learned = self.create_publisher(Float64MultiArray, "arm/learned", loop)
-        self._report = ControlReport(self, self._coordinates, loop)
+        self._output = ControlReport(self, self._coordinates, loop)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
         self.create_subscription(Float64MultiArray, "arm/covariance", self._on_covariance, loop)
         self.create_subscription(JointState, "arm/state", self._on_state, loop)
@@ -248,7 +248,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
                 self._publish(np.zeros(0), stamp_ns)
             return
         self._publish(command.setpoint_pa, stamp_ns)
-        self._report.publish(command, stamp_ns)
+        self._output.publish(command, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
         self._motions.tick(self._state, t, tip, begun_s)
 

@@ -69,14 +69,17 @@ def follow(message):
 
 zero = [0.0, 0.0, 0.0]
 def path(x):
-    return arrived(Path(poses=[tip(0.0), tip(x)]))
+    message = Path(poses=[tip(0.0), tip(x)])
+    message.header.frame_id = "world"
+    return arrived(message)
 
 count("tick", tick)
-for q in ((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)):  # one that fits and one that does not
+for q, fits in (((1.0, 0.0, 0.0, 0.0), False), ((0.0, 0.0, 0.0, 1.0), True)):
     pose = PoseStamped(pose=messages.pose(np.array([0.0, 0.0, 0.064]), np.array(q)))
     count("pose", lambda: receive(node, "sensors/pose0", serialize_message(pose)))
-    count("check", lambda: node._check.findings(False))
-count("enable", lambda: request(node, "~/enable_anyway"))
+    answers = []
+    count("enable", lambda: answers.append(request(node, "~/enable")))
+    assert answers[-1].success == fits
 count("enabled tick", tick)
 assert node.diagnostics.status.message == "active"
 for name, callback in (

@@ -45,6 +45,22 @@ class Strict(BaseModel):
             raise ConfigError(type(self).__name__, name, value, allowed) from None
 
 
+class InnerError(ValueError):
+    """What a section breaks that another model checks; the key of the section is put before its own.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        What is wrong.
+    model : type of pydantic.BaseModel
+        Model that found it.
+    """
+
+    def __init__(self, error: ValidationError, model: type[BaseModel]) -> None:
+        self.error, self.model = error, model
+        super().__init__(str(error))
+
+
 # A YAML list for a frozen tuple; the elements stay strict.
 Floats = Annotated[tuple[float, ...], Field(strict=False)]
 Strings = Annotated[tuple[str, ...], Field(strict=False)]
@@ -233,6 +249,10 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
         return ConfigError(where, key, "an unknown key", known)
     if details["type"] == "missing":
         return ConfigError(where, key, "nothing", "a value; this key is required")
+    inner = details.get("ctx", {}).get("error")
+    if isinstance(inner, InnerError):
+        cause = _first(inner.error, inner.model, where)
+        return ConfigError(where, f"{key}.{cause.key}".rstrip("."), cause.got, cause.allowed)
     allowed = _PLAIN.get(details["type"]) or details["msg"].removeprefix("Value error, ")
     is_rule = details["type"] == "value_error"
     return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:], is_rule)

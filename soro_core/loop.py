@@ -19,7 +19,9 @@ from soro_core.config import changed
 from soro_core.errors import ModelError
 
 if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
+    from soro_core.adaptation import Learned
     from soro_core.control import Command, Controller, ControllerState, Reference
+    from soro_core.control.laws import Certainty
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
     from soro_core.hardware import PlatformBase
     from soro_core.integrate import Status
@@ -72,10 +74,11 @@ class Plant(Protocol[S, O]):
 
 @dataclass(frozen=True)
 class LoopState:
-    """State of both halves."""
+    """State of both halves, and the learned model that the estimator uses at the next tick."""
 
     estimator: EstimatorState
     controller: ControllerState
+    learned: Learned | None = None
 
 
 @dataclass(frozen=True)
@@ -152,11 +155,20 @@ class Loop:
         estimate : Estimate
         command : Command
         """
-        estimator, estimate = self.estimator.step(state.estimator, pressure_pa, poses, imus, dt)
-        controller, command = self.controller.step(
-            state.controller, estimate.q, estimate.qd, estimator.t_s, dt, pressure_pa, reference
+        estimator, estimate = self.estimator.step(
+            state.estimator, pressure_pa, poses, imus, dt, state.learned
         )
-        return LoopState(estimator, controller), estimate, command
+        controller, command = self.controller.step(
+            state.controller,
+            estimate.q,
+            estimate.qd,
+            estimator.t_s,
+            dt,
+            pressure_pa,
+            reference,
+            certainty_of(estimate),
+        )
+        return LoopState(estimator, controller, command.learned), estimate, command
 
     def run(
         self,
@@ -204,6 +216,13 @@ class Loop:
                 setpoint = command.setpoint_pa
             under_way.append(setpoint)
             yield Tick(k * dt, state, seen, estimate, command, spent)
+
+
+def certainty_of(estimate: Estimate) -> Certainty | None:
+    """Return what a law may learn from: nothing of a filter that has lost the arm."""
+    from soro_core.control.laws import Certainty
+
+    return Certainty(estimate.covariance, estimate.positions) if estimate.status.ok else None
 
 
 def estimator_of(config: EstimatorNodeConfig, robot: Robot) -> Estimator:

@@ -33,7 +33,9 @@ def application() -> typer.Typer:
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
     from soro_ros.commands.film import film
+    from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.play import play
+    from soro_ros.commands.reach import reach
     from soro_ros.commands.run import run
     from soro_ros.commands.trade import trade
 
@@ -52,6 +54,8 @@ def application() -> typer.Typer:
     app.command()(doctor)
     app.command()(trade)
     app.command()(board)
+    app.command()(reach)
+    app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")

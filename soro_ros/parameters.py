@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -55,9 +55,10 @@ def declare(node: Node, model: type[Strict]) -> None:
     ConfigError
         If an override is no field of the model.
     """
-    fields = dict(_flatten(model))
+    fields, free = dict(_flatten(model)), tuple(f"{name}." for name in _mappings(model))
     for given in node.get_parameters_by_prefix(""):
-        if given not in fields and not given.startswith(_OWN):
+        # What is allowed in a mapping depends on other values: `read` checks it.
+        if given not in fields and not given.startswith((*_OWN, *free)):
             raise ConfigError(_where(node), given, "an unknown parameter", ", ".join(sorted(fields)))
     for name, (default, field) in fields.items():
         # The model checks types: it accepts 200 for a float, a typed parameter does not.
@@ -93,9 +94,32 @@ def overrides(config: BaseModel) -> dict[str, Any]:
         value = getattr(config, name)
         if isinstance(value, BaseModel):
             flat.update({f"{name}.{key}": inner for key, inner in overrides(value).items()})
+        elif isinstance(value, Mapping):
+            flat.update({f"{name}.{key}": inner for key, inner in _flat(value).items()})
         else:
             flat[name] = list(value) if isinstance(value, tuple) else value
     return flat
+
+
+def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Flatten nested mappings to ``{"a.b": value}``."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat.update({f"{name}.{key}": inner for key, inner in _flat(value).items()})
+        else:
+            flat[name] = list(value) if isinstance(value, tuple) else value
+    return flat
+
+
+def _mappings(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Yield the names of fields that are mappings: their keys are no fields of a model."""
+    for name, field in model.model_fields.items():
+        default = field.get_default(call_default_factory=True)
+        if isinstance(default, BaseModel):
+            yield from _mappings(type(default), f"{prefix}{name}.")
+        elif isinstance(default, Mapping):
+            yield prefix + name
 
 
 def _where(node: Node) -> str:
@@ -111,7 +135,7 @@ def _flatten(
         default = own if defaults is None else getattr(defaults, name)
         if isinstance(default, BaseModel):
             yield from _flatten(type(default), f"{prefix}{name}.", default)
-        else:
+        elif not isinstance(default, Mapping):
             yield prefix + name, (list(default) if isinstance(default, tuple) else default, field)
 
 
@@ -136,6 +160,10 @@ def _values(node: Node, model: type[BaseModel], changes: Iterable[Parameter] = (
         if hasattr(value, "tolist") or isinstance(value, tuple):
             value = list(value)
         values[name] = [] if value is None and isinstance(default, list) else value
+    for name in _mappings(model):
+        for key, parameter in node.get_parameters_by_prefix(name).items():
+            value = changed.get(f"{name}.{key}", parameter.value)
+            values[f"{name}.{key}"] = value.tolist() if hasattr(value, "tolist") else value
     return values
 
 

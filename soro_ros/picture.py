@@ -94,7 +94,13 @@ def _draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
 def draw_estimates(axis: object, recording: Recording) -> None:
     """Draw the parameter estimates, each over its first value."""
     series = recording.estimates
+    weights = [k for k, name in enumerate(series.names) if "/offset" in name or "/by " in name]
+    for k in weights:  # W of a learned force: too many for a legend
+        label = "entries of W" if k == weights[0] else None
+        axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
     for k, name in enumerate(series.names):
+        if k in weights:
+            continue
         values = series.value[:, k]
         largest = float(np.max(np.abs(values))) or 1.0
         # What starts from (almost) nothing, as an unknown load does, is shown against its largest value.
@@ -102,4 +108,4 @@ def draw_estimates(axis: object, recording: Recording) -> None:
         unit = " kg" if name.endswith("mass") else ""
         label = f"{name} / {scale:.3g}{unit} ({what}), end {values[-1]:.3g}{unit}"
         axis.plot(series.t, values / scale, lw=1.0, label=label)
-    axis.set(ylabel="estimate, scaled", title="parameter estimates", ylim=(0, None))
+    axis.set(ylabel="estimate, scaled", title="parameter estimates", ylim=(None if weights else 0, None))

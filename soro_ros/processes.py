@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydantic import BaseModel
@@ -122,10 +123,20 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path) -> 
     file = folder / "parameters" / f"{name}.yaml"
     file.parent.mkdir(parents=True, exist_ok=True)
     # Nested as in a scene. ROS has no null: a key that is None is left out, and None is its default.
-    section = config.model_dump(mode="json", exclude_none=True)
+    section = _without_empty_mappings(config.model_dump(mode="json", exclude_none=True))
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": section}}, sort_keys=False))
     module = [sys.executable, "-m", f"soro_ros.nodes.{name}"]
     return [*module, "--ros-args", "--params-file", str(file), "-r", f"__ns:=/{namespace}"]
+
+
+def _without_empty_mappings(section: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what is ``{}``: rcl reads the keys behind it as its own."""
+    kept = {}
+    for name, value in section.items():
+        inner = _without_empty_mappings(value) if isinstance(value, dict) else value
+        if inner != {}:
+            kept[name] = inner
+    return kept
 
 
 def stop(child: Child, limit_s: float) -> tuple[int, bool]:

@@ -203,6 +203,11 @@ class ServiceCaller:
                 return
             self.spin(_POLL_S)
 
+    @property
+    def node(self) -> Node:
+        """The caller's own node, for topics."""
+        return self._node
+
     def begin(self, node: str, service: str, kind: Any, request: Any) -> Call:
         """Start to call ``NODE/service``; other parameters as in `call`."""
         return Call(self._node, kind, f"{node}/{service}", request)

@@ -28,6 +28,7 @@ class CompletePressures(Pressures):
     fall_pa_s: float
     preview_s: float
     lag_s: float
+    dead_time_s: float
 
 
 # Keys that `Limits` has too; True for a lower bound, False for an upper one.
@@ -75,6 +76,7 @@ def complete_pressures(
     lead = max(lag_s / pressures.lag_filter_s, 1.0)
     tick_s = 1.0 / rate_hz
     values.setdefault("preview_s", tick_s + response.delay_s + (lag_s + 0.5 * tick_s) / lead)
+    values.setdefault("dead_time_s", tick_s + response.delay_s)
     return parse(values, CompletePressures, where="controller: pressures")
 
 

@@ -83,13 +83,14 @@ def allocate(
     span = maximum_pa - minimum_pa
     start = np.where(np.isfinite(start_pa), start_pa, minimum_pa)
     x = np.minimum(np.maximum((start - minimum_pa) / span, 0.0), 1.0)
-    with np.errstate(invalid="ignore"):  # the check below finds input that is not finite
+    # The check below finds what is not finite, or becomes so.
+    with np.errstate(invalid="ignore", over="ignore"):
         A = (weight @ actuation) * span
         b = weight @ (force - actuation @ minimum_pa)
-    square = A.T @ A
-    rho = regularisation * max(float(np.trace(square)) / n, 1e-300)
-    hessian = square + rho * np.eye(n)
-    linear = A.T @ b + rho * (preferred_pa - minimum_pa) / span
+        square = A.T @ A
+        rho = regularisation * max(float(np.trace(square)) / n, 1e-300)
+        hessian = square + rho * np.eye(n)
+        linear = A.T @ b + rho * (preferred_pa - minimum_pa) / span
     if np.all(np.isfinite(hessian)) and np.all(np.isfinite(linear)):
         x, iterations, ok = _active_set(hessian, linear, x)
     else:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.adaptive import Terms
+from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.regulators import RegulatorState
 from soro_core.control.following import Following
+from soro_core.control.laws.protocol import Terms
 from soro_core.control.trajectory import Hold, Point
+from soro_core.control.watch import WatchState
 from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
@@ -23,35 +26,48 @@ class ControllerState:
 
     Attributes
     ----------
-    estimate : ndarray (m,)
-        Estimates of the adapted parameters.
+    law : object
+        State of the law.
     setpoint_pa, model_pa : ndarray (n_u,)
         Last command, and the pressures that the lag model predicts from the commands [Pa gauge].
     wish_pa : ndarray (n_u,)
         Last allocation [Pa gauge], the start of the next search.
-    internal : ndarray
-        Creep and hysteresis states, integrated along the measured motion.
+    creep : ndarray (n_internal,)
+        Creep and hysteresis states along the estimated motion.
+    saturated : ndarray of bool (n_u,)
+        Chambers at a bound at the last tick.
+    regulators : RegulatorState or None
+        State of the regulators' observer; None where the law has none.
+    watch : WatchState
+        What the user must know.
     following : Following or None
         The reference in force; None before the first tick.
     point : Point or None
         The reference at the last tick; None before the first tick.
     """
 
-    estimate: Array
+    law: Any
     setpoint_pa: Array
     model_pa: Array
     wish_pa: Array
-    internal: Array
+    creep: Array
+    saturated: NDArray[np.bool_]
+    regulators: RegulatorState | None = None
+    watch: WatchState = field(default_factory=WatchState)
     following: Following | None = None
     point: Point | None = None
 
 
 @dataclass(frozen=True)
 class ControllerStatus:
-    """Whether the law gave the command; if not, `message` says why the last command is held."""
+    """Whether the law gave the command; if not, `message` says why the last command is held.
+
+    `note` says what the user must know of a command that is given.
+    """
 
     ok: bool
     message: str
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,15 +81,19 @@ class Command:
     wished_force, applied_force : ndarray (n_q,)
         Generalised force that the law asks for; generalised force H p of the measured pressures.
     estimates : dict
-        Adapted parameters by name.
+        What the law has learnt, by name.
+    deviations : dict
+        Their deviations, of laws that have them.
+    learned : Learned or None
+        The learned model for the filter.
     reference : Point
         q_d, qd_d, qdd_d.
     tip_reference : ndarray (4, 4)
         Pose of the tip in q_d by the controller's own kinematics.
     saturated : ndarray of bool (n_u,)
         Chambers whose allocated pressure or set point lies at a bound.
-    terms : Terms or None
-        The terms of the wished force; None if the command is held.
+    terms : mapping of str to ndarray (n_q,), or None
+        The terms of the wished force by name; None if the command is held.
     status : ControllerStatus
     """
 
@@ -81,6 +101,8 @@ class Command:
     wished_force: Array
     applied_force: Array
     estimates: dict[str, float]
+    deviations: dict[str, float]
+    learned: Learned | None
     reference: Point
     tip_reference: Array
     saturated: NDArray[np.bool_]
@@ -113,7 +135,9 @@ def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
     return ""
 
 
-def held_command(arm: SoftArm, state: ControllerState, estimates: dict[str, float], trouble: str) -> Command:
+def held_command(
+    arm: SoftArm, state: ControllerState, estimates: dict[str, float], learned: Learned | None, trouble: str
+) -> Command:
     """Return the command that holds the last set points.
 
     Parameters
@@ -124,6 +148,8 @@ def held_command(arm: SoftArm, state: ControllerState, estimates: dict[str, floa
         State after the last tick.
     estimates : dict of str to float
         Estimates by name.
+    learned : Learned or None
+        The learned model.
     trouble : str
         Why the law gives no command.
 
@@ -137,6 +163,8 @@ def held_command(arm: SoftArm, state: ControllerState, estimates: dict[str, floa
         wished_force=np.zeros(arm.n_q),
         applied_force=np.zeros(arm.n_q),
         estimates=estimates,
+        deviations={},
+        learned=learned,
         reference=point,
         tip_reference=arm.pose(point.q, arm.robot.length),
         saturated=np.zeros(arm.n_u, dtype=bool),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from soro_core.config import Floats, Strict, Strings
+from soro_core.config import Floats, InnerError, Strict, Strings
+from soro_core.control.laws.registry import find_law
+from soro_core.control.motion_config import EnableBounds, MotionConfig
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
 
@@ -141,6 +144,12 @@ class Pressures(Strict):
         le=10,
         description="time constant of the regulators, inverted, 0 for none; default: the platform's",
     )
+    dead_time_s: float | None = Field(
+        None,
+        ge=0,
+        le=1,
+        description="time until a set point begins to act; default: one tick and the platform's dead time",
+    )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
     @model_validator(mode="after")
@@ -224,7 +233,8 @@ class ControllerConfig(Strict):
         description="robot that the gains are for, a file or a name; without it, stated gains are "
         "those of the controlled robot",
     )
-    law: Literal["adaptive"] = Field("adaptive", description="control law")
+    law: str = Field("adaptive", description="control law, a name of the registry (docs/adding_a_law.md)")
+    law_options: Mapping[str, Any] = Field({}, description="keys of the law")
     compensation: Literal["reference", "measured"] = Field(
         "reference",
         description="state at which the model's forces are evaluated: measured, as the proof requires, or "
@@ -235,3 +245,40 @@ class ControllerConfig(Strict):
     adaptation: Adaptation = Field(Adaptation(), description="adaptation")
     pressures: Pressures = Field(Pressures(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
+    motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")
+    check_at_enable: Literal["refuse", "warn", "off"] = Field(
+        "refuse",
+        description="what a finding of the checks before ~/enable does; samples that are not fresh refuse "
+        "with warn too; lockstep has no samples before it is enabled and is not checked",
+    )
+    enable: EnableBounds = Field(EnableBounds(), description="bounds of the checks before ~/enable")
+
+    @field_validator("law")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        find_law(name)
+        return name
+
+    @field_validator("law_options")
+    @classmethod
+    def _allowed(cls, values: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
+        if "law" not in info.data or (not values and info.data["law"] == "adaptive"):
+            return values
+        law = find_law(info.data["law"])
+        try:
+            law.Options.model_validate(dict(values))
+        except ValidationError as error:
+            raise InnerError(error, law.Options) from None
+        return values
+
+    @model_validator(mode="after")
+    def _of_one_law(self) -> ControllerConfig:
+        # A value that is the default is no statement: scenes and nodes write every key out.
+        own = [name for name in ("compensation", "adaptation") if getattr(self, name) != _default(name)]
+        if self.law != "adaptive" and own:
+            raise ValueError(f"no {own[0]}, a key of law: adaptive, beside law: {self.law}")
+        return self
+
+
+def _default(name: str) -> Any:
+    return ControllerConfig.model_fields[name].default

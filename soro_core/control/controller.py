@@ -1,4 +1,4 @@
-"""The controller: reference, adaptive law, allocation and the regulators' lag, once a tick."""
+"""The controller: reference, law, allocation and the regulators' lag, once a tick."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.adaptation.regulators import RegulatorObserver
 from soro_core.config import changed
-from soro_core.control.actuation import complete_pressures, pressure_bounds
-from soro_core.control.adaptive import adapt, law
-from soro_core.control.allocation import allocate, balanced_weight
+from soro_core.control.actuation import complete_pressures
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
+from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
-from soro_core.control.lag import compensate
-from soro_core.control.parameters import ParameterSet
+from soro_core.control.laws.call import call_law
+from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
+from soro_core.control.laws.registry import find_law, options_of
+from soro_core.control.laws.trial import refuse_lost_arm
+from soro_core.control.motion import Planner
 from soro_core.control.references import (
     bounds_of,
     check_configured,
@@ -26,11 +29,12 @@ from soro_core.control.references import (
     tip_reference,
     trajectory_reference,
 )
-from soro_core.control.spread import feedback_gains, per_coordinate
-from soro_core.control.trajectory import Reference
+from soro_core.control.setpoints import SetpointMaker
+from soro_core.control.spread import feedback_gains
+from soro_core.control.trajectory import Point, Reference
+from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
 from soro_core.model.discretised import discretised
-from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.coordinates import strain_fields
 
@@ -38,7 +42,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 class Controller:
-    """Passivity-based adaptive controller of one robot.
+    """Controller of one robot: a law of the registry, with allocation and references around it.
 
     Parameters
     ----------
@@ -68,35 +72,42 @@ class Controller:
         require_chambers(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
-        self.parameters = ParameterSet(self.arm, self.config.adaptation)
-        pressures = self.pressures
         self.fields = strain_fields(robot)
         self.gains = feedback_gains(self.fields, self.config.gains, model.links)
-        self.force_weight, _ = per_coordinate(self.fields, pressures.force_weight, "pressures.force_weight")
-        low, high = pressure_bounds(pressures, robot)
-        self.minimum_pa, self.maximum_pa = np.full(self.arm.n_u, low), np.full(self.arm.n_u, high)
-        self.preferred_pa = np.full(self.arm.n_u, min(max(pressures.preferred_pa, low), high))
-        adaptation = self.config.adaptation
-        # For a strain with several coefficients, the dead zone is that of the root mean square along the
-        # link.
-        self.dead_zone = np.where(
-            self.fields.stretch, adaptation.dead_zone_stretch_per_s, adaptation.dead_zone_curvature_per_m_s
-        ) / np.sqrt(np.diag(self.fields.weight))
+        self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
+        self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
         self.configured = configured_reference(self.arm, self.fields, self.config)
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
+        self.law = find_law(self.config.law)(
+            Setting(
+                self.arm,
+                self.fields,
+                self.gains,
+                self.config,
+                self.pressures,
+                self.configured,
+                self.limit,
+                model.links,
+            ),
+            options_of(self.config.law, self.config.law_options),
+        )
+        self.observer = RegulatorObserver(self.pressures.lag_s, self.pressures.dead_time_s)
+        refuse_lost_arm(self)
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
         """Return the state before the first tick, at pressures (n_u,) [Pa gauge], 0 by default."""
         start = np.zeros(self.arm.n_u) if pressure_pa is None else np.array(pressure_pa, dtype=np.float64)
         start = np.clip(start, self.minimum_pa, self.maximum_pa)
         return ControllerState(
-            estimate=self.parameters.nominal.copy(),
+            law=self.law.initial_state(),
             setpoint_pa=start,
             model_pa=start,
             wish_pa=start,
-            internal=np.zeros(self.arm.n_internal),
+            creep=np.zeros(self.arm.n_internal),
+            saturated=np.zeros(self.arm.n_u, dtype=bool),
+            regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
         )
 
     def step(
@@ -108,6 +119,7 @@ class Controller:
         dt: float,
         measured_pressure_pa: Array,
         reference: Reference | None = None,
+        certainty: Certainty | None = None,
     ) -> tuple[ControllerState, Command]:
         """Return the command for the state (q, qd) at time `t`.
 
@@ -123,6 +135,9 @@ class Controller:
             Measured pressures [Pa gauge], for the applied force.
         reference : Reference or None
             From `trajectory` or `tip`; None for the configured one. A passage leads to a new one.
+        certainty : Certainty or None
+            What the filter says of (q, qd); None where it has none, or has lost the arm: nothing is learned
+            from the prediction error then.
 
         Returns
         -------
@@ -137,12 +152,14 @@ class Controller:
         and the status says why.
         """
         trouble = input_error(q, qd, t, dt, self.arm.n_q)
-        if not trouble:
+        if trouble:
+            state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
+        else:
             try:
-                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference)
+                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty)
             except (SoroError, np.linalg.LinAlgError) as error:
                 trouble = f"no command: {error}"
-        return state, held_command(self.arm, state, self.parameters.named(state.estimate), trouble)
+        return self._held(state, trouble)
 
     def _tick(
         self,
@@ -153,83 +170,92 @@ class Controller:
         dt: float,
         measured_pressure_pa: Array,
         reference: Reference | None,
+        certainty: Certainty | None,
     ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
         if measured.shape != (self.arm.n_u,) or not np.all(np.isfinite(measured)):
             measured = state.model_pa
+            state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         start_s, before = self.config.reference.start_s, state.following
+        if state.watch.fallen:
+            return self._vented(state, dt)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
         point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
-        moved = self.fields.within(q + preview_s * qd, self.limit)
-        internal = np.asarray(self.arm.internal_force(moved, state.internal))
-        desired = self.config.compensation == "reference"
-        terms = law(self.parameters, self.gains, state.estimate, internal, moved, qd, future, desired)
-        actuation = self.arm.actuation_matrix(future.q if desired else moved)
-        believed = actuation * self.parameters.gains(state.estimate)
-        pressures = self.pressures
-        wish = allocate(
-            believed,
-            terms.wished,
-            self.minimum_pa,
-            self.maximum_pa,
-            self.force_weight[:, None] * balanced_weight(believed, self.fields),
-            pressures.regularisation,
-            self.preferred_pa,
-            state.wish_pa,
+        ahead = Preview(point, future, preview_s)
+        belief = ArmBelief(
+            q=q,
+            qd=qd,
+            covariance=None if certainty is None else certainty.covariance,
+            positions=certainty is not None and certainty.positions,
+            creep=state.creep,
+            pressure_pa=measured,
+            saturated=state.saturated,
         )
-        # The limiter would clip a faster change as well; clipped here, the lag model includes it.
-        command = compensate(
-            wish.pressure_pa,
-            state.model_pa,
-            pressures.lag_s,
-            pressures.lag_filter_s,
-            np.maximum(self.minimum_pa, state.setpoint_pa - pressures.fall_pa_s * dt),
-            np.minimum(self.maximum_pa, state.setpoint_pa + pressures.rise_pa_s * dt),
+        regulators = (
+            None if state.regulators is None else self.observer.observe(state.regulators, measured, dt)
         )
-        if not (wish.ok and np.all(np.isfinite(command))):
-            trouble = "no finite pressures for the wished force"
-            return state, held_command(self.arm, state, self.parameters.named(state.estimate), trouble)
-        estimate = state.estimate
-        if self.config.adapt:
-            # Errors of the chamber gains multiply the measured pressures, not the commanded ones.
-            regressor = terms.regressor + self.parameters.gain_regressor(actuation, measured)
-            shortfall = terms.wished - wish.force if bool(wish.saturated.any()) else None
-            adaptation = self.config.adaptation
-            estimate = adapt(
-                self.parameters,
-                estimate,
-                regressor,
-                terms.s,
-                dt,
-                self.dead_zone,
-                adaptation.leakage_per_s,
-                shortfall if adaptation.hold_saturated else None,
-            )
+        inner, wished, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
+        actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
+        believed = self.law.actuation(inner, actuation)
+        wish = self.setpoints.allocate(believed, wished, state.wish_pa)
+        bias = 0.0 if regulators is None else regulators.bias_pa
+        made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
+        if not (wish.ok and np.all(np.isfinite(made.command_pa))):
+            return self._held(state, "no finite pressures for the wished force")
+        saturated = bool(wish.saturated.any())
+        inner = self.law.allocated(inner, Made(wished, wish.force, actuation, measured, saturated), dt)
+        missing = self.setpoints.missing_pa(believed, wished, wish)
         after = replace(
             state,
-            estimate=estimate,
-            setpoint_pa=command,
-            model_pa=follow_lag(state.model_pa, command, dt, pressures.lag_s),
+            law=inner,
+            watch=self._judged(state, q, point, missing, self.law.note(inner), dt),
+            setpoint_pa=made.command_pa,
+            model_pa=made.model_pa,
             wish_pa=wish.pressure_pa,
-            internal=advance_creep(self.arm, state.internal, future.q, future.qd, dt),
+            creep=advance_creep(self.arm, state.creep, q, qd, dt),
+            saturated=made.at_bound,
+            regulators=regulators and self.observer.commanded(regulators, made.command_pa),
             following=following,
             point=point,
         )
-        edge = 1e-9 * (self.maximum_pa - self.minimum_pa)
-        at_bound = (command <= self.minimum_pa + edge) | (command >= self.maximum_pa - edge)
         return after, Command(
-            setpoint_pa=command,
-            wished_force=terms.wished,
+            setpoint_pa=made.command_pa,
+            wished_force=wished,
             applied_force=np.asarray(believed @ measured),
-            estimates=self.parameters.named(estimate),
+            estimates=self.law.estimates(inner),
+            deviations=self.law.deviations(inner),
+            learned=self.law.learned(inner),
             reference=point,
             tip_reference=self.arm.pose(point.q, self.robot.length),
-            saturated=wish.saturated | at_bound,
+            saturated=made.at_bound,
             terms=terms,
-            status=ControllerStatus(True, ""),
+            status=ControllerStatus(True, "", after.watch.note),
         )
+
+    def _judged(
+        self, state: ControllerState, q: Array, point: Point, missing: Array, event: str, dt: float
+    ) -> WatchState:
+        """Return the watch after a tick."""
+        tip, wanted = (self.arm.pose(x, self.robot.length)[:3, 3] for x in (q, point.q))
+        away = float(np.linalg.norm(tip - wanted)) / self.robot.length
+        if not self.law.learns:  # its lost arm is the verdict's
+            away = 0.0
+        start_s, names = self.config.reference.start_s, self.robot.chamber_names
+        return watched(state.watch, away, missing, names, event, start_s, dt)
+
+    def _vented(self, state: ControllerState, dt: float) -> tuple[ControllerState, Command]:
+        """Vent an arm that has fallen over."""
+        least = np.maximum(self.minimum_pa, state.setpoint_pa - self.pressures.fall_pa_s * dt)
+        state = replace(state, setpoint_pa=least)
+        command = self._held(state, "")[1]
+        return state, replace(command, status=ControllerStatus(True, "", state.watch.note))
+
+    def _held(self, state: ControllerState, trouble: str) -> tuple[ControllerState, Command]:
+        """Hold the last set points and say why."""
+        estimates, learned = self.law.estimates(state.law), self.law.learned(state.law)
+        return state, held_command(self.arm, state, estimates, learned, trouble)
 
     def trajectory(
         self,
@@ -266,6 +292,10 @@ class Controller:
             stamp_ns=stamp_ns,
         )
 
+    def planner(self, state: ControllerState, dt: float) -> Planner:
+        """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
+        return Planner(supply_of(self, state), self.bounds, self.config, dt)
+
     def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
         """Return a set point that brings the tip to a pose.
 
@@ -287,8 +317,7 @@ class Controller:
         ConfigError
             If a number is not finite, or the arm misses the position by more than the configured tolerance.
         """
-        # The start at the reference in force keeps redundant coordinates continuous: neighbouring poses get
-        # neighbouring coordinates.
+        # From the reference in force, so that neighbouring poses get neighbouring coordinates.
         start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
         return tip_reference(
             self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.model import SoftArm
+if TYPE_CHECKING:  # a scene reads a law's keys without its model
+    from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 

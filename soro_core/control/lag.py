@@ -18,7 +18,13 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def compensate(
-    wish_pa: Array, model_pa: Array, tau_s: float, filter_s: float, minimum_pa: Array, maximum_pa: Array
+    wish_pa: Array,
+    model_pa: Array,
+    tau_s: float,
+    filter_s: float,
+    minimum_pa: Array,
+    maximum_pa: Array,
+    bias_pa: Array | float = 0.0,
 ) -> Array:
     """Return the command that makes the pressures follow `wish_pa`.
 
@@ -30,6 +36,8 @@ def compensate(
         Time constants of the regulators, 0 for none, and of the compensated response [s].
     minimum_pa, maximum_pa : ndarray (n_u,)
         Bounds of the command [Pa gauge].
+    bias_pa : ndarray (n_u,) or float
+        What each regulator adds to its command [Pa].
 
     Returns
     -------
@@ -38,4 +46,4 @@ def compensate(
     """
     lead = max(tau_s / filter_s, 1.0)
     command = model_pa + lead * (wish_pa - model_pa) if tau_s > 0.0 else wish_pa
-    return np.minimum(np.maximum(command, minimum_pa), maximum_pa)
+    return np.minimum(np.maximum(command - bias_pa, minimum_pa), maximum_pa)

@@ -7,7 +7,7 @@ others keep the values of the robot file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from soro_core.control.config import Adaptation
 from soro_core.control.projection import Pair, Polytope
 from soro_core.errors import ConfigError
-from soro_core.model import SoftArm
 from soro_core.robot.coordinates import STRETCHES, StrainFields, strain_fields
+
+if TYPE_CHECKING:  # a scene reads a law's keys without its model
+    from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.allocation import allocate, balanced_weight
+from soro_core.control.allocation import balanced_weight
 from soro_core.control.controller import Controller
 from soro_core.control.trajectory import Circle
 from soro_core.errors import ConfigError, ModelError
@@ -65,17 +65,9 @@ def tip_distance(controller: Controller, q: Array) -> float:
     if arm.robot.contacts is not None or arm.robot.tip_constraint is not None:
         load = load - arm.external_forces(q).generalised
     actuation = arm.actuation_matrix(q)
-    weight = controller.force_weight[:, None] * balanced_weight(actuation, controller.fields)
-    found = allocate(
-        actuation,
-        load,
-        controller.minimum_pa,
-        controller.maximum_pa,
-        weight,
-        controller.config.pressures.regularisation,
-        controller.preferred_pa,
-        controller.preferred_pa,
-    )
+    maker = controller.setpoints
+    weight = maker.force_weight[:, None] * balanced_weight(actuation, controller.fields)
+    found = maker.allocate(actuation, load, maker.preferred_pa)
     lacking = load - found.force
     # A strain that no chamber drives has no weight.
     driven = bool(np.any(weight, axis=1).all())

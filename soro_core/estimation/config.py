@@ -67,6 +67,17 @@ class ProcessNoise(Strict):
     )
 
 
+class LearnedProcessNoise(ProcessNoise):
+    """The same where a learned force is part of the model: less is left for noise to explain."""
+
+    curvature_acceleration_per_m: float = Field(
+        10.0, ge=0, le=1e6, description="spectral density of the acceleration's error of curvatures"
+    )
+    curvature_disturbance_per_m: float = Field(
+        4e3, ge=0, le=1e9, description="the same of the second derivative of the disturbance"
+    )
+
+
 class InitialNoise(Strict):
     """Uncertainty of the state at the start and after re-acquisition."""
 
@@ -87,6 +98,9 @@ class EstimatorConfig(Strict):
         True, description="estimate a slowly varying generalised force beside q and qd (unknown payload)"
     )
     process: ProcessNoise = Field(ProcessNoise(), description="process noise")
+    learned_process: LearnedProcessNoise = Field(
+        LearnedProcessNoise(), description="process noise while a learned force is in force"
+    )
     initial: InitialNoise = Field(InitialNoise(), description="initial uncertainty")
     pose: PoseNoise = Field(PoseNoise(), description="pose samples")
     imu: ImuNoise = Field(ImuNoise(), description="IMU samples")

@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from soro_core.adaptation.learned import Learned
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Belief, Filter
+from soro_core.estimation.frozen import LastPose, next_pose
+from soro_core.estimation.known import updated
 from soro_core.estimation.measurement import Innovation, innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
 from soro_core.estimation.state import EstimatorState, Segment
@@ -52,7 +55,7 @@ class Estimator:
     ) -> None:
         self.config = config if config is not None else EstimatorConfig()
         self.arm = discretised(robot, model)
-        self.filter = Filter(self.arm, self.config)
+        self.filter = Filter(self.arm, self.config, model.links)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
         position, orientation = (
@@ -90,6 +93,7 @@ class Estimator:
         poses: Sequence[PoseSample],
         imus: Sequence[ImuSample],
         dt: float,
+        learned: Learned | None = None,
     ) -> tuple[EstimatorState, Estimate]:
         """Advance to ``state.t_s + dt``, the time of `chamber_pressure_pa`, and fuse the samples.
 
@@ -103,6 +107,9 @@ class Estimator:
             Samples that arrived since the last step, in any order, stamped when they were taken.
         dt : float
             Time since the last step [s].
+        learned : Learned or None
+            What a law has learned since the last step; the prediction uses it. Without a new one for 0.1 s
+            its force fades out, and the status says so.
 
         Returns
         -------
@@ -121,12 +128,25 @@ class Estimator:
             return state, self._estimate(state, f"time step of {dt} s refused")
         # The checks for finiteness below find overflows; numpy's warnings would only fill the log.
         with np.errstate(all="ignore"):
+            state = self._known(state, learned, dt)
             if dt > self.config.max_gap_s:
                 state = self._restarted(state, dt)
             else:
                 state = self._extended(state, dt, chamber_pressure_pa)
             state = self._fuse(state, [*state.waiting, *poses, *imus])
         return state, self._estimate(state)
+
+    def _known(self, state: EstimatorState, learned: Learned | None, dt: float) -> EstimatorState:
+        """Return the state with the learned force that the next step uses."""
+        counts = state.counts
+        if learned is not None and not learned.usable(self.arm.n_q):
+            learned, counts = None, replace(counts, learned=counts.learned + 1)
+        return replace(state, known=updated(state.known, learned, dt, self._placed(state)), counts=counts)
+
+    def _placed(self, state: EstimatorState) -> bool:
+        """Whether what is fused has positions in it; without any sample nothing speaks against them."""
+        late_s = self.config.lost_after_s
+        return not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
 
     def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
         measured = np.asarray(pressure_pa, dtype=np.float64)
@@ -143,9 +163,12 @@ class Estimator:
         measured, counts = self._pressure(state, pressure_pa)
         mean = 0.5 * (state.pressure_pa + measured)
         parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
-        transition = self.filter.transition(state.belief, mean)
+        transition = self.filter.transition(state.belief, mean, state.known)
         edges = [state.t_s + dt * i / parts for i in range(parts + 1)]
-        added = [Segment(edges[i], edges[i + 1], mean, transition, state.belief) for i in range(parts)]
+        added = [
+            Segment(edges[i], edges[i + 1], mean, transition, state.belief, known=state.known)
+            for i in range(parts)
+        ]
         return replace(
             state,
             t_s=state.t_s + dt,
@@ -172,7 +195,7 @@ class Estimator:
             )
             new.setdefault(index, []).append(sample)
         belief, counts, refused = state.belief, state.counts, dict(state.refused)
-        last = state.last_s
+        last, position, poses = state.last_s, state.position_s, dict(state.poses)
         first = min([*new, len(history) - 1])
         # The newest segments still have the belief of the one before: the replay computes theirs.
         while first > 0 and history[first].belief is history[first - 1].belief:
@@ -186,10 +209,18 @@ class Estimator:
                 belief, counts = self._predicted(belief, part, sample.stamp_s - t, counts)
                 t = max(t, sample.stamp_s)
                 gated = any(sample is one for one in arrivals)
+                if gated and isinstance(sample, PoseSample) and self._frozen(poses, sample, belief):
+                    counts = replace(counts, frozen=counts.frozen + 1)
+                    continue
                 belief, counts, accepted = self._updated(belief, sample, refused, gated, counts)
                 if accepted:
                     kept.append(sample)
                     last = max(last, sample.stamp_s)
+                    if isinstance(sample, PoseSample):
+                        position = max(position, sample.stamp_s)
+                    if gated and isinstance(sample, PoseSample):
+                        after = self._place(sample, belief)
+                        poses[sample.sensor] = replace(poses[sample.sensor], after=after)
             belief, counts = self._predicted(belief, part, part.end_s - t, counts)
             history[i] = replace(part, belief=begun, samples=tuple(kept))
         if not belief.finite():
@@ -202,8 +233,20 @@ class Estimator:
             waiting=waiting,
             refused=refused,
             last_s=last,
+            position_s=position,
+            poses=poses,
             counts=counts,
         )
+
+    def _place(self, sample: PoseSample, belief: Belief) -> Array:
+        """Return the estimated position (3,) at the place of a sample [m]."""
+        return self.arm.pose(belief.q, min(max(sample.s, 0.0), self.length))[:3, 3]
+
+    def _frozen(self, poses: dict[str, LastPose], sample: PoseSample, belief: Belief) -> bool:
+        """Whether a sensor repeats itself while the arm moves; the sample is noted in `poses`."""
+        record = next_pose(poses.get(sample.sensor), sample, self._place(sample, belief))
+        poses[sample.sensor] = record
+        return record.is_frozen(self.config.pose.position_std_m)
 
     def _admit(
         self, state: EstimatorState, offered: list[Sample]
@@ -232,7 +275,7 @@ class Estimator:
         return replace(state, counts=counts, stamps=stamps), fresh, tuple(waiting[-16:])
 
     def _predicted(self, belief: Belief, part: Segment, dt: float, counts: Counts) -> tuple[Belief, Counts]:
-        moved, ok = self.filter.predict(belief, part.pressure_pa, part.transition, dt)
+        moved, ok = self.filter.predict(belief, part.pressure_pa, part.transition, dt, part.known)
         finite = moved.finite()
         if not (ok and finite):
             counts = replace(counts, failed=counts.failed + 1)
@@ -286,5 +329,6 @@ class Estimator:
             tip_covariance=0.5 * (tip + tip.T),
             force=np.asarray(self.arm.actuation_matrix(belief.q) @ state.pressure_pa),
             disturbance=belief.disturbance if self.filter.n_d else np.zeros(n),
-            status=EstimatorStatus(not trouble, trouble, state.counts, age),
+            positions=state.t_s - state.position_s <= self.config.lost_after_s,
+            status=EstimatorStatus(not trouble, trouble, state.counts, age, state.known.note),
         )

@@ -16,12 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.estimation.config import EstimatorConfig
+from soro_core.adaptation.force import LearnedForce
+from soro_core.estimation.config import EstimatorConfig, ProcessNoise
+from soro_core.estimation.known import Known
 from soro_core.estimation.measurement import Innovation
 from soro_core.estimation.transition import Transition
 from soro_core.integrate import State, make_stepper
@@ -70,10 +73,21 @@ class Belief:
 
 
 class Filter:
-    """The filter's pure functions for one arm; nothing in it changes after construction."""
+    """The filter's pure functions for one arm; nothing in it changes after construction.
 
-    def __init__(self, arm: SoftArm, config: EstimatorConfig) -> None:
+    Parameters
+    ----------
+    arm : SoftArm
+        Discretised model.
+    config : EstimatorConfig
+        Noise and limits.
+    pieces : int
+        Number of pieces into which each link is discretised.
+    """
+
+    def __init__(self, arm: SoftArm, config: EstimatorConfig, pieces: int = 1) -> None:
         self.arm, self.config = arm, config
+        self._pieces = pieces
         self.n = arm.n_q
         self.n_d = arm.n_q if config.disturbance else 0
         # Unguarded, the step has the same linearisation in every basis of the strains.
@@ -83,14 +97,10 @@ class Filter:
         white = self.fields.root.T @ self.fields.root
         same = self.fields.index[:, None] == self.fields.index
         uniform = np.outer(self.fields.uniform, self.fields.uniform) * same
-        noise, start = config.process, config.initial
+        start = config.initial
         self.limit = np.where(stretch, config.stretch_limit, config.bend_limit_rad / lengths)
-        acceleration = np.where(stretch, noise.stretch_acceleration, noise.curvature_acceleration_per_m)
-        drift = np.where(stretch, noise.stretch_disturbance, noise.curvature_disturbance_per_m)
-        none = np.zeros((self.n, self.n))
-        self.process = self._blocks(
-            none, acceleration[:, None] ** 2 * uniform, none, drift[:, None] ** 2 * uniform
-        )
+        self.process = self._process(config.process, stretch, uniform)
+        self.learned_process = self._process(config.learned_process, stretch, uniform)
         disturbance = np.where(stretch, start.stretch_disturbance_std, start.curvature_disturbance_std_per_m)
         position = np.where(stretch, start.stretch_std, start.curvature_std_per_m)
         rate = np.where(stretch, start.stretch_rate_std_per_s, start.curvature_rate_std_per_m_s)
@@ -103,6 +113,13 @@ class Filter:
         # Variances that no noise reaches (disturbances of higher coefficients) are round-off.
         self._negligible = np.maximum(1e-12 * np.concatenate(stds) ** 2, 1e-300)
         self._increment = np.where(stretch, 1e-6, 1e-6 / lengths) / np.sqrt(np.diag(self.fields.weight))
+
+    def _process(self, noise: ProcessNoise, stretch: NDArray[np.bool_], uniform: Array) -> Array:
+        """Return the spectral density of the process noise."""
+        acceleration = np.where(stretch, noise.stretch_acceleration, noise.curvature_acceleration_per_m)
+        drift = np.where(stretch, noise.stretch_disturbance, noise.curvature_disturbance_per_m)
+        none = np.zeros((self.n, self.n))
+        return self._blocks(none, acceleration[:, None] ** 2 * uniform, none, drift[:, None] ** 2 * uniform)
 
     def _blocks(self, *four: Array) -> Array:
         """Return the covariance of (q, qd, disturbance, drift) with these diagonal blocks; n_d may be 0."""
@@ -155,17 +172,45 @@ class Filter:
             system[3 * n :, 3 * n :] = -fade
         return system
 
-    def transition(self, belief: Belief, pressure_pa: Array) -> Transition:
-        """Return the linearised dynamics about the belief at the pressures (n_u,) [Pa gauge]."""
-        return Transition(self.linearise(belief, pressure_pa), self.process)
+    @cached_property
+    def force(self) -> LearnedForce:
+        """The learned force, made where one comes first: not every arm has units for it."""
+        return LearnedForce(self.arm, self._pieces)
+
+    def transition(self, belief: Belief, pressure_pa: Array, known: Known = Known()) -> Transition:  # noqa: B008 -- frozen
+        """Return the linearised dynamics about the belief.
+
+        Parameters
+        ----------
+        belief : Belief
+            Where it is linearised.
+        pressure_pa : ndarray (n_u,)
+            Pressures [Pa gauge].
+        known : Known
+            The learned force in force.
+        """
+        system, process, n = self.linearise(belief, pressure_pa), self.process, self.n
+        if known.learned is not None:
+            part = known.learned.scaled(known.share)
+            factor, slope = self.force.linearise(part, belief.q, belief.qd)
+            system[n : 2 * n, : 2 * n] = factor @ system[n : 2 * n, : 2 * n]
+            system[n : 2 * n, :n] += slope
+            process = process + known.share * (self.learned_process - process)
+        return Transition(system, process)
 
     def predict(
-        self, belief: Belief, pressure_pa: Array, transition: Transition, dt: float
+        self,
+        belief: Belief,
+        pressure_pa: Array,
+        transition: Transition,
+        dt: float,
+        known: Known = Known(),  # noqa: B008 -- frozen
     ) -> tuple[Belief, bool]:
         """Return the belief after `dt` with the pressures held.
 
-        Half of the disturbance's impulse acts before the step and half after it (Strang splitting): second
-        order, and exact for the equilibrium under a constant disturbance.
+        Half of the impulse of disturbance and learned force acts before the step and half after it (Strang
+        splitting): second order, and exact for the equilibrium under a constant disturbance. The learned
+        force is that of the state before, and of the state after: held from another time it diverges.
 
         Parameters
         ----------
@@ -177,6 +222,8 @@ class Filter:
             Linearised dynamics.
         dt : float
             Time step [s].
+        known : Known
+            The learned force in force.
 
         Returns
         -------
@@ -192,17 +239,34 @@ class Filter:
             fade = np.exp(-dt / self.config.process.disturbance_time_s)
             push = 0.5 * dt * (disturbance + 0.5 * dt * drift)
             disturbance, drift = fade * (disturbance + dt * drift), fade * drift
-        state, status = self.stepper.step(State(belief.q, belief.qd + push, belief.internal), pressure_pa, dt)
-        ok = bool(status.ok)
-        q, qd, internal = (
-            (state.q, state.qd + push, state.internal) if ok else (belief.q, 0.0 * belief.qd, belief.internal)
+        begun = push + 0.5 * dt * self._learned(known, belief.q, belief.qd, belief.internal, pressure_pa)
+        state, status = self.stepper.step(
+            State(belief.q, belief.qd + begun, belief.internal), pressure_pa, dt
         )
+        ok = bool(status.ok)
+        q, qd, internal = belief.q, 0.0 * belief.qd, belief.internal
+        if ok:
+            end = state.qd + push
+            # At about the velocity after the second half: before it, damping would see the first half alone.
+            qd = state.qd + begun
+            kick = 0.5 * dt * self._learned(known, state.q, qd, state.internal, pressure_pa)
+            q, qd, internal = state.q, end + kick, state.internal
         whole, noise = transition.over(dt)
         spread = whole @ belief.covariance @ whole.T + noise
         if not ok:
             spread += self.initial * dt
         q = self.fields.within(q, self.limit)
         return Belief(q, qd, disturbance, drift, internal, 0.5 * (spread + spread.T)), ok
+
+    def _learned(
+        self, known: Known, q: Array, qd: Array, internal: Array, pressure_pa: Array
+    ) -> Array | float:
+        """Return the acceleration (n_q,) by the learned force, 0 without one."""
+        if known.learned is None:
+            return 0.0
+        q = self.fields.within(q, self.limit)  # a step may end where the model has no value
+        alone = self.arm.forward_dynamics(q, qd, pressure_pa, internal=internal)
+        return self.force.acceleration(known.learned.scaled(known.share), q, qd, alone)
 
     def distance(self, belief: Belief, innovation: Innovation) -> float:
         """Return the normalised innovation squared, chi-square distributed for a good sample."""

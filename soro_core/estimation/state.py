@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.filter import Belief
+from soro_core.estimation.frozen import LastPose
+from soro_core.estimation.known import Known
 from soro_core.estimation.samples import Sample
 from soro_core.estimation.status import Counts
 from soro_core.estimation.transition import Transition
@@ -34,6 +36,8 @@ class Segment:
         Belief at `start_s`.
     samples : tuple of Sample
         Samples fused in the interval.
+    known : Known
+        Learned force in the interval.
     """
 
     start_s: float
@@ -42,6 +46,7 @@ class Segment:
     transition: Transition
     belief: Belief
     samples: tuple[Sample, ...] = ()
+    known: Known = field(default_factory=Known)
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,12 @@ class EstimatorState:
         Outliers in a row of each sensor.
     last_s : float
         Stamp of the newest fused sample [s].
+    position_s : float
+        Stamp of the newest fused pose [s].
+    poses : mapping of str to LastPose
+        Last new pose of each sensor.
+    known : Known
+        Learned force in force.
     counts : Counts
         Counts since the start.
     """
@@ -78,4 +89,7 @@ class EstimatorState:
     stamps: Mapping[str, float] = field(default_factory=dict)
     refused: Mapping[str, int] = field(default_factory=dict)
     last_s: float = -math.inf
+    position_s: float = -math.inf
+    poses: Mapping[str, LastPose] = field(default_factory=dict)
+    known: Known = field(default_factory=Known)
     counts: Counts = field(default_factory=Counts)

@@ -22,6 +22,10 @@ class Counts:
     stale, early : int
         Samples refused because their stamp is too old or did not increase; because it is too far in the
         future.
+    frozen : int
+        Poses refused because their sensor repeats one under new stamps while the arm moves.
+    learned : int
+        Learned models refused for a wrong shape or a value that is not finite.
     reacquired : int
         Re-acquisitions of the state from a sensor after many outliers in a row.
     pressures : int
@@ -37,6 +41,8 @@ class Counts:
     invalid: int = 0
     stale: int = 0
     early: int = 0
+    frozen: int = 0
+    learned: int = 0
     reacquired: int = 0
     pressures: int = 0
     failed: int = 0
@@ -45,13 +51,17 @@ class Counts:
 
 @dataclass(frozen=True)
 class EstimatorStatus:
-    """Whether the estimate may be used; if not, `message` says why."""
+    """Whether the estimate may be used; if not, `message` says why.
+
+    `note` says what the user must know of an estimate that may be used.
+    """
 
     ok: bool
     message: str
     counts: Counts
     age_s: float
     """Time since the last sample that was fused [s]; infinite before the first."""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,8 @@ class Estimate:
         Generalised force of the measured pressures, H p.
     disturbance : ndarray (n_q,)
         Acceleration that the model does not explain; 0 if it is not estimated.
+    positions : bool
+        Whether poses were fused lately, not orientations alone.
     """
 
     t_s: float
@@ -83,4 +95,5 @@ class Estimate:
     tip_covariance: Array
     force: Array
     disturbance: Array
+    positions: bool
     status: EstimatorStatus

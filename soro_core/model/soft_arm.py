@@ -244,6 +244,25 @@ class SoftArm(ForwardDynamics):
         )
         return np.ascontiguousarray((rows[: 1 + n] - rows[1 + n :].sum(axis=0)).T)
 
+    def tip_mass_force(self, q: ArrayLike, qd: ArrayLike, a: ArrayLike) -> Array:
+        """First column of `mass_regressor` at v = qd, for less work: the force (n_q,) per kg at the tip.
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+            Coordinates and velocities.
+        a : (n_q,)
+            Accelerations.
+        """
+        q, qd = self._state(q, qd)
+        a = self._vector(a, self.n_q, "a")
+        count = 2 if self.robot.point_masses else 1  # point masses are in all rows, and alone in the last
+        rows, tips = np.empty((count, self.n_q)), np.eye(1, count)[0]
+        masses = np.zeros((count, len(self.robot.links)))
+        many = np.tile(qd, (count, 1)), np.tile(a, (count, 1))
+        entries.inertial_forces(self._box, masses, tips, self.tables.gravity, q, qd, *many, rows)
+        return np.asarray(rows[0] - rows[1] if count == 2 else rows[0])
+
     def elastic_regressor(self, q: ArrayLike) -> Array:
         """Columns of Y in docs/model.md (37): dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links).
 

@@ -17,7 +17,9 @@ Array: TypeAlias = NDArray[np.float64]
 SHARES = tuple(np.geomspace(1e-6, 1.0, 13))
 
 
-def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = None) -> Array:
+def equilibrium(
+    arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = None, added_tip_mass: float = 0.0
+) -> Array:
     """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
 
     Where contact or a held tip lets the search fail, it follows the equilibrium while these forces grow from
@@ -30,6 +32,8 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
         [Pa gauge].
     start : array_like of shape (n_q,), optional
         Where the search starts; default straight.
+    added_tip_mass : float
+        Mass at the tip beside that of the robot [kg].
 
     Returns
     -------
@@ -47,11 +51,11 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
     if start is not None:
         begin = finite(shaped(start, (arm.n_q,), "start", name), "start")
     outside = arm.robot.contacts is not None or arm.robot.tip_constraint is not None
-    q, trouble = _search(arm, p, 1.0 if outside else 0.0, begin)
+    q, trouble = _search(arm, p, 1.0 if outside else 0.0, begin, added_tip_mass)
     if trouble and outside:
         q = begin
         for share in SHARES:
-            q, trouble = _search(arm, p, share, q)
+            q, trouble = _search(arm, p, share, q, added_tip_mass)
     if trouble:
         cure = "start the search nearer to it (start), or lower the load"
         raise ModelError(
@@ -60,12 +64,16 @@ def equilibrium(arm: SoftArm, pressure: ArrayLike, start: ArrayLike | None = Non
     return q
 
 
-def _search(arm: SoftArm, p: Array, share: float, begin: Array) -> tuple[Array, str]:
+def _search(arm: SoftArm, p: Array, share: float, begin: Array, added: float) -> tuple[Array, str]:
     """Equilibrium with this share of the forces from outside, and what prevented it."""
     from scipy.optimize import root  # loaded late: nodes do without it
 
+    rest = np.zeros(arm.n_q)
+
     def unbalanced(q: Array) -> Array:
         force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p
+        if added:
+            force = force + added * arm.mass_regressor(q, rest, rest, rest)[:, 0]
         return np.asarray(force - share * arm.external_forces(q).generalised if share else force)
 
     # Forces on elongation and on curvature differ by orders of magnitude: weigh each by its stiffness.
@@ -73,7 +81,8 @@ def _search(arm: SoftArm, p: Array, share: float, begin: Array) -> tuple[Array, 
     stiffness = np.array([(unbalanced(e) - unbalanced(-e)) / (2 * step) for e in step * np.eye(arm.n_q)])
     scale = np.maximum(np.abs(np.diag(stiffness)), 1e-12)
     try:
-        found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
+        with np.errstate(over="ignore", invalid="ignore"):  # of a search that leaves all bounds
+            found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
     except ModelError as error:
         return begin, str(error).split(" (q = ")[0]
     q = np.asarray(found.x, float)

@@ -5,9 +5,9 @@ What several nodes must agree on (robot, mode, rate, limits) stands in `soro_cor
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from soro_core.config import changed
+from soro_core.config import Floats, changed
 from soro_core.control.actuation import complete_pressures, contradictions
 from soro_core.control.config import ControllerConfig
 from soro_core.estimation.config import EstimatorConfig
@@ -56,6 +56,9 @@ class EstimatorNodeConfig(ArmNodeKeys):
     priority: Priority = 20
     backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone; 0 for none")
     backbone_points: int = Field(21, ge=2, le=200, description="poses along the arm in arm/backbone")
+    learned: bool = Field(
+        False, description="lockstep: the law learns, so each tick waits for arm/learned of the one before"
+    )
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
 
 
@@ -76,6 +79,12 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
         0.1, gt=0, le=1, description="longest age of a state; the controller ignores older ones"
     )
     control: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
+    pose_locations: Floats = Field(
+        (1.0,), description="places of sensors/pose0, pose1, ..., part of the arm's length; for ~/enable"
+    )
+    imu_locations: Floats = Field(
+        (1.0,), description="places of sensors/imu0, imu1, ..., part of the arm's length; for ~/enable"
+    )
     reach: float = Field(
         0.0,
         ge=0,
@@ -83,6 +92,13 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
         description="refuse a configured reference if the best pressures leave the tip further away from it, "
         "part of the arm's length; 0: no check",
     )
+
+    @model_validator(mode="after")
+    def _on_the_arm(self) -> ControllerNodeConfig:
+        for name in ("pose_locations", "imu_locations"):
+            if any(not 0.0 <= place <= 1.0 for place in getattr(self, name)):
+                raise ValueError(f"{name} from 0 (base) to 1 (tip)")
+        return self
 
     def known_control(self, platform: PlatformBase | None = None) -> tuple[ControllerConfig, list[str]]:
         """Complete the law's section from limits and regulators.

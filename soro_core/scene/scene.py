@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict, changed, find_config, parse, read_yaml
 from soro_core.control.config import ControllerConfig
+from soro_core.control.laws.registry import find_law
 from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
@@ -239,6 +240,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
             pose_delay_s=pose.delay_s,
             imu_rate_hz=imu.rate_hz if imu.enabled else 0.0,
             imu_delay_s=imu.delay_s,
+            learned=find_law(self.controller.law).learns,
             filter=self.estimator,
         )
 
@@ -250,6 +252,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
             regulator=self.twin.regulator,
             model=self.discretisation,
             control=self.controller,
+            pose_locations=(self.twin.pose.location,),
+            imu_locations=(self.twin.imu.location,),
             reach=self.verdict.tip_error_part,
         )
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from soro_ros.services import Call, ServiceCaller
 
 # The node that drives the valves publishes pressures. A controller has the same services, but no latch.
-_READINGS = "chambers/state"
-_COMMANDS = "chambers/command"
+READINGS = "chambers/state"
+COMMANDS = "chambers/command"
 # Advice if no node offers a service.
 _RUNNING = "start soro_regulator (or soro run) in this domain, or set ROS_DOMAIN_ID to that of yours"
 _START = {
@@ -63,10 +63,10 @@ def reset(
         from soro_core.safety.state import MUST_BE_ZERO
         from soro_ros.diagnostics import VENTED
 
-        name = _one(caller, "reset", node, timeout_s, "" if node else _READINGS)
+        name = one_node(caller, "reset", node, timeout_s, "" if node else READINGS)
         status = caller.message_of(name, _STATUS_LIMIT_S)
         typer.echo(f"{name}: {status or 'no message on /diagnostics'}")
-        if status and not status.startswith(VENTED) and name in caller.offering("reset", _READINGS):
+        if status and not status.startswith(VENTED) and name in caller.offering("reset", READINGS):
             typer.echo(f"{name}: not latched, nothing to reset")
             return
         answer = caller.call(name, "reset", Trigger, Trigger.Request(), timeout_s)
@@ -106,7 +106,7 @@ def vent(
         for new in caller.search("vent", node, timeout_s):
             found += new
             # Before the request is sent: it may end the run, and the node with it.
-            has_driver = has_driver or not set(found).isdisjoint(caller.offering("vent", _READINGS))
+            has_driver = has_driver or not set(found).isdisjoint(caller.offering("vent", READINGS))
             calls |= {name: caller.begin(name, "vent", Trigger, Trigger.Request()) for name in new}
             report_answers()
         while calls and time.monotonic() < deadline:
@@ -116,7 +116,7 @@ def vent(
             raise _none(caller, "vent", node)
         for name, one in calls.items():
             typer.echo(f"{name}: {one.trouble(timeout_s)}: does its process run?", err=True)
-        if not (node or has_driver or caller.offering("vent", _READINGS)):
+        if not (node or has_driver or caller.offering("vent", READINGS)):
             # After the driver was killed, a controller may still report success.
             raise SoroError(f"no node in {caller.domain} drives the valves, so none was vented; {_RUNNING}")
     if calls or failed:
@@ -125,9 +125,16 @@ def vent(
 
 def enable(
     node: Annotated[str, _NODE] = "",
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Only warn of a pose or a pressure that does not fit.")
+    ] = False,
     timeout_s: Annotated[float, _TIMEOUT] = 5.0,
 ) -> None:
     """Start the commands of a controller, at its start and after `soro vent`.
+
+    The controller first checks that its samples are fresh, that no chamber is under pressure, and that the
+    sensors agree with the model at rest (docs/motion.md; keys check_at_enable and enable of its file). Exit
+    status 1 when it refuses.
 
     Without NODE it is the only controller. The node that commands the valves needs no such call; if it is
     latched, a line names it, and it needs a reset first.
@@ -137,13 +144,14 @@ def enable(
     with service_caller() as caller:
         from soro_ros.diagnostics import VENTED
 
-        name = _one(caller, "enable", node, timeout_s, "" if node else _COMMANDS)
-        answer = caller.call(name, "enable", Trigger, Trigger.Request(), timeout_s)
+        name = one_node(caller, "enable", node, timeout_s, "" if node else COMMANDS)
+        service = "enable_anyway" if anyway else "enable"
+        answer = caller.call(name, service, Trigger, Trigger.Request(), timeout_s)
         if not answer.success:
             raise SoroError(f"{name} refuses: {answer.message}")
         typer.echo(f"{name}: {answer.message}")
         namespace = name.rpartition("/")[0]
-        for driver in caller.offering("reset", _READINGS):
+        for driver in caller.offering("reset", READINGS):
             is_of_arm = driver.rpartition("/")[0] == namespace
             if is_of_arm and caller.message_of(driver, _STATUS_LIMIT_S).startswith(VENTED):
                 typer.echo(f"{driver}: still vented: `soro vent`, `soro reset`, `soro enable`", err=True)
@@ -184,7 +192,7 @@ def fault(
     from soro_ros.faults import PARAMETER
 
     with service_caller() as caller:
-        name = _one(caller, "clear_faults", node, timeout_s)
+        name = one_node(caller, "clear_faults", node, timeout_s)
         request = SetParameters.Request(parameters=[Parameter(PARAMETER, value=text).to_parameter_msg()])
         (answer,) = caller.call(name, "set_parameters", SetParameters, request, timeout_s).results
     if not answer.successful:
@@ -214,8 +222,26 @@ def service_caller() -> Iterator[ServiceCaller]:
             raise typer.Exit(130) from None
 
 
-def _one(caller: ServiceCaller, service: str, wanted: str, limit_s: float, publishing: str = "") -> str:
-    """Return the node with this name or end of a name; an error lists the candidates."""
+def one_node(caller: ServiceCaller, service: str, wanted: str, limit_s: float, publishing: str = "") -> str:
+    """Return the node with this name or end of a name; an error lists the candidates.
+
+    Parameters
+    ----------
+    caller : ServiceCaller
+    service : str
+        Service that the node offers.
+    wanted : str
+        Full name of the node or its end; "" for any.
+    limit_s : float
+        Time limit of the search [s].
+    publishing : str
+        Ending of a topic that the node publishes; "" for any.
+
+    Raises
+    ------
+    SoroError
+        If there is none, or more than one.
+    """
     found = [name for new in caller.search(service, wanted, limit_s, publishing) for name in new]
     if not found:
         raise _none(caller, service, wanted, publishing)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -10,22 +11,24 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from soro_core.adaptation import Learned
 from soro_core.control import Reference
 from soro_core.control.reach import check_reach
 from soro_core.errors import ConfigError, SoroError
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.scene import ControllerNodeConfig
-from soro_ros import messages, qos
+from soro_ros import learning, messages, qos
+from soro_ros.control_report import FRAME, ControlReport
 from soro_ros.diagnostics import OK, WARN
+from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
+from soro_ros.motion_topic import REPLACED, VENTED, MotionTopic
 from soro_ros.node_process import run_node
-
-# Frame of all poses.
-FRAME = "world"
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -51,11 +54,17 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._reference: Reference | None = None
         self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
+        self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
+        self._motions = MotionTopic(
+            self, self.controller, self._lockstep, 1.0 / config.rate_hz, self._take, self._refuse
+        )
+        self._check = EnableCheck(self, self.controller, config)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
-        self._desired_tip = self.create_publisher(PoseStamped, "arm/desired/tip", loop)
-        self._estimates = self.create_publisher(JointState, "controller/estimates", loop)
+        self._learned = self.create_publisher(Float64MultiArray, "arm/learned", loop)
+        self._output = ControlReport(self, self._coordinates, loop)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
+        self.create_subscription(Float64MultiArray, "arm/covariance", self._on_covariance, loop)
         self.create_subscription(JointState, "arm/state", self._on_state, loop)
         self.create_subscription(
             JointTrajectory, "arm/reference/trajectory", self._on_trajectory, qos.RELIABLE
@@ -63,6 +72,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.create_subscription(PoseStamped, "arm/reference/tip", self._on_tip, qos.RELIABLE)
         for name, callback in (
             ("enable", self._on_enable),
+            ("enable_anyway", self._on_enable_anyway),
             ("vent", self._on_vent),
             ("reset", self._on_reset),
         ):
@@ -91,7 +101,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             reference = self._trajectory(trajectory)(0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
-        self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
+        state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
+        self._check.warm_up()
+        self._motions.warm_up(state, q)
 
     def _forget(self) -> None:
         """Reset time, estimates and reference."""
@@ -99,6 +111,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._epoch_ns: int | None = None
         self._last_ns = 0
         self._reference = None
+        self._zero_ns = 0
 
     # Inputs ----------------------------------------------------------------------------------------
     def _on_reading(self, message: JointState) -> None:
@@ -107,10 +120,16 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         except ValueError:
             return  # the estimator reports it
         self._readings.append((messages.to_ns(message.header.stamp), pressure))
+        self._check.note_reading(pressure)
         self._process()
 
     def _on_state(self, message: JointState) -> None:
         self._states.append(message)
+        self._check.note_state(message)
+        self._process()
+
+    def _on_covariance(self, message: Float64MultiArray) -> None:
+        self._covariances.append(message)
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
@@ -150,11 +169,20 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def _follow(self, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
         t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
-        refused = ""
         try:
-            self._reference = make(t)
+            self._take(make(t))
         except SoroError as error:
-            refused = f"reference refused: {error}"
+            self._refuse(str(error))
+            return
+        self._motions.cancel(REPLACED, "by another reference")
+        self._refuse("")
+
+    def _take(self, reference: Reference) -> None:
+        self._reference = reference
+
+    def _refuse(self, reason: str) -> None:
+        """Report why a reference is refused; an empty reason ends the report of the last refusal."""
+        refused = f"reference refused: {reason}" if reason else ""
         if refused and refused == self._refused:  # limit the log of a repeated reference
             self.get_logger().error(refused, throttle_duration_sec=1.0)
         elif refused != self._refused:
@@ -168,9 +196,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         while self._states:
             stamp_ns = messages.to_ns(self._states[0].header.stamp)
             reading = self._reading_at(stamp_ns)
-            if reading is None:
+            covariance = self._covariance_at(stamp_ns)
+            if reading is None or (covariance is None and self._lockstep and self.controller.law.learns):
                 return
-            self._tick(self._states.popleft(), stamp_ns, reading)
+            self._tick(self._states.popleft(), stamp_ns, reading, covariance)
 
     def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
         """Return the reading of the same tick, in real time the latest one."""
@@ -179,10 +208,23 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
                 return pressure
         return None if self._lockstep else np.full(len(self._names), np.nan)
 
-    def _tick(self, message: JointState, stamp_ns: int, reading: np.ndarray) -> None:
+    def _covariance_at(self, stamp_ns: int) -> Float64MultiArray | None:
+        """Return the covariance of the same tick, in real time the latest one that is not too old."""
+        for message in reversed(self._covariances):
+            age_s = (stamp_ns - learning.stamp_ns(message)) * 1e-9
+            if age_s == 0.0 or (not self._lockstep and age_s <= self._config.state_age_s):
+                return message
+        return None
+
+    def _tick(
+        self, message: JointState, stamp_ns: int, reading: np.ndarray, covariance: Float64MultiArray | None
+    ) -> None:
         if not self._enabled:
-            self._publish(np.zeros(len(self._names)), stamp_ns)
+            self._publish_learned(None, stamp_ns)
+            if stamp_ns > self._zero_ns:
+                self._publish(np.zeros(len(self._names)), stamp_ns)
             return
+        begun_s = time.monotonic()
         trouble = self._unusable(message, stamp_ns)
         if not trouble:
             if self._epoch_ns is None:
@@ -192,18 +234,28 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             dt = min(dt, self._config.state_age_s)
             q, qd = np.array(message.position), np.array(message.velocity)
             t = (stamp_ns - self._epoch_ns) * 1e-9
-            self._state, command = self.controller.step(self._state, q, qd, t, dt, reading, self._reference)
+            certainty = None if covariance is None else learning.certainty_of(covariance, len(q))
+            self._state, command = self.controller.step(
+                self._state, q, qd, t, dt, reading, self._reference, certainty
+            )
             self._last_ns, trouble = stamp_ns, command.status.message
-        self._note(trouble)
+            self._publish_learned(command.learned, stamp_ns)
+        else:
+            self._publish_learned(None, stamp_ns)
+        self._note(trouble or command.status.note)
         if trouble:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)
             return
         self._publish(command.setpoint_pa, stamp_ns)
-        self._desired_tip.publish(messages.pose_stamped(command.tip_reference, stamp_ns, FRAME))
-        estimates = JointState(name=list(command.estimates), position=list(command.estimates.values()))
-        estimates.header.stamp = message.header.stamp
-        self._estimates.publish(estimates)
+        self._output.publish(command, stamp_ns)
+        tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
+        self._motions.tick(self._state, t, tip, begun_s)
+
+    def _publish_learned(self, learned: Learned | None, stamp_ns: int) -> None:
+        """Publish what is learned; in lockstep the filter waits for an answer, even an empty one."""
+        if self.controller.law.learns and (self._lockstep or learned is not None):
+            self._learned.publish(learning.learned(learned, stamp_ns))
 
     def _unusable(self, message: JointState, stamp_ns: int) -> str:
         if not message.name:
@@ -232,21 +284,48 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         problems = "; ".join(text for text in (self._trouble, self._refused) if text)
         self.diagnostics.update(WARN if problems else OK, problems or "active")
 
+    def diagnose(self) -> None:
+        counts = {"refused": self._state.watch.refused, **self.controller.law.counts(self._state.law)}
+        self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
+
     # Services --------------------------------------------------------------------------------------
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._enable(response, anyway=False)
+
+    def _on_enable_anyway(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._enable(response, anyway=True)
+
+    def _enable(self, response: Trigger.Response, anyway: bool) -> Trigger.Response:
+        """Start the commands; an arm that is in control already is not checked."""
+        warnings: list[str] = []
         if not self._enabled:
+            refusals, warnings = self._check.findings(anyway, self._stay_at_zero)
+            for line in (*refusals, *warnings):
+                self.get_logger().warning(f"enable: {line}")
+            if refusals:
+                response.success, response.message = False, "; ".join(refusals)
+                return response
             self._forget()
         self._enabled = True
-        response.success, response.message = True, "enabled"
+        response.success, response.message = True, "; ".join(["enabled", *warnings])
         return response
+
+    def _stay_at_zero(self) -> None:
+        """Command zero once a period while no message is handled: without commands the driver would trip."""
+        now_ns = self.get_clock().now().nanoseconds
+        if now_ns - self._zero_ns > 1e9 / self._config.rate_hz:
+            self._zero_ns = now_ns
+            self._publish(np.zeros(len(self._names)), now_ns)
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._enabled = False
+        self._motions.forget(VENTED, "commanding zero until ~/enable")
         response.success, response.message = True, "commanding zero until ~/enable"
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._forget()
+        self._motions.forget(REPLACED, "estimates and reference start anew")
         response.success, response.message = True, "estimates and reference start anew"
         return response
 

@@ -7,14 +7,16 @@ from collections import deque
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64MultiArray
 
+from soro_core.adaptation import Learned
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
-from soro_core.loop import estimator_of
+from soro_core.loop import certainty_of, estimator_of
 from soro_core.robot import load_robot
 from soro_core.scene import EstimatorNodeConfig
 from soro_core.twin import SensorConfig
 from soro_core.twin.sensors import SensorClock
-from soro_ros import messages, qos
+from soro_ros import learning, messages, qos
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
@@ -43,6 +45,10 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             "imu": _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz),
         }
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
+        self._learned: Learned | None = None
+        self._awaited_ns: int | None = None  # in lockstep: the tick whose learned model has not come yet
+        self._covariance = self.create_publisher(Float64MultiArray, "arm/covariance", loop)
+        self.create_subscription(Float64MultiArray, "arm/learned", self._on_learned, loop)
         self._arm_state = self.create_publisher(JointState, "arm/state", loop)
         self._tip = self.create_publisher(PoseWithCovarianceStamped, "arm/tip", loop)
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
@@ -80,6 +86,12 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._samples["imu"].append(ImuSample(stamp_s, omega, force, quaternion, s))
         self._process()
 
+    def _on_learned(self, message: Float64MultiArray) -> None:
+        self._learned = learning.learned_of(message)
+        if learning.stamp_ns(message) == self._awaited_ns:
+            self._awaited_ns = None
+        self._process()
+
     def _on_pressures(self, message: JointState) -> None:
         try:
             pressure = messages.pressures(message, self._names)
@@ -97,7 +109,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         while self._pressures:
             stamp_ns, pressure = self._pressures[0]
             tick = round(stamp_ns * 1e-9 * self._config.rate_hz)
-            if self._lockstep and not self._complete(tick):
+            if self._lockstep and (self._awaited_ns is not None or not self._complete(tick)):
                 return
             self._pressures.popleft()
             self._step(stamp_ns, pressure, self._due("pose", tick), self._due("imu", tick))
@@ -124,11 +136,16 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         if self._state is None:
             self._epoch_ns = 0 if self._lockstep else stamp_ns
             self._state = self._estimator.initial_state(self._seconds(stamp_ns), pressure_pa=pressure)
+            self._await(stamp_ns)
+            self._covariance.publish(learning.covariance(None, stamp_ns))
             self._publish_nothing(stamp_ns)
             return
         dt = self._seconds(stamp_ns) - self._state.t_s
-        self._state, estimate = self._estimator.step(self._state, pressure, poses, imus, dt)
-        self._report(estimate.status.message)
+        learned, self._learned = self._learned, None
+        self._state, estimate = self._estimator.step(self._state, pressure, poses, imus, dt, learned)
+        self._report(estimate.status.message or estimate.status.note)
+        self._await(stamp_ns)
+        self._covariance.publish(learning.covariance(certainty_of(estimate), stamp_ns))
         if not estimate.status.ok:
             self._publish_nothing(stamp_ns)
             return
@@ -138,6 +155,11 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._tip.publish(
             messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, "world")
         )
+
+    def _await(self, stamp_ns: int) -> None:
+        """Wait in lockstep for what the controller has learned from this tick, before the next."""
+        if self._lockstep and self._config.learned:
+            self._awaited_ns = stamp_ns
 
     def _publish_nothing(self, stamp_ns: int) -> None:
         """Report that there is no estimate: in lockstep by an empty message, in real time by none."""

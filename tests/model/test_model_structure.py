@@ -7,6 +7,8 @@ from sample_arms import SETTINGS, random_robot, random_state, seeds
 from scipy.linalg import block_diag
 
 from soro_core import SoftArm
+from soro_core._jit import kernel
+from soro_core.model.lie import stumpff, tangent_coefficients
 from soro_core.robot import link_stiffness, shear_factors
 
 
@@ -154,17 +156,18 @@ def test_smooth_through_zero_curvature(tiny):
         np.testing.assert_allclose(got, want, atol=30 * tiny * np.abs(want).max() + 3000 * tiny + 1e-15)
 
 
+@kernel
+def stumpff_and_tangent(y, c, a):
+    stumpff(y, c)
+    tangent_coefficients(c, a)
+
+
 def test_series_and_closed_form_meet():
     """The Stumpff functions take one form below y = 4 and another above: no step between them."""
-    from soro_core.model.lie import stumpff, tangent_coefficients
-
     values = []
     for y in (4 * (1 - 1e-15), 4.0):
         c, a = np.empty(8), np.empty(10)
-        stumpff.py_func(y, c) if hasattr(stumpff, "py_func") else stumpff(y, c)
-        tangent_coefficients.py_func(c, a) if hasattr(
-            tangent_coefficients, "py_func"
-        ) else tangent_coefficients(c, a)
+        stumpff_and_tangent(y, c, a)
         values.append(np.concatenate([c, a]))
     np.testing.assert_allclose(values[0], values[1], rtol=1e-12)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.loop import loop_of
+from soro_core.loop import certainty_of, loop_of
 from soro_core.safety import Limiter
 from soro_core.scene import Scene
 from soro_core.twin import Twin
@@ -39,6 +39,7 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
     plant, seen = twin.observe(twin.initial())
     estimator = loop.estimator.initial_state(0.0, pressure_pa=seen.reading_pa)
     controller = loop.controller.initial_state()
+    learned = None
     answer = Step(0, plant.arm.q, plant.air.pressure_pa)
     yield answer
     for tick in range(1, ticks):
@@ -53,13 +54,20 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
         poses = [_received(one, scene.twin.pose.location * robot.length) for one in seen.poses]
         imus = [_received(one, scene.twin.imu.location * robot.length) for one in seen.imus]
         dt = stamp_ns * 1e-9 - estimator.t_s
-        estimator, estimate = loop.estimator.step(estimator, seen.reading_pa, poses, imus, dt)
+        estimator, estimate = loop.estimator.step(estimator, seen.reading_pa, poses, imus, dt, learned)
         assert estimate.status.ok
         t_s, dt = (stamp_ns - period_ns) * 1e-9, period_ns * 1e-9
         controller, command = loop.controller.step(
-            controller, estimate.q, estimate.qd, t_s, dt, seen.reading_pa
+            controller,
+            estimate.q,
+            estimate.qd,
+            t_s,
+            dt,
+            seen.reading_pa,
+            certainty=certainty_of(estimate),
         )
         assert command.status.ok
+        learned = command.learned
         answer = Step(
             stamp_ns, plant.arm.q, plant.air.pressure_pa, estimate.q, estimate.qd, command.setpoint_pa
         )

@@ -9,6 +9,7 @@ from soro_ros import messages
 from soro_ros.nodes.controller import ControllerNode
 from tests.ros.direct import receive, request
 
+CHAMBERS = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
 TRAJECTORY = "arm/reference/trajectory"
 
 
@@ -36,7 +37,9 @@ def test_a_refused_reference_is_forgotten_when_a_good_one_follows(domain):
         receive(node, TRAJECTORY, good)
         assert (status.level, status.message) == (DiagnosticStatus.OK, "active")
         # Another problem is reported beside it, and its end does not hide the refusal.
-        request(node, "~/enable")
+        receive(node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), 0))
+        receive(node, "arm/state", arm_state(node, names, age_s=0.0))
+        assert request(node, "~/enable").success
         receive(node, TRAJECTORY, bad)
         receive(node, "arm/state", arm_state(node, names, age_s=0.0))
         assert status.message.startswith("reference refused")

@@ -26,6 +26,7 @@ def count(name, callback):
 
 CONTROLLER = """
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -67,8 +68,18 @@ def follow(message):
     receive(node, "arm/reference/trajectory", message)
 
 zero = [0.0, 0.0, 0.0]
+def path(x):
+    message = Path(poses=[tip(0.0), tip(x)])
+    message.header.frame_id = "world"
+    return arrived(message)
+
 count("tick", tick)
-request(node, "~/enable")
+for q, fits in (((1.0, 0.0, 0.0, 0.0), False), ((0.0, 0.0, 0.0, 1.0), True)):
+    pose = PoseStamped(pose=messages.pose(np.array([0.0, 0.0, 0.064]), np.array(q)))
+    count("pose", lambda: receive(node, "sensors/pose0", serialize_message(pose)))
+    answers = []
+    count("enable", lambda: answers.append(request(node, "~/enable")))
+    assert answers[-1].success == fits
 count("enabled tick", tick)
 assert node.diagnostics.status.message == "active"
 for name, callback in (
@@ -80,6 +91,12 @@ for name, callback in (
     count(name, callback)
     count(f"tick after {name}", tick)
     assert node.diagnostics.status.message == "active"
+count("path", lambda: receive(node, "arm/reference/path", path(0.004)))
+for k in range(100):
+    count("tick of a plan", tick)
+count("unreachable path", lambda: receive(node, "arm/reference/path", path(0.4)))
+for k in range(20):
+    count("tick of a plan that fails", tick)
 count("unreachable", lambda: receive(node, "arm/reference/tip", tip(0.5)))
 count("report", lambda: fire(node, 1.0))
 """

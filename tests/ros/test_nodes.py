@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.port import Exchange, Fault
+from soro_core.hardware.port import BusStatistics, Exchange, Fault
 from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig, load_scene
 from soro_core.twin import TwinConfig
 from soro_ros import messages, middleware, parameters, qos, services
@@ -257,7 +257,8 @@ def test_a_start_up_that_fails_lets_go_of_what_it_has_opened(domain, monkeypatch
 class Answering:
     """Regulators that do what they are told, and remember being told to vent."""
 
-    chamber_names, n_chambers, update_hz, reading_age_s, statistics = CHAMBERS, 3, 1000.0, 0.0, None
+    chamber_names, n_chambers, update_hz, reading_age_s = CHAMBERS, 3, 1000.0, 0.0
+    statistics = BusStatistics()
 
     def __init__(self):
         self.vents, self.faults = 0, ()

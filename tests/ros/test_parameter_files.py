@@ -54,7 +54,15 @@ def test_every_empty_list_arrives_empty(domain, tmp_path, monkeypatch, node_clas
 
 def test_a_scene_that_adapts_nothing_has_a_controller_that_adapts_nothing(domain, tmp_path):
     none = {f"controller.adaptation.{key}": [] for key in ("parameters", "gain", "lower", "upper")}
-    config = load_scene("track_circle", none).controller_node()
+    config = load_scene("track_circle", {"controller.law": "adaptive", **none}).controller_node()
     found = through_a_file(ControllerNode, config, tmp_path)
     assert found == config
     assert found.control.adaptation.parameters == ()
+
+
+def test_keys_of_a_law_arrive_as_they_are(domain, tmp_path):
+    keys = {"forget_s": 3.0, "noise": 0.2}
+    config = load_scene("track_circle", {"controller.law_options": keys}).controller_node()
+    found = through_a_file(ControllerNode, config, tmp_path)
+    assert found == config
+    assert found.control.law_options == keys

@@ -1,0 +1,237 @@
+"""A learner driven by the prediction error: recursive least squares on what the measured pressures make.
+
+r = H(q) p - [M qdd_d + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q)
+
+Measured pressures say what force acts, so the lag of the regulators does not enter. Both sides pass one
+low-pass. The information about theta grows with each sample, weighed by its noise
+S = sigma^2 I + (K / U) P (K / U)', P the covariance of q, and is forgotten towards the prior. What samples do
+not determine stays at the prior.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.force import LearnedForce
+from soro_core.adaptation.learned import Learned
+from soro_core.robot.coordinates import strain_fields
+
+if TYPE_CHECKING:
+    from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Information whose condition is worse than this is singular.
+_SINGULAR = 1e14
+# The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
+# filter is sure, or after this time [s].
+_WAIT_S = 0.5
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What one tick shows.
+
+    Attributes
+    ----------
+    q, qd : ndarray (n_q,)
+        Estimated coordinates and rates.
+    qdd : ndarray (n_q,)
+        Acceleration of the reference.
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
+    creep : ndarray (n_internal,)
+        Creep and hysteresis states.
+    covariance : ndarray (n_q, n_q)
+        Covariance of q.
+    positions : bool
+        Whether q comes from positions; without them only the mass is learned.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    pressure_pa: Array
+    creep: Array
+    covariance: Array
+    positions: bool
+
+    def finite(self) -> bool:
+        """Whether all numbers are finite."""
+        parts = (self.q, self.qd, self.qdd, self.pressure_pa, self.creep, self.covariance)
+        return all(bool(np.isfinite(part).all()) for part in parts)
+
+
+@dataclass(frozen=True)
+class LearnerState:
+    """State of the learner.
+
+    Attributes
+    ----------
+    learned : Learned
+        The model in force.
+    information, moment : ndarray (size, size), (size,)
+        A and b of A theta = b.
+    residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
+        Both sides after the low-pass, in units of force.
+    waited_s, passed_s : float
+        Time before the low-pass began, and since then [s].
+    at_bound_s : float
+        Time at a bound without a break [s].
+    refused, restored : int
+        Samples that were not finite; restorations of the prior.
+    note : str
+        What the last sample has caused, for the user; else empty.
+    """
+
+    learned: Learned
+    information: Array
+    moment: Array
+    residual: Array | None = None
+    regressor: Array | None = None
+    waited_s: float = 0.0
+    passed_s: float = 0.0
+    at_bound_s: float = 0.0
+    refused: int = 0
+    restored: int = 0
+    note: str = ""
+
+
+class Learner:
+    """The learner of one arm.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    config : LearnerConfig
+        Prior, noise, forgetting and bounds.
+    pieces : int
+        Number of pieces into which each link is discretised.
+    """
+
+    def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
+        self.arm, self.config, self.force = arm, config, LearnedForce(arm, pieces)
+        self._stretch = strain_fields(arm.robot).stretch
+        weights = self.force.size - 1
+        deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
+        self.prior = np.diag(deviation**-2)
+        self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
+        self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
+
+    def initial_state(self) -> LearnerState:
+        """Return the prior."""
+        size = self.force.size
+        return LearnerState(Learned(np.zeros(size)), self.prior.copy(), np.zeros(size))
+
+    def step(self, state: LearnerState, sample: Sample, dt: float) -> LearnerState:
+        """Return the state after one sample.
+
+        Parameters
+        ----------
+        state : LearnerState
+            After the last sample.
+        sample : Sample
+        dt : float
+            Time since the last sample [s].
+        """
+        if not sample.finite():
+            return replace(state, refused=state.refused + 1, note="a sample that is not finite: not learned")
+        residual, regressor = self._sides(sample)
+        if not (np.isfinite(residual).all() and np.isfinite(regressor).all()):
+            return replace(state, refused=state.refused + 1, note="a force that is not finite: not learned")
+        if state.residual is None and state.waited_s < _WAIT_S and self._doubtful(sample.covariance):
+            return replace(state, waited_s=state.waited_s + dt, note="")
+        if state.residual is not None and state.regressor is not None:
+            # At first a mean: the first sample alone would count for the time of the low-pass.
+            part = max(-math.expm1(-self.config.low_pass_per_s * dt), dt / (state.passed_s + dt))
+            residual = state.residual + part * (residual - state.residual)
+            regressor = state.regressor + part * (regressor - state.regressor)
+        state = replace(state, residual=residual, regressor=regressor, passed_s=state.passed_s + dt, note="")
+        try:
+            information, moment = self._gained(state, residual, regressor, sample.covariance, dt)
+            theta = _solved(information, moment)
+        except np.linalg.LinAlgError:  # a covariance that cancels the noise
+            theta = None
+        if theta is None:
+            return self._restored(state, "the information is singular: prior restored")
+        return self._projected(replace(state, information=information, moment=moment), theta, dt)
+
+    def _doubtful(self, covariance: Array) -> bool:
+        """Whether the filter's doubt about q, as a force, is above the noise."""
+        variance = np.diag(covariance) * self.force.scales.stiffness**2
+        return bool(np.max(variance) > self.config.noise**2)
+
+    def deviations(self, state: LearnerState) -> Array:
+        """Return the deviation (size,) of each learned value by the noise that the learner assumes."""
+        try:
+            variance = np.diag(np.linalg.inv(state.information))
+        except np.linalg.LinAlgError:
+            variance = np.full(self.force.size, math.nan)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def _sides(self, sample: Sample) -> tuple[Array, Array]:
+        """Return r / U (n_q,) and Phi (n_q, size)."""
+        arm, q, qd = self.arm, sample.q, sample.qd
+        model = arm.inverse_dynamics(q, qd, qd, sample.qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
+        missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
+        regressor = self.force.regressor(q, qd, sample.qdd)
+        if not sample.positions:
+            # A bend from orientations alone is biased: W would learn the bias. Elongation is then what the
+            # filter predicts with the learned mass itself, which says nothing of it.
+            regressor[:, 1:] = 0.0
+            regressor[self._stretch] = 0.0
+            missing[self._stretch] = 0.0
+        return missing / self.force.scales.force, regressor
+
+    def _gained(
+        self, state: LearnerState, residual: Array, regressor: Array, covariance: Array, dt: float
+    ) -> tuple[Array, Array]:
+        """Return information and moment after a sample; the arrays are those of the low-pass."""
+        config, stiffness = self.config, self.force.scales.stiffness
+        noise = config.noise**2 * np.eye(len(residual)) + covariance * np.outer(stiffness, stiffness)
+        # Samples of a low-pass repeat each other for 2 / its rate.
+        weighed = 0.5 * config.low_pass_per_s * np.linalg.solve(noise, regressor).T
+        missed = residual - regressor @ state.learned.theta
+        large = float(missed @ missed) / (len(residual) * config.noise**2)
+        forget = (1.0 + min(large, config.forget_factor)) / config.forget_s
+        information = state.information + dt * (
+            weighed @ regressor - forget * (state.information - self.prior)
+        )
+        return information, state.moment + dt * (weighed @ residual - forget * state.moment)
+
+    def _projected(self, state: LearnerState, theta: Array, dt: float) -> LearnerState:
+        """Return the state with admissible estimates; the prior after too long at a bound."""
+        outside = bool(((theta < self.lower) | (theta > self.upper)).any())
+        at_bound_s = state.at_bound_s + dt if outside else 0.0
+        if at_bound_s > self.config.bound_s:
+            return self._restored(state, f"at its bound for {self.config.bound_s:g} s: prior restored")
+        within = np.minimum(np.maximum(theta, self.lower), self.upper)
+        return replace(state, learned=Learned(within), at_bound_s=at_bound_s)
+
+    def _restored(self, state: LearnerState, note: str) -> LearnerState:
+        fresh = self.initial_state()
+        return replace(fresh, refused=state.refused, restored=state.restored + 1, note=note)
+
+
+def _solved(information: Array, moment: Array) -> Array | None:
+    """Return theta, or None where the information does not determine it."""
+    # Scaled to a diagonal of 1: masses and weights have other units.
+    diagonal = np.diag(information)
+    if not (np.isfinite(information).all() and np.isfinite(moment).all() and (diagonal > 0.0).all()):
+        return None
+    root = 1.0 / np.sqrt(diagonal)
+    try:
+        factor = np.linalg.cholesky(information * np.outer(root, root))
+    except np.linalg.LinAlgError:
+        return None
+    if np.diag(factor).min() ** 2 * _SINGULAR < 1.0:
+        return None
+    theta: Array = root * np.linalg.solve(factor.T, np.linalg.solve(factor, root * moment))
+    return theta

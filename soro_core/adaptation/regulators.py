@@ -1,0 +1,84 @@
+"""A bias of each regulator from measured against modelled pressure; it takes up play, gain and lag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.pneumatics.lag import follow
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Commands that are kept for the dead time.
+_KEPT = 100
+
+
+@dataclass(frozen=True)
+class RegulatorState:
+    """State of the observer.
+
+    Attributes
+    ----------
+    predicted_pa, bias_pa : ndarray (n_u,)
+        Pressures of the observer [Pa gauge], and what each regulator adds to its command [Pa].
+    commands : tuple of ndarray (n_u,)
+        Last commands, the newest last [Pa gauge].
+    """
+
+    predicted_pa: Array
+    bias_pa: Array
+    commands: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class RegulatorObserver:
+    """Observer tau p' = c(t - dead time) + bias - p of every chamber.
+
+    Attributes
+    ----------
+    lag_s, dead_time_s : float
+        Of the regulators; the tick until a command is sent is part of the dead time [s].
+    correction_per_s, bias_per_s : float
+        Gains of the measured minus the predicted pressure. A bias gain of 200 1/s oscillates where 20 ms of
+        delay are not declared.
+    bound_pa : float
+        Largest bias [Pa].
+    """
+
+    lag_s: float
+    dead_time_s: float
+    correction_per_s: float = 45.0
+    bias_per_s: float = 80.0
+    bound_pa: float = 6e3
+
+    def initial_state(self, pressure_pa: Array) -> RegulatorState:
+        """Return the state at pressures (n_u,) [Pa gauge] that are also the last command."""
+        return RegulatorState(pressure_pa, np.zeros_like(pressure_pa), (pressure_pa,))
+
+    def observe(self, state: RegulatorState, measured_pa: Array, dt: float) -> RegulatorState:
+        """Return the state after a measurement.
+
+        Parameters
+        ----------
+        state : RegulatorState
+            After the last command.
+        measured_pa : ndarray (n_u,)
+            Measured pressures, finite [Pa gauge].
+        dt : float
+            Time since the last measurement [s].
+        """
+        back = min(1 + round(self.dead_time_s / dt), len(state.commands))
+        acting = state.commands[-back] + state.bias_pa
+        predicted = follow(state.predicted_pa, acting, dt, self.lag_s)
+        missed = measured_pa - predicted
+        bias = np.clip(state.bias_pa + self.bias_per_s * dt * missed, -self.bound_pa, self.bound_pa)
+        corrected = predicted + min(self.correction_per_s * dt, 1.0) * missed
+        return RegulatorState(np.asarray(corrected), bias, state.commands)
+
+    def commanded(self, state: RegulatorState, command_pa: Array) -> RegulatorState:
+        """Return the state after a command (n_u,) [Pa gauge]."""
+        kept = (*state.commands, command_pa)[-_KEPT:]
+        return RegulatorState(state.predicted_pa, state.bias_pa, kept)

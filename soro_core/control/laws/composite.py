@@ -1,0 +1,126 @@
+"""The law `composite`: desired compensation with the learned force, which the prediction error drives.
+
+f = M qdd_d + C qd_d + G + f_e + R qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md. All
+forces of the model and the learned one are those at the reference. The learner is that of
+`soro_core.adaptation`; the filter predicts with the same force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.learner import Learner, LearnerState, Sample
+from soro_core.control.creep import advance_creep
+from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+class CompositeOptions(LearnerConfig, LawOptions):
+    """Keys of the law: those of its learner."""
+
+
+@dataclass(frozen=True)
+class CompositeState:
+    """State of the learner, and creep along the reference (n_internal,)."""
+
+    learner: LearnerState
+    creep: Array
+
+
+class Composite(Law[CompositeState]):
+    """Desired compensation with one learned force for law and filter."""
+
+    Options = CompositeOptions
+    learns = True
+    observes_regulators = True
+
+    def __init__(self, setting: Setting, options: LawOptions) -> None:
+        assert isinstance(options, CompositeOptions)
+        self.setting, self.adapts = setting, setting.config.adapt
+        self.learner = Learner(setting.arm, options, setting.pieces)
+        names = setting.arm.robot.coordinate_names
+        weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
+        self.names = ("tip_mass", *weights)
+
+    def initial_state(self) -> CompositeState:
+        """Return the state with nothing learned."""
+        return CompositeState(self.learner.initial_state(), np.zeros(self.setting.arm.n_internal))
+
+    def step(
+        self, state: CompositeState, belief: ArmBelief, reference: Preview, dt: float
+    ) -> tuple[CompositeState, Array, Terms]:
+        """Return state, force and terms; parameters as in `Law.step`."""
+        arm, gains, wanted = self.setting.arm, self.setting.gains, reference.ahead
+        learner = self._learned(state.learner, belief, reference, dt)
+        q = self.setting.moved(belief, reference.ahead_s)
+        error = q - wanted.q
+        s = belief.qd - wanted.qd + gains.rate * error
+        model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
+        internal = arm.internal_force(wanted.q, state.creep)
+        learned = self.learner.force.force(learner.learned, wanted.q, wanted.qd, wanted.qdd)
+        proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
+        terms = {
+            "error": error,
+            "s": s,
+            "model": model,
+            "learnt": learned,
+            "internal": internal,
+            "proportional": proportional,
+            "derivative": derivative,
+        }
+        creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
+        wished = model + internal + learned + proportional + derivative
+        return CompositeState(learner, creep), wished, terms
+
+    def heaviest_kg(self) -> float:
+        """Return the upper bound of the learned mass [kg]."""
+        return self.learner.config.mass_upper_kg if self.adapts else 0.0
+
+    def reference_force(self, state: CompositeState, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the force of model and learned load; parameters as in `Law.reference_force`."""
+        learned = self.learner.force.force(state.learner.learned, q, qd, qdd)
+        return self.setting.model_force(q, qd, qdd) + learned
+
+    def estimates(self, state: CompositeState) -> dict[str, float]:
+        """Return the mass at the tip [kg] and W by name."""
+        theta = state.learner.learned.theta.copy()
+        theta[0] += self.setting.arm.robot.tip_mass
+        return dict(zip(self.names, theta.tolist(), strict=True))
+
+    def deviations(self, state: CompositeState) -> dict[str, float]:
+        """Return the deviations of the estimates by name."""
+        return dict(zip(self.names, self.learner.deviations(state.learner).tolist(), strict=True))
+
+    def learned(self, state: CompositeState) -> Learned:
+        """Return the learned model, for the filter."""
+        return state.learner.learned
+
+    def counts(self, state: CompositeState) -> dict[str, int]:
+        """Return samples refused and priors restored."""
+        return {"samples_refused": state.learner.refused, "priors_restored": state.learner.restored}
+
+    def note(self, state: CompositeState) -> str:
+        """Return what the learner has to say."""
+        return state.learner.note
+
+    def _learned(self, state: LearnerState, belief: ArmBelief, reference: Preview, dt: float) -> LearnerState:
+        if not self.adapts or belief.covariance is None:
+            return replace(state, note="")
+        n = belief.q.size
+        sample = Sample(
+            q=belief.q,
+            qd=belief.qd,
+            qdd=reference.now.qdd,
+            pressure_pa=belief.pressure_pa,
+            creep=belief.creep,
+            covariance=belief.covariance[:n, :n],
+            positions=belief.positions,
+        )
+        return self.learner.step(state, sample, dt)

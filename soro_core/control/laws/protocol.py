@@ -1,0 +1,253 @@
+"""What every law is: (state, belief, reference, dt) -> (state, wished force, terms)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.config import Strict
+
+if TYPE_CHECKING:  # a scene reads a law's keys without its model
+    from soro_core.adaptation.learned import Learned
+    from soro_core.control.actuation import CompletePressures
+    from soro_core.control.adaptive import FeedbackGains
+    from soro_core.control.config import ControllerConfig
+    from soro_core.control.trajectory import Point, Reference
+    from soro_core.model import SoftArm
+    from soro_core.robot.coordinates import StrainFields
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Generalised forces, errors and the like by name, each (n_q,).
+Terms: TypeAlias = Mapping[str, Array]
+
+
+class LawOptions(Strict):
+    """The keys of a law under `law_options`; a law with keys derives from it."""
+
+
+@dataclass(frozen=True)
+class ArmBelief:
+    """What is known of the arm at one tick.
+
+    Attributes
+    ----------
+    q, qd : ndarray (n_q,)
+        Estimated coordinates and rates.
+    covariance : ndarray (2 n_q, 2 n_q) or None
+        P, covariance of (q, qd); None where there is none, or the filter has lost the arm.
+    positions : bool
+        Whether the filter has positions of the arm, not orientations alone.
+    creep : ndarray (n_internal,)
+        Creep and hysteresis states along the estimated motion.
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge]; the predicted ones in place of a reading that is not finite.
+    saturated : ndarray of bool (n_u,)
+        Chambers at a bound at the last tick.
+    """
+
+    q: Array
+    qd: Array
+    covariance: Array | None
+    positions: bool
+    creep: Array
+    pressure_pa: Array
+    saturated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """What a filter says of its estimate: P (2 n_q, 2 n_q), and whether it has positions of the arm."""
+
+    covariance: Array
+    positions: bool
+
+
+@dataclass(frozen=True)
+class Preview:
+    """The reference now, and at the time when a set point of this tick acts, `ahead_s` [s] later."""
+
+    now: Point
+    ahead: Point
+    ahead_s: float
+
+
+@dataclass(frozen=True)
+class Made:
+    """What the allocation makes of a wished force.
+
+    Attributes
+    ----------
+    wished, force : ndarray (n_q,)
+        Wished force, and the nearest one that pressures within their bounds make.
+    actuation : ndarray (n_q, n_u)
+        H where it was allocated, with the gains of the file.
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
+    saturated : bool
+        Whether a chamber is at a bound.
+    """
+
+    wished: Array
+    force: Array
+    actuation: Array
+    pressure_pa: Array
+    saturated: bool
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a law is built from.
+
+    Attributes
+    ----------
+    arm : SoftArm
+        Discretised model.
+    fields : StrainFields
+        Its strains.
+    gains : FeedbackGains
+        Section `gains` in the coordinates of the arm.
+    config : ControllerConfig
+    pressures : CompletePressures
+        Bounds, lag and dead time.
+    configured : Reference or None
+        The configured reference; None to hold the arm where it is.
+    limit : ndarray (n_q,)
+        Largest absolute strain of a reference.
+    pieces : int
+        Number of pieces into which each link is discretised.
+    """
+
+    arm: SoftArm
+    fields: StrainFields
+    gains: FeedbackGains
+    config: ControllerConfig
+    pressures: CompletePressures
+    configured: Reference | None
+    limit: Array
+    pieces: int
+
+    def moved(self, belief: ArmBelief, ahead_s: float) -> Array:
+        """Return the coordinates (n_q,) after `ahead_s` [s] at the estimated rates, within the limits."""
+        return self.fields.within(belief.q + ahead_s * belief.qd, self.limit)
+
+    def model_force(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return M qdd + C qd + G + f_e + R qd of the model (n_q,), without creep.
+
+        Parameters
+        ----------
+        q, qd, qdd : ndarray (n_q,)
+            Coordinates, rates and accelerations.
+        """
+        arm = self.arm
+        return np.asarray(
+            arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
+        )
+
+
+State = TypeVar("State")
+
+
+class Law(ABC, Generic[State]):
+    """A control law. Its `__init__` takes a `Setting` and its options, and raises ConfigError to refuse.
+
+    Allocation of pressures, lag compensation and references are around it and the same for all laws.
+    """
+
+    Options: ClassVar[type[LawOptions]] = LawOptions
+    # Whether it has a learned model for the filter, which then waits for it in lockstep.
+    learns: ClassVar[bool] = False
+    # Whether the bias of each regulator is observed and taken off its command.
+    observes_regulators: ClassVar[bool] = False
+
+    setting: Setting
+
+    @abstractmethod
+    def __init__(self, setting: Setting, options: LawOptions) -> None:
+        """Keep what the ticks need, `setting` among it."""
+
+    @abstractmethod
+    def initial_state(self) -> State:
+        """Return the state before the first tick."""
+
+    @abstractmethod
+    def step(
+        self, state: State, belief: ArmBelief, reference: Preview, dt: float
+    ) -> tuple[State, Array, Terms]:
+        """Return the state after the tick, the wished generalised force (n_q,), and its terms.
+
+        Parameters
+        ----------
+        state : State
+            After the last tick.
+        belief : ArmBelief
+        reference : Preview
+        dt : float
+            Time since the last tick [s].
+        """
+
+    def reference_force(self, state: State, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return the force (n_q,) on the reference, without feedback and creep; the plan of a motion asks.
+
+        Parameters
+        ----------
+        state : State
+            Holds what is learned.
+        q, qd, qdd : ndarray (n_q,)
+            Coordinates, rates and accelerations of the reference.
+        """
+        return self.setting.model_force(q, qd, qdd)
+
+    def heaviest_kg(self) -> float:
+        """Return the largest load [kg] at the tip, beside that of the robot file, that the law is for."""
+        return 0.0
+
+    def trial_loads_kg(self) -> tuple[float, ...]:
+        """Return the loads [kg] with which a trial on the model must keep the arm; none for no trial."""
+        return ()
+
+    def actuation(self, state: State, actuation: Array) -> Array:
+        """Return H (n_q, n_u) as the law believes it, from that of the model."""
+        return actuation
+
+    def place(self, belief: ArmBelief, reference: Preview) -> Array:
+        """Return the coordinates (n_q,) at which H is taken."""
+        return reference.ahead.q
+
+    def allocated(self, state: State, made: Made, dt: float) -> State:
+        """Return the state once it is known what pressures make of the wished force.
+
+        Parameters
+        ----------
+        state : State
+            From `step` of the same tick.
+        made : Made
+        dt : float
+            Time since the last tick [s].
+        """
+        return state
+
+    def estimates(self, state: State) -> dict[str, float]:
+        """Return what the law has learnt, by name."""
+        return {}
+
+    def deviations(self, state: State) -> dict[str, float]:
+        """Return the deviations of what is learned, by name."""
+        return {}
+
+    def learned(self, state: State) -> Learned | None:
+        """Return the learned model for the filter, or None."""
+        return None
+
+    def note(self, state: State) -> str:
+        """Return what the user must know of this tick, or an empty string."""
+        return ""
+
+    def counts(self, state: State) -> dict[str, int]:
+        """Return counts since the start, by name, for /diagnostics."""
+        return {}

@@ -1,0 +1,71 @@
+"""The laws by name: those shipped, and those of other packages by the entry point `soro.laws`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, TypeAlias
+
+from soro_core.control.laws.protocol import Law, LawOptions
+
+AnyLaw: TypeAlias = type[Law[Any]]
+
+GROUP = "soro.laws"
+
+_HERE = "soro_core.control.laws"
+# A law that needs the model's code is loaded when it is used, not when a scene is read.
+SHIPPED = {
+    "adaptive": f"{_HERE}.adaptive:Adaptive",
+    "composite": f"{_HERE}.composite:Composite",
+    "computed_torque": f"{_HERE}.computed_torque:ComputedTorque",
+    "tip_pid": f"{_HERE}.tip_pid:TipPid",
+}
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all laws: shipped ones first."""
+    others = sorted({entry.name for entry in entry_points(group=GROUP)} - SHIPPED.keys())
+    return (*SHIPPED, *others)
+
+
+def find_law(name: str) -> AnyLaw:
+    """Return the law of a name.
+
+    Raises
+    ------
+    ValueError
+        If there is none of this name, or its package does not load; the text says what is allowed.
+    """
+    if name in SHIPPED:
+        module, _, attribute = SHIPPED[name].partition(":")
+        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
+    found = entry_points(group=GROUP, name=name)
+    if not found:
+        raise ValueError(f"one of {', '.join(names())}")
+    return _loaded(next(iter(found)))
+
+
+def options_of(name: str, values: Mapping[str, Any]) -> LawOptions:
+    """Return the checked options of a law.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a key or a value is not allowed.
+    ValueError
+        As `find_law`.
+    """
+    return find_law(name).Options.model_validate(dict(values))
+
+
+def _loaded(entry: EntryPoint) -> AnyLaw:
+    others = ", ".join(name for name in names() if name != entry.name)
+    try:
+        law = entry.load()
+    except Exception as error:  # whatever another package does when it is imported
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{others}; {entry.value} does not load ({reason})") from None
+    if not (isinstance(law, type) and issubclass(law, Law)):
+        raise ValueError(f"{others}; {entry.value} is no subclass of soro_core.control.laws.Law")
+    return law

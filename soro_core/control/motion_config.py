@@ -1,0 +1,45 @@
+"""Keys of motions along paths of the tip, and of the checks before the controller is enabled."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from soro_core.config import Strict
+
+
+class MotionConfig(Strict):
+    """Motions along paths of the tip (arm/reference/path, soro move)."""
+
+    speed_m_s: float = Field(0.04, gt=0, le=10, description="fastest speed of the tip")
+    acceleration_m_s2: float = Field(0.1, gt=0, le=1e3, description="largest acceleration of the tip")
+    tolerance_m: float = Field(
+        1e-4, gt=0, le=0.1, description="paths that the tip would leave by more are refused as out of reach"
+    )
+    slowest: float = Field(
+        10.0,
+        ge=1,
+        le=1e3,
+        description="largest factor by which the time of a motion is extended until pressures and rates fit",
+    )
+    rate_part: float = Field(
+        0.8, gt=0, le=1, description="part of the allowed rates of set points that a motion takes"
+    )
+    reached_m: float = Field(
+        2e-3, gt=0, le=1, description="distance of the tip from the end of a motion that counts as reached"
+    )
+    settle_s: float = Field(
+        2.0, gt=0, le=60, description="time after the end of a motion within which the tip must be there"
+    )
+
+
+class EnableBounds(Strict):
+    """What is checked before the controller is enabled, and within which bounds."""
+
+    sample_age_s: float = Field(0.5, gt=0, le=10, description="oldest sample of readings, state and sensors")
+    pressure_pa: float = Field(1e3, gt=0, le=1e5, description="largest measured pressure, of either sign")
+    distance_m: float = Field(
+        0.01, gt=0, le=10, description="distance of a pose from the model at rest under some load"
+    )
+    angle_deg: float = Field(
+        10.0, gt=0, le=180, description="angle of a pose, or of gravity in an IMU, from the model at rest"
+    )

@@ -1,0 +1,44 @@
+"""Why a motion is refused before anything moves."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+from soro_core.errors import ConfigError
+
+Reason: TypeAlias = Literal["reach", "pressure", "rate"]
+
+
+class MotionError(ConfigError):
+    """The tip, the pressures or their rates do not allow a motion.
+
+    Parameters
+    ----------
+    reason : str
+        reach, pressure or rate.
+    key, got, allowed : str
+        Parts of the line, as in `ConfigError`.
+    nearest_m : tuple of float or None
+        For reach: the nearest point that the search has found [m].
+    chamber : str
+        For pressure and rate: the chamber that lacks most.
+    pressure_pa : float or None
+        For pressure: what that chamber would need [Pa gauge].
+    factor : float or None
+        For rate: the smallest factor of time that works.
+    """
+
+    def __init__(
+        self,
+        reason: Reason,
+        key: str,
+        got: str,
+        allowed: str,
+        nearest_m: tuple[float, ...] | None = None,
+        chamber: str = "",
+        pressure_pa: float | None = None,
+        factor: float | None = None,
+    ) -> None:
+        self.reason, self.nearest_m, self.chamber = reason, nearest_m, chamber
+        self.pressure_pa, self.factor = pressure_pa, factor
+        super().__init__("motion", key, got, allowed)

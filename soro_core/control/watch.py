@@ -1,0 +1,114 @@
+"""What a user must know while the arm is controlled: pressures that lack, an arm that has fallen over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+# A chamber that lacks this pressure [Pa] for this time [s] is named.
+LACKING_PA, LACKING_S = 2e3, 0.5
+# A tip this far from its reference, of the length, for this time [s]: the arm has fallen over.
+FALLEN_PART, FALLEN_S = 0.5, 1.0
+# Time after the start of the reference [s] from which it is judged: a loaded arm gets up before.
+UPRIGHT_S = 2.0
+# Time for which an event is shown [s].
+_SHOWN_S = 5.0
+
+
+@dataclass(frozen=True)
+class WatchState:
+    """State of the watch.
+
+    Attributes
+    ----------
+    run_s, away_s, lacking_s : float
+        Time under control; time with the tip far away; time with a pressure that lacks [s].
+    fallen : bool
+        Whether the arm has fallen over; it stays so until the controller starts anew.
+    lacking : str
+        Chambers that lack pressure.
+    event_text, event_s : str, float
+        Last event of the law, and the time since then [s].
+    refused : int
+        Ticks with coordinates or pressures that were not finite.
+    """
+
+    run_s: float = 0.0
+    away_s: float = 0.0
+    lacking_s: float = 0.0
+    fallen: bool = False
+    lacking: str = ""
+    event_text: str = ""
+    event_s: float = 0.0
+    refused: int = 0
+
+    @property
+    def note(self) -> str:
+        """What the user must know, or an empty string."""
+        fallen = "the arm has fallen over: vented until the controller starts anew" if self.fallen else ""
+        return "; ".join(text for text in (fallen, self.lacking, self.event_text) if text)
+
+
+def watched(
+    state: WatchState,
+    away: float,
+    missing_pa: Array,
+    names: Sequence[str],
+    event: str,
+    start_s: float,
+    dt: float,
+) -> WatchState:
+    """Return the state after a tick.
+
+    Parameters
+    ----------
+    state : WatchState
+        After the last tick.
+    away : float
+        Distance of the tip from its reference, part of the arm's length.
+    missing_pa : ndarray (n_u,)
+        Pressure beyond its bound that the wished force needs of each chamber, negative below [Pa].
+    names : sequence of str
+        Of the chambers.
+    event : str
+        What the law says of this tick.
+    start_s : float
+        Duration of the start of the reference [s].
+    dt : float
+        Time since the last tick [s].
+    """
+    run_s = state.run_s + dt
+    upright = run_s > start_s + UPRIGHT_S
+    # An arm that swings on the ground comes near its reference again and again.
+    away_s = state.away_s + dt if upright and away > FALLEN_PART else max(state.away_s - 0.5 * dt, 0.0)
+    short = np.abs(missing_pa) > LACKING_PA
+    lacking_s = state.lacking_s + dt if short.any() else 0.0
+    lacking = ""
+    if lacking_s > LACKING_S:
+        parts = [_lack(name, missing) for name, missing in zip(names, missing_pa, strict=True) if missing]
+        # A text that changes with each tick would be a message each tick.
+        lacking = state.lacking or "too much load: " + ", ".join(part for part in parts if part)
+    event_text, event_s = (event, 0.0) if event else (state.event_text, state.event_s + dt)
+    return replace(
+        state,
+        run_s=run_s,
+        away_s=away_s,
+        lacking_s=lacking_s,
+        fallen=state.fallen or away_s > FALLEN_S,
+        lacking=lacking,
+        event_text=event_text if event_s < _SHOWN_S else "",
+        event_s=event_s,
+    )
+
+
+def _lack(name: str, missing_pa: float) -> str:
+    if abs(missing_pa) <= LACKING_PA:
+        return ""
+    what = "lacks" if missing_pa > 0.0 else "would need suction of"
+    return f"{name} {what} {1e-3 * abs(missing_pa):.0f} kPa"

@@ -1,0 +1,61 @@
+"""The force that a learner knows of, as the filter uses it: received, kept, faded out where none comes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from soro_core.adaptation.learned import Learned
+
+# A learned force that is not renewed for this time [s] fades out; each way takes `FADE_S`.
+RENEWED_S, FADE_S = 0.1, 0.5
+# Times that differ by less [s] are equal.
+_SAME_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Known:
+    """The learned model in force.
+
+    Attributes
+    ----------
+    learned : Learned or None
+        The last one that was finite; None before the first and after it has faded out.
+    age_s : float
+        Time since it came [s].
+    share : float
+        Part of its force that the filter uses, 0 to 1.
+    """
+
+    learned: Learned | None = None
+    age_s: float = 0.0
+    share: float = 0.0
+
+    @property
+    def note(self) -> str:
+        """What the user must know, or an empty string."""
+        if self.learned is None or self.age_s <= RENEWED_S + _SAME_S:
+            return ""
+        return f"no learned force for {self.age_s:.2f} s: it fades out ({self.share:.0%} left)"
+
+
+def updated(state: Known, learned: Learned | None, dt: float, placed: bool = True) -> Known:
+    """Return what is in force after a tick.
+
+    Parameters
+    ----------
+    state : Known
+        After the last tick.
+    learned : Learned or None
+        What came since then, finite; None for nothing.
+    dt : float
+        Time since the last tick [s].
+    placed : bool
+        False where the filter has orientations alone: a mass that these have taught would confirm itself in
+        what they do not see, and its force is not used.
+    """
+    kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
+    if kept is None:
+        return Known()
+    change = dt / FADE_S if placed and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
+    share = min(max(state.share + change, 0.0), 1.0)
+    return Known(kept, age_s, share) if share > 0.0 or age_s == 0.0 else Known()

@@ -1,0 +1,120 @@
+"""`soro move line|arc|spline|to`: motions of the tip of a running arm."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+
+from soro_core.control.tip_path import arc, corners
+from soro_core.errors import ConfigError
+from soro_ros.commands.services import COMMANDS, one_node, service_caller
+
+Array = NDArray[np.float64]
+
+# Numbers below zero are no options.
+CONTEXT = {"ignore_unknown_options": True}
+
+
+class Kind(StrEnum):
+    """Kinds of motion."""
+
+    LINE = "line"
+    ARC = "arc"
+    SPLINE = "spline"
+    TO = "to"
+
+
+# Fewest and most points of each kind.
+_POINTS = {Kind.LINE: (1, 10_000), Kind.ARC: (2, 2), Kind.SPLINE: (2, 10_000), Kind.TO: (1, 1)}
+
+
+def move(
+    kind: Annotated[
+        Kind,
+        typer.Argument(
+            help="line: straight to each point in turn, at rest at each. arc: on a circle through the first "
+            "of two points to the second. spline: on a smooth curve through all points. to: to one point on "
+            "the shortest way in the arm's coordinates, which is no line.",
+            show_default=False,
+        ),
+    ],
+    points: Annotated[
+        list[float],
+        typer.Argument(metavar="X Y Z...", help="Points in mm, in the world frame.", show_default=False),
+    ],
+    relative: Annotated[
+        bool, typer.Option("--relative", help="Points count from where the tip is wanted now.")
+    ] = False,
+    speed_mm_s: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-3, help="Fastest speed; stays for later motions. Default: as the controller has it."
+        ),
+    ] = None,
+    acceleration_mm_s2: Annotated[
+        float | None, typer.Option(min=1e-3, help="Largest acceleration; stays for later motions too.")
+    ] = None,
+    node: Annotated[
+        str, typer.Option(help="Controller, by its full name or its end; default: the only one.")
+    ] = "",
+    timeout_s: Annotated[
+        float, typer.Option(min=0.1, max=600.0, help="Longest wait for a node, an answer or progress.")
+    ] = 10.0,
+) -> None:
+    """Move the tip of a running arm from where it is wanted now, and wait until it is there.
+
+    Exit status 0: the tip has reached the end. 1: the motion was lost, replaced or vented. 2: it was refused
+    before anything moved. Ctrl-C ends the command; the motion goes on.
+    """
+    goals = _goals(kind, points)
+    given = {
+        "control.motion.speed_m_s": speed_mm_s,
+        "control.motion.acceleration_m_s2": acceleration_mm_s2,
+    }
+    with service_caller() as caller:
+        from soro_ros.moving import Mover
+
+        name = one_node(caller, "enable", node, timeout_s, COMMANDS)
+        mover = Mover(caller, name, timeout_s, typer.echo)
+        mover.configure({key: 1e-3 * value for key, value in given.items() if value is not None})
+        start = mover.start()
+        status = mover.move(path(kind, start, goals + start if relative else goals))
+    raise typer.Exit(status)
+
+
+def path(kind: Kind, start: Array, goals: Array) -> Array:
+    """Return the positions (n, 3) [m] that a motion passes.
+
+    Parameters
+    ----------
+    kind : Kind
+    start : ndarray (3,)
+        Where the tip is wanted now [m].
+    goals : ndarray (n, 3)
+        The points of the command [m].
+
+    Raises
+    ------
+    ConfigError
+        If three points have no arc.
+    """
+    if kind is Kind.TO:
+        return goals
+    if kind is Kind.ARC:
+        return arc(start, goals[0], goals[1])
+    return corners([start, *goals]) if kind is Kind.LINE else np.array([start, *goals])
+
+
+def _goals(kind: Kind, numbers: list[float]) -> Array:
+    """Points (n, 3) [m] of numbers in mm."""
+    n, rest = divmod(len(numbers), 3)
+    least, most = _POINTS[kind]
+    if rest or not least <= n <= most:
+        count = f"{least}" if most == least else f"{least} or more"
+        allowed = f"{count} times three numbers [mm] for {kind}"
+        raise ConfigError("soro move", "X Y Z", f"{len(numbers)} numbers", allowed)
+    return 1e-3 * np.array(numbers, dtype=np.float64).reshape(-1, 3)

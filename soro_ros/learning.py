@@ -1,0 +1,65 @@
+"""Messages between filter and learner: arm/covariance and arm/learned.
+
+std_msgs/Float64MultiArray has no header: the first two numbers are the stamp, seconds and nanoseconds.
+arm/covariance: then 1 if the filter has positions of the arm, else 0, and P of (q, qd) row by row.
+arm/learned: then the learned model. Only the stamp: there is none at this tick.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from soro_core.adaptation import Learned
+from soro_core.control.laws import Certainty
+
+Array = NDArray[np.float64]
+
+_STAMP = 2
+
+
+def covariance(certainty: Certainty | None, stamp_ns: int) -> Float64MultiArray:
+    """Return what a filter says of its estimate as a message."""
+    if certainty is None:
+        return _message(stamp_ns, ())
+    values = [1.0 if certainty.positions else 0.0, *certainty.covariance.ravel().tolist()]
+    return _message(stamp_ns, values)
+
+
+def certainty_of(message: Float64MultiArray, n_q: int) -> Certainty | None:
+    """Return a message on arm/covariance as P; None for none, or one of another size."""
+    values = np.array(message.data[_STAMP:], dtype=np.float64)
+    size = 2 * n_q
+    if values.size != 1 + size * size:
+        return None
+    return Certainty(values[1:].reshape(size, size), bool(values[0]))
+
+
+def learned(model: Learned | None, stamp_ns: int) -> Float64MultiArray:
+    """Return a learned model as a message."""
+    return _message(stamp_ns, () if model is None else model.theta.tolist())
+
+
+def learned_of(message: Float64MultiArray) -> Learned | None:
+    """Return a message on arm/learned as a model; None for none. The filter checks size and values."""
+    values = np.array(message.data[_STAMP:], dtype=np.float64)
+    return Learned(values) if values.size else None
+
+
+def stamp_ns(message: Float64MultiArray) -> int:
+    """Return the stamp of either message [ns], -1 where it has none."""
+    stamp = list(message.data[:_STAMP])
+    if len(stamp) < _STAMP or not all(map(math.isfinite, stamp)):
+        return -1
+    return int(stamp[0]) * 1_000_000_000 + int(stamp[1])
+
+
+def _message(stamp_ns: int, values: Sequence[float]) -> Float64MultiArray:
+    message = Float64MultiArray(data=[*map(float, divmod(stamp_ns, 1_000_000_000)), *values])
+    sizes = (("stamp", _STAMP), ("values", len(values)))
+    message.layout.dim = [MultiArrayDimension(label=label, size=size, stride=size) for label, size in sizes]
+    return message

@@ -1,0 +1,173 @@
+"""The learner against arms whose missing force is known, and against bad samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from soro_core import SoftArm, load_robot
+from soro_core.adaptation import Learned, LearnedForce, Learner, Sample
+from soro_core.adaptation.config import LearnerConfig
+from soro_core.config import find_config
+
+ROBOT = load_robot(find_config("tue_three_bellow", "robots"))
+ARM = SoftArm(ROBOT)
+N = ARM.n_q
+DT = 0.005
+SPREAD = np.array([0.03, 6.0, 6.0])
+
+
+def config(**keys):
+    return LearnerConfig(**keys)
+
+
+def sample(seed_q, seed_v, theta, **changes):
+    """A sample on the arm with a learned force that is true."""
+    q, qd = np.array([0.06, 0.0, 0.0]) + SPREAD * seed_q, SPREAD * seed_v
+    force = LearnedForce(ARM).force(Learned(theta), q, qd, np.zeros(N))
+    force += ARM.inverse_dynamics(q, qd, qd, np.zeros(N)) + ARM.elastic_force(q) + ARM.damping_force(q, qd)
+    pressure = np.linalg.solve(ARM.actuation_matrix(q), force)
+    none = np.zeros(ARM.n_internal)
+    made = Sample(q, qd, np.zeros(N), pressure, none, np.diag([1e-4, 0.04, 0.04]) ** 2, True)
+    return replace(made, **changes)
+
+
+def circle(k, theta, **changes):
+    """A sample of a motion that goes round, and up and down at another rate."""
+    a, b = 2e-2 * k, 0.7e-2 * k
+    return sample(np.array([np.sin(b), np.cos(a), np.sin(a)]), np.zeros(N), theta, **changes)
+
+
+def learn(learner, theta, ticks, state=None, **changes):
+    state = state or learner.initial_state()
+    for k in range(ticks):
+        state = learner.step(state, circle(k, theta, **changes), DT)
+    return state
+
+
+def true_model():
+    weights = 0.3 * np.random.default_rng(1).standard_normal((N, N + 1))
+    return np.concatenate([[0.02], weights.ravel()])
+
+
+def test_the_force_of_the_mass_is_that_of_a_heavier_arm():
+    heavier = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + 0.02))
+    rng = np.random.default_rng(3)
+    q, qd, a = (SPREAD * x for x in rng.standard_normal((3, N)))
+    expected = heavier.inverse_dynamics(q, qd, qd, a) - ARM.inverse_dynamics(q, qd, qd, a)
+    learned = Learned(np.concatenate([[0.02], np.zeros(N * (N + 1))]))
+    np.testing.assert_allclose(LearnedForce(ARM).force(learned, q, qd, a), expected, rtol=1e-9, atol=1e-15)
+
+
+def test_a_learned_mass_bends_like_a_heavier_arm():
+    """Weighed and accelerated; along the arm it is weighed alone."""
+    heavier = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + 0.02))
+    q, qd, p = np.array([0.05, 4.0, -6.0]), np.array([0.1, 5.0, -3.0]), np.array([3e4, 5e4, 1e4])
+    learned = Learned(np.concatenate([[0.02], np.zeros(N * (N + 1))]))
+    alone = ARM.forward_dynamics(q, qd, p)
+    found = alone + LearnedForce(ARM).acceleration(learned, q, qd, alone)
+    wanted = heavier.forward_dynamics(q, qd, p)
+    assert np.abs(found - wanted)[1:].max() < 0.1 * np.abs(alone - wanted)[1:].max()
+
+
+def test_the_linearisation_is_the_derivative_of_the_acceleration_but_for_the_inertia():
+    force, learned, qd = LearnedForce(ARM), Learned(true_model()), np.array([0.1, 5.0, -3.0])
+    q, zero = np.array([0.05, 4.0, -6.0]), np.zeros(N)
+    jacobian = ARM.jacobian(q, ARM.length)[3:] * [0.0, 1.0, 1.0]
+    loaded = ARM.inertia_matrix(q) + learned.mass_kg * jacobian.T @ jacobian
+    steps = 1e-5 * np.diag(force.scales.q)
+    rows = [
+        (force.force(learned, q + e, qd, zero) - force.force(learned, q - e, qd, zero)) / (2 * e.sum())
+        for e in steps
+    ]
+    factor, slope = force.linearise(learned, q, qd)
+    expected = -np.linalg.solve(loaded, np.array(rows).T)
+    assert np.abs(slope - expected).max() < 1e-3 * np.abs(expected).max()
+    np.testing.assert_allclose(factor, np.linalg.solve(loaded, ARM.inertia_matrix(q)), rtol=1e-9, atol=1e-12)
+
+
+def test_it_learns_the_force_that_acts():
+    learner = Learner(ARM, config(noise=0.01, forget_s=1e3))
+    theta = true_model()
+    state = learn(learner, theta, 1600)
+    # Mass and weights overlap: what counts is their force where the arm has been.
+    for k in (1000, 1300, 1590):
+        one = circle(k, theta)
+        force = LearnedForce(ARM)
+        made, wanted = (force.force(Learned(x), one.q, one.qd, one.qdd) for x in (state.learned.theta, theta))
+        assert np.abs((made - wanted) / force.scales.force).max() < 0.05
+    deviations = learner.deviations(state)
+    assert (deviations < learner.deviations(learner.initial_state()) + 1e-12).all()
+
+
+def test_what_samples_do_not_determine_stays_at_the_prior():
+    learner = Learner(ARM, config(forget_s=1e3))
+    state = learner.initial_state()
+    still = sample(np.array([0.0, 1.0, 0.0]), np.zeros(N), true_model())
+    for _ in range(1000):
+        state = learner.step(state, still, DT)
+    before, after = (learner.deviations(x) for x in (learner.initial_state(), state))
+    # Bending about y is 0 all the time: its columns say nothing.
+    columns = 1 + np.arange(N) * (N + 1) + 3
+    np.testing.assert_allclose(after[columns], before[columns], rtol=1e-6)
+    np.testing.assert_allclose(state.learned.theta[columns], 0.0, atol=1e-9)
+
+
+def test_without_positions_only_the_mass_is_learned():
+    learner = Learner(ARM, config())
+    state = learn(learner, true_model() * ([1.0] + [0.0] * (N * (N + 1))), 800, positions=False)
+    assert state.learned.mass_kg == pytest.approx(0.02, rel=0.1)
+    assert not state.learned.theta[1:].any()
+    taught = learn(learner, true_model(), 200)
+    back = learn(Learner(ARM, config(forget_s=0.2)), true_model(), 400, taught, positions=False)
+    assert np.abs(back.learned.theta[1:]).max() < 0.1 * np.abs(taught.learned.theta[1:]).max()  # forgotten
+
+
+@pytest.mark.parametrize("field", ["q", "qd", "qdd", "pressure_pa", "covariance"])
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_sample_that_is_not_finite_is_counted_and_the_last_model_kept(field, number):
+    learner = Learner(ARM, config())
+    state = learn(learner, true_model(), 200)
+    bad = np.array(getattr(circle(200, true_model()), field))
+    bad.flat[0] = number
+    after = learner.step(state, circle(200, true_model(), **{field: bad}), DT)
+    assert after.refused == 1
+    assert after.note
+    assert after.learned is state.learned
+    np.testing.assert_array_equal(after.information, state.information)
+    assert learner.step(after, circle(201, true_model()), DT).note == ""
+
+
+def test_an_estimate_at_its_bound_for_a_second_restores_the_prior():
+    learner = Learner(ARM, config(mass_upper_kg=0.01, forget_s=1.0))
+    theta = np.zeros(1 + N * (N + 1))
+    theta[0] = 0.05
+    state, ends, peaks = learner.initial_state(), [], []
+    for k in range(500):
+        state = learner.step(state, circle(k, theta), DT)
+        peaks.append(state.learned.mass_kg)
+        if state.note:
+            ends.append(k)
+    assert max(peaks) == 0.01
+    assert ends
+    assert state.restored == len(ends)
+    first = ends[0]
+    assert peaks[first] == 0.0
+    held = int(np.argmax(np.array(peaks) == 0.01))
+    assert first - held == pytest.approx(1.0 / DT, abs=2)
+
+
+def test_singular_information_restores_the_prior():
+    learner = Learner(ARM, config())
+    state = learn(learner, true_model(), 100)
+    singular = replace(state, information=np.zeros_like(state.information))
+    object.__setattr__(learner, "prior", np.zeros_like(learner.prior))
+    after = learner.step(singular, circle(100, true_model(), positions=False), DT)
+    assert after.restored == 1
+    assert after.note
+    assert not after.learned.theta.any()
+
+
+def test_the_same_samples_give_the_same_bits():
+    one, two = (learn(Learner(ARM, config()), true_model(), 300) for _ in range(2))
+    assert one.learned.theta.tobytes() == two.learned.theta.tobytes()

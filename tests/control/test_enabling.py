@@ -1,0 +1,104 @@
+"""Samples of an arm at rest against the model, before it is enabled."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from soro_core import SoftArm, load_robot
+from soro_core.config import changed, find_config
+from soro_core.control import Controller, ControllerConfig
+from soro_core.control.enabling import Seen, pressure_findings, resting_arm
+from soro_core.control.motion_config import EnableBounds
+from soro_core.model.statics import equilibrium
+from soro_core.rotation import quaternion_from_matrix, rotation_exp
+
+BOUNDS = EnableBounds()
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot(find_config("tue_three_bellow", "robots"))
+
+
+@pytest.fixture(scope="module")
+def rest(robot):
+    return resting_arm(Controller(robot))
+
+
+def sample(pose, turn=(0.0, 0.0, 0.0), moved=(0.0, 0.0, 0.0), s=0.064):
+    """A pose sensor whose frame is turned and moved against the world."""
+    frame = rotation_exp(np.array(turn))
+    position = frame @ pose[:3, 3] + np.array(moved)
+    return Seen("sensors/pose0", s, position, quaternion_from_matrix(frame @ pose[:3, :3]))
+
+
+@pytest.mark.parametrize("load", [0.0, 0.01, 0.02, 0.03])
+def test_an_arm_at_rest_under_any_load_fits(robot, rest, load):
+    """With 30 g it lies over, in a direction that is not known before."""
+    true = SoftArm(robot.replace(tip_mass=load).refine(4))
+    bent = np.tile([0.0, -30.0, 10.0], 4)
+    pose = true.pose(equilibrium(true, np.zeros(true.n_u), bent), robot.length)
+    assert (np.linalg.norm(pose[:2, 3]) > 0.04) == (load > 0.025)
+    assert rest.findings([sample(pose)], BOUNDS) == []
+
+
+def test_a_pose_elsewhere_is_found_with_the_rotation_that_would_fit(robot, rest):
+    pose = np.eye(4)
+    pose[2, 3] = 0.0637
+    (line,) = rest.findings([sample(pose, turn=(np.pi, 0.0, 0.0))], BOUNDS)
+    assert "[1.000, 0.000, 0.000, 0.000]" in line
+    assert "0 to 100 g" in line
+    (line,) = rest.findings([sample(pose, turn=(0.0, 0.0, 0.5 * np.pi))], BOUNDS)
+    assert "[0.000, 0.000, -0.707, 0.707]" in line
+    (line,) = rest.findings([sample(pose, moved=(0.0, 0.03, 0.0))], BOUNDS)
+    assert "30 mm" in line
+    assert "no rotation" in line
+
+
+@pytest.mark.parametrize(
+    ("moved", "turn", "fits"), [(9e-3, 0.0, True), (11e-3, 0.0, False), (0.0, 9.0, True), (0.0, 11.0, False)]
+)
+def test_the_bounds_are_ten_millimetres_and_ten_degrees(robot, rest, moved, turn, fits):
+    light = replace(rest, heaviest_kg=0.0)
+    pose = light.arm.pose(equilibrium(light.arm, np.zeros(3)), robot.length)
+    one = sample(pose, moved=(0.0, 0.0, moved))
+    turned = rotation_exp(np.array([0.0, 0.0, np.radians(turn)])) @ pose[:3, :3]
+    one = Seen(one.name, one.s, one.position, quaternion_from_matrix(turned))
+    assert (light.findings([one], BOUNDS) == []) == fits
+    wide = changed(BOUNDS, distance_m=0.02, angle_deg=20.0)
+    assert light.findings([one], wide) == []
+
+
+def test_every_sensor_has_to_fit(robot, rest):
+    zero = equilibrium(rest.arm, np.zeros(3))
+    tip, middle = (rest.arm.pose(zero, s) for s in (robot.length, 0.5 * robot.length))
+    good = sample(tip)
+    lying = sample(middle, turn=(0.5 * np.pi, 0.0, 0.0), s=0.5 * robot.length)
+    other = Seen("sensors/pose1", lying.s, lying.position, lying.quaternion)
+    (line,) = rest.findings([good, other], BOUNDS)
+    assert line.startswith("sensors/pose1 is ")
+    # An IMU knows where up is, in its own frame.
+    upright, over = (
+        Seen("sensors/imu0", robot.length, up=np.array(up)) for up in ([0, 0.5, 9.8], [0, 9.8, 0])
+    )
+    assert rest.findings([good, upright], BOUNDS) == []
+    (line,) = rest.findings([good, over], BOUNDS)
+    assert line.startswith("sensors/imu0 is 90 degrees")
+    assert rest.findings([], BOUNDS) == []
+
+
+def test_the_heaviest_load_is_the_bound_of_the_learned_mass(robot):
+    for upper in (0.05, 0.1):
+        config = ControllerConfig()
+        config = changed(config, adaptation=changed(config.adaptation, upper=(upper,)))
+        assert resting_arm(Controller(robot, config)).heaviest_kg == upper
+    config = changed(config, adaptation=changed(config.adaptation, parameters=("a4",)))
+    assert resting_arm(Controller(robot, config)).heaviest_kg == 0.0
+
+
+@pytest.mark.parametrize(("pressure", "named"), [([0.0, 900.0, -900.0], ""), ([0.0, 5e3, -6e3], "c")])
+def test_a_chamber_under_pressure_is_named(pressure, named):
+    found = pressure_findings(("a", "b", "c"), np.array(pressure), BOUNDS)
+    assert [line.split()[0] for line in found] == ([named] if named else [])
+    assert not found or "-6.0 kPa" in found[0]

@@ -1,0 +1,134 @@
+"""arm/covariance and arm/learned: what they carry, and who waits for them in lockstep."""
+
+import contextlib
+
+import numpy as np
+import pytest
+import rclpy
+from std_msgs.msg import Float64MultiArray
+
+from soro_core.adaptation import Learned
+from soro_core.control.laws import Certainty
+from soro_ros import learning, messages
+from soro_ros.nodes.controller import ControllerNode
+from soro_ros.nodes.estimator import EstimatorNode
+from tests.ros.direct import receive, request
+
+CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
+COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
+TICK_NS = 5_000_000
+LATE_NS = 1_800_000_000_123_456_789  # more digits than a float has
+THETA = np.concatenate([[0.02], 0.01 * np.arange(12)])
+P = np.diag([1e-3, 0.1, 0.1, 1.0, 10.0, 10.0]) ** 2
+
+
+@contextlib.contextmanager
+def active(node_class, *settings):
+    rclpy.init(args=["--ros-args", *(part for one in settings for part in ("-p", one))])
+    try:
+        node = node_class()
+        assert node.trigger_configure().name == "SUCCESS"
+        node.trigger_activate()
+        yield node
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def captured(node, topic):
+    """Messages that the node publishes on a topic from now on."""
+    (publisher,) = [one for one in node.publishers if one.topic_name == node.resolve_topic_name(topic)]
+    found = []
+    publisher.publish = found.append
+    return found
+
+
+def reading(stamp_ns):
+    return messages.chambers(CHAMBERS, np.full(3, 1e4), stamp_ns)
+
+
+@pytest.mark.parametrize("stamp_ns", [0, TICK_NS, LATE_NS])
+def test_messages_carry_stamp_and_values_to_the_bit(stamp_ns):
+    there = learning.learned(Learned(THETA), stamp_ns)
+    assert learning.stamp_ns(there) == stamp_ns
+    assert learning.learned_of(there).theta.tobytes() == THETA.tobytes()
+    for positions in (True, False):
+        found = learning.certainty_of(learning.covariance(Certainty(P, positions), stamp_ns), 3)
+        assert found.covariance.tobytes() == P.tobytes()
+        assert found.positions is positions
+    assert learning.learned_of(learning.learned(None, stamp_ns)) is None
+    assert learning.certainty_of(learning.covariance(None, stamp_ns), 3) is None
+    assert learning.certainty_of(learning.covariance(Certainty(P, True), 0), 4) is None
+    assert learning.stamp_ns(Float64MultiArray()) == -1
+    assert learning.stamp_ns(Float64MultiArray(data=[np.nan, 0.0])) == -1
+
+
+def test_in_lockstep_the_estimator_waits_for_what_its_last_tick_has_taught(domain):
+    with active(EstimatorNode, "mode:=lockstep", "learned:=true") as node:
+        sent = captured(node, "arm/covariance")
+        for k in range(3):
+            receive(node, "chambers/state", reading(k * TICK_NS))
+        assert [learning.stamp_ns(one) for one in sent] == [0]
+        receive(node, "arm/learned", learning.learned(None, 7))  # of another tick
+        assert len(sent) == 1
+        receive(node, "arm/learned", learning.learned(None, 0))
+        assert [learning.stamp_ns(one) for one in sent] == [0, TICK_NS]
+        receive(node, "arm/learned", learning.learned(Learned(THETA), TICK_NS))
+        assert len(sent) == 3
+
+
+def test_without_a_law_that_learns_it_waits_for_nothing(domain):
+    with active(EstimatorNode, "mode:=lockstep") as node:
+        sent = captured(node, "arm/covariance")
+        for k in range(3):
+            receive(node, "chambers/state", reading(k * TICK_NS))
+        assert len(sent) == 3
+
+
+def test_a_learned_force_that_stops_is_said(domain):
+    with active(EstimatorNode) as node:
+        for k in range(80):
+            receive(node, "chambers/state", reading(k * TICK_NS))
+            if k < 40:
+                receive(node, "arm/learned", learning.learned(Learned(THETA), k * TICK_NS))
+            node.last_note = node._state.known.note
+        assert node._state.known.share < 1.0
+        assert node.last_note
+
+
+def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):
+    with active(ControllerNode, "mode:=lockstep", "control.law:=composite", "enabled:=true") as node:
+        sent = {
+            topic: captured(node, topic) for topic in ("chambers/command", "arm/learned", "controller/terms")
+        }
+        zero = np.zeros(3)
+        state = messages.arm_state(COORDINATES, zero, zero, zero, TICK_NS)
+        receive(node, "chambers/state", reading(TICK_NS))
+        receive(node, "arm/state", state)
+        receive(node, "arm/covariance", learning.covariance(Certainty(P, True), 0))
+        assert not sent["chambers/command"]
+        receive(node, "arm/covariance", learning.covariance(Certainty(P, True), TICK_NS))
+        assert len(sent["chambers/command"]) == len(sent["arm/learned"]) == 1
+        assert learning.stamp_ns(sent["arm/learned"][0]) == TICK_NS
+        assert learning.learned_of(sent["arm/learned"][0]).theta.shape == THETA.shape
+        assert "link0/elongation/model" in sent["controller/terms"][0].name
+        # Not enabled it still answers, or the estimator would wait for ever.
+        request(node, "~/vent")
+        receive(node, "chambers/state", reading(2 * TICK_NS))
+        receive(node, "arm/covariance", learning.covariance(None, 2 * TICK_NS))
+        receive(node, "arm/state", messages.arm_state(COORDINATES, zero, zero, zero, 2 * TICK_NS))
+        assert learning.stamp_ns(sent["arm/learned"][1]) == 2 * TICK_NS
+        assert learning.learned_of(sent["arm/learned"][1]) is None
+
+
+def test_keys_of_a_law_reach_the_node(domain):
+    with active(ControllerNode, "control.law:=composite", "control.law_options.forget_s:=3.0") as node:
+        assert node.controller.law.learner.config.forget_s == 3.0
+    rclpy.init(args=["--ros-args", "-p", "control.law:=composite", "-p", "control.law_options.forget:=3.0"])
+    try:
+        node = ControllerNode()
+        assert node.trigger_configure().name == "FAILURE"
+        assert node.failure.key == "control.law_options.forget"
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()

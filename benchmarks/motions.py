@@ -12,7 +12,6 @@ import numpy as np
 
 from benchmarks.options import Options
 from benchmarks.report import table
-from soro_core.config import config_folder, read_yaml
 from soro_core.control import Reference
 from soro_core.control.following import reference_ahead
 from soro_core.control.motion import finished
@@ -38,6 +37,7 @@ PATHS: dict[str, np.ndarray] = {
 }
 SPEED_M_S = 0.04
 SEEDS = (1, 2, 3, 4, 5)
+LAWS = ("composite", "adaptive")
 
 
 # A controller in real time that gets its states directly.
@@ -120,17 +120,17 @@ def lateness(options: Options) -> str:
 def tracking(options: Options) -> str:
     """How far the tip is from its timed reference."""
     rows = []
-    for controller in options.pick(controllers(), controllers()[:1]):
+    for law in options.pick(LAWS, LAWS[:1]):
         for name, path in list(PATHS.items())[: options.pick(None, 1)]:
             found = []
             for seed in options.pick(SEEDS, SEEDS[:1]):
-                options.say(f"{controller}: {name}, seed {seed}")
-                found.append(error(controller, path, seed, options.pick(LEARNING_S, 4.0)))
+                options.say(f"{law}: {name}, seed {seed}")
+                found.append(error(law, path, seed, options.pick(LEARNING_S, 4.0)))
             errors, largest, factors = np.array(found).T
             low, mean, high = (1e3 * f(errors) for f in (np.min, np.mean, np.max))
             rows.append(
                 [
-                    controller,
+                    law,
                     name,
                     f"{mean:.3f}",
                     f"{low:.3f} to {high:.3f}",
@@ -138,7 +138,7 @@ def tracking(options: Options) -> str:
                     f"{factors.max():.2f}",
                 ]
             )
-    head = ["controller file", "motion", "RMS, mm", "least to most", "largest, mm", "factor of time"]
+    head = ["law", "motion", "RMS, mm", "least to most", "largest, mm", "factor of time"]
     return (
         f"The twin of `track_circle` (20 g, four links) in lockstep: {LEARNING_S:g} s on its "
         f"circle, then the motion at {1e3 * SPEED_M_S:g} mm/s, at rest at corners. Tip to its reference from "
@@ -146,19 +146,13 @@ def tracking(options: Options) -> str:
     )
 
 
-def controllers() -> list[str]:
-    """Names of the shipped controller files for the robot of the scene."""
-    robot, files = load_scene("track_circle").robot, sorted((config_folder() / "controllers").glob("*.yaml"))
-    return [file.stem for file in files if read_yaml(file).get("robot") == robot]
-
-
-def error(controller: str, path: np.ndarray, seed: int, learning_s: float) -> tuple[float, float, float]:
+def error(law: str, path: np.ndarray, seed: int, learning_s: float) -> tuple[float, float, float]:
     """RMS and largest distance [m] of the tip from its reference on a path, and the factor of time."""
     changes = {
         "platform": "",
         "mode": "lockstep",
         "seed": seed,
-        "controller": controller,
+        "controller.law": law,
         "controller.motion.speed_m_s": SPEED_M_S,
     }
     motion, off = follow(load_scene("track_circle", changes), path, learning_s)

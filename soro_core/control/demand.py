@@ -197,7 +197,8 @@ def _commands(supply: Supply, wish_pa: Array, dt: float) -> Generator[None, None
     if pressures.lag_s <= 0.0:
         return wish_pa
     lead, kept = max(pressures.lag_s / pressures.lag_filter_s, 1.0), float(np.exp(-dt / pressures.lag_s))
-    # Before the begin the wish has changed as it does there: the pressures follow it late by the filter.
+    # The wanted pressures are assumed to change before the first sample as they do at it: the pressures lag
+    # behind them by the time of the filter.
     model = wish_pa[0] - min(pressures.lag_s, pressures.lag_filter_s) / dt * (wish_pa[1] - wish_pa[0])
     commands = np.empty_like(wish_pa)
     for k, wish in enumerate(wish_pa):

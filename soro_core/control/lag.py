@@ -1,10 +1,10 @@
 """Feed-forward inverse of the regulators' first-order lag, with bounds and anti-wind-up.
 
-A regulator responds to its command c by tau p' = c - p. To make p follow a wish w with the faster time
+A regulator responds to its command c by tau p' = c - p. To make p follow a wanted w with the faster time
 constant tau_f the command is c = m + (tau / tau_f) (w - m), m the pressure that the same model predicts.
 Without bounds this is the lead filter (tau s + 1) / (tau_f s + 1). Clipping c to the bounds before it enters
 the model is the anti-wind-up. The inverse is open-loop: it adds no feedback and so costs no stability margin,
-but it amplifies noise of the wish by tau / tau_f, and corrects neither a dead time nor a wrong tau.
+but it amplifies noise of w by tau / tau_f, and corrects neither a dead time nor a wrong tau.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.adaptation import Learned
 from soro_core.control import Reference
+from soro_core.control.laws import Certainty
 from soro_core.control.reach import check_reach
 from soro_core.errors import ConfigError, SoroError
 from soro_core.loop import controller_of
@@ -101,7 +102,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             reference = self._trajectory(trajectory)(0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
-        state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0))
+        certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
+        state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0), certain)
         self._check.warm_up()
         self._motions.warm_up(state, q)
 

@@ -10,6 +10,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
+from soro_core.adaptation.learned import size_of
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
 from soro_core.loop import certainty_of, estimator_of
 from soro_core.robot import load_robot
@@ -62,11 +63,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             self.every(1.0 / self._config.backbone_rate_hz, self._publish_backbone)
 
     def _warm_up(self) -> None:
-        """Run one tick without output, which compiles its kernels."""
+        """Run ticks without output, with a learned force too, which compiles their kernels."""
         zero = np.zeros(len(self._names))
         pose = self._estimator.arm.pose(np.zeros(self._estimator.arm.n_q), self._estimator.length)
         sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self._estimator.length)
-        self._estimator.step(self._estimator.initial_state(), zero, [sample], [], 0.005)
+        state, _ = self._estimator.step(self._estimator.initial_state(), zero, [sample], [], 0.005)
+        nothing = Learned(np.zeros(size_of(self._estimator.arm.n_q)))
+        self._estimator.step(state, zero, [], [], 0.005, nothing)
 
     # Samples ---------------------------------------------------------------------------------------
     def _on_pose(self, message: PoseStamped) -> None:

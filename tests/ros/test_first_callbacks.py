@@ -33,7 +33,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from soro_ros import messages
 from soro_ros.nodes.controller import ControllerNode
 
-rclpy.init()
+# The counting takes longer than the shipped age of samples.
+rclpy.init(args=["--ros-args", "-p", "control.enable.sample_age_s:=10.0"])
 node = ControllerNode()
 node.trigger_configure()
 node.trigger_activate()

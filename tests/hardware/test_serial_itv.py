@@ -264,7 +264,7 @@ def test_unplugged_port_is_named_and_the_others_are_vented(three):
 
 
 def test_two_devices_on_one_port(one):
-    """Answers that nobody asked for are counted; the line is flushed."""
+    """Answers without a request are counted; the line is flushed."""
     one.run(20, 20e3)
     for _ in range(5):
         one.devices.lines[0].put(b"77\r\n")

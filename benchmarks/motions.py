@@ -48,6 +48,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from soro_ros import messages
 from soro_ros.nodes.controller import ControllerNode
+from tests.ros.direct import after_publish, captured, receive, request
 
 rclpy.init()
 node = ControllerNode()
@@ -55,22 +56,22 @@ node.trigger_configure()
 node.trigger_activate()
 names = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
 chambers = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
-sent, publish = [0.0], node._command.publish
-node._command.publish = lambda message: (publish(message), sent.append(time.perf_counter()))
+sent, reports = [0.0], captured(node, "arm/motion")
+after_publish(node, "chambers/command", lambda: sent.append(time.perf_counter()))
 zero, period, due = np.zeros(3), 1.0 / 200.0, time.perf_counter()
 
 def tick():
     global due
     due = max(due + period, time.perf_counter())
     time.sleep(max(due - time.perf_counter(), 0.0))
-    now, q = node.get_clock().now().nanoseconds, getattr(node._state.point, "q", zero)
-    node._on_reading(messages.chambers(chambers, zero, now))
+    now, q = node.get_clock().now().nanoseconds, getattr(node.state.point, "q", zero)
+    receive(node, "chambers/state", messages.chambers(chambers, zero, now))
     begun = time.perf_counter()
-    node._on_state(messages.arm_state(names, q, zero, zero, now))
+    receive(node, "arm/state", messages.arm_state(names, q, zero, zero, now))
     return 1e3 * (sent[-1] - begun), 1e3 * (time.perf_counter() - begun)
 
 tick()
-node._on_enable_anyway(None, type("R", (), {})())
+request(node, "~/enable_anyway")
 plain = [tick() for _ in range(400)]
 upright = np.array([0.0, 0.0, 0.0, 1.0])
 poses = [messages.pose(np.array(p), upright) for p in json.load(sys.stdin)]
@@ -78,12 +79,12 @@ planned, taken = [], []
 for k in range(5):
     path = Path(poses=[PoseStamped(pose=pose) for pose in poses])
     path.header.frame_id, path.header.stamp.sec = "world", k
-    node._motions._on_path(path)
-    job, before = node._motions._job, len(planned)
-    while job.state == "planning" and len(planned) < before + 2000:
+    receive(node, "arm/reference/path", path)
+    before = len(planned)
+    while reports[-1].name == "planning" and len(planned) < before + 2000:
         planned.append(tick())
     taken.append(len(planned) - before)
-print(json.dumps([plain, planned, taken, node._motions._job.state]))
+print(json.dumps([plain, planned, taken, reports[-1].name]))
 """
 
 

@@ -29,6 +29,7 @@ from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from soro_ros import messages
 from soro_ros.nodes.controller import ControllerNode
+from tests.ros.direct import receive
 
 rclpy.init()
 node = ControllerNode()
@@ -44,9 +45,9 @@ points = [
 ]
 trajectory = JointTrajectory(joint_names=names, points=points)
 found = []
-for callback, message in 2 * ((node._on_tip, tip), (node._on_trajectory, trajectory)):
+for topic, message in 2 * (("arm/reference/tip", tip), ("arm/reference/trajectory", trajectory)):
     begin = time.perf_counter()
-    callback(message)
+    receive(node, topic, message)
     found.append(1e3 * (time.perf_counter() - begin))
 print(json.dumps(found))
 """

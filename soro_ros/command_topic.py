@@ -62,10 +62,16 @@ class CommandTopic:
         self._names = safety.Names()
         self.trouble: str | None = None
         """Names of the publishers, if there are several, in the order of their arrival; else None."""
-        self._subscription = node.create_subscription(kind, topic, _with_number(self._on_message), qos)
+        self._subscription = node.create_subscription(kind, topic, self._on_message, qos)
         node.create_timer(QUERY_S, self._query_graph, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _on_message(self, message: Any, number: int | None) -> None:
+    def _on_message(self, *received: Any) -> None:
+        """Process a message with its publication number (None if unknown).
+
+        The events executor of rclpy passes message and information as a pair, others as two arguments.
+        """
+        message, information = received[0] if len(received) == 1 else received
+        number = information["publication_sequence_number"]
         matched = self._count()
         if matched is None:
             return
@@ -79,6 +85,9 @@ class CommandTopic:
             if not self._names.shared:
                 self._note(name, number)
         self._take(message, self._doubt(name))
+
+    # rclpy passes the information if the signature has this parameter.
+    _on_message.__signature__ = inspect.signature(lambda self, message, information: None)
 
     def _count(self) -> int | None:
         """Return the number of publishers; None if the node was cleaned up meanwhile."""
@@ -119,18 +128,3 @@ class CommandTopic:
 
 def _full_name(namespace: str, name: str) -> str:
     return "a node without a known name" if name == _UNKNOWN else f"{namespace.rstrip('/')}/{name}"
-
-
-def _with_number(callback: Callable[[Any, int | None], None]) -> Callable[..., None]:
-    """Return a callback for rclpy that passes the message and its publication number (None if unknown).
-
-    The events executor of rclpy passes message and information as a pair, other executors as two arguments.
-    """
-
-    def called(*taken: Any) -> None:
-        message, information = taken[0] if len(taken) == 1 else taken
-        callback(message, information["publication_sequence_number"])
-
-    # rclpy passes the information if the signature has this parameter.
-    called.__signature__ = inspect.signature(lambda message, information: None)  # type: ignore[attr-defined]
-    return called

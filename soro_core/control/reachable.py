@@ -92,7 +92,7 @@ def reachable(
     ModelError
         If the arm has no stable rest under any of them.
     """
-    grid = _grid(np.full(arm.n_u, minimum_pa), np.full(arm.n_u, maximum_pa))
+    grid = pressure_grid(np.full(arm.n_u, minimum_pa), np.full(arm.n_u, maximum_pa))
     found: list[tuple[Array, Array]] = []
     for pressure in grid:
         near = found[-1][1] if found else np.zeros(arm.n_q)
@@ -101,7 +101,7 @@ def reachable(
                 q = equilibrium(arm, pressure, start, load_kg)
             except ModelError:
                 continue
-            if _is_stable(arm, pressure, q, load_kg):
+            if is_stable(arm, pressure, q, load_kg):
                 found.append((pressure, q))
                 break
     if not found:
@@ -116,7 +116,7 @@ def shape(arm: SoftArm, q: Array) -> Array:
     return np.array([arm.pose(q, s)[:3, 3] for s in np.linspace(0.0, arm.length, _POINTS)])
 
 
-def _grid(minimum_pa: Array, maximum_pa: Array) -> Array:
+def pressure_grid(minimum_pa: Array, maximum_pa: Array) -> Array:
     """Return at most `MOST` combinations of pressures (n, n_u), the lowest ones first."""
     n = len(minimum_pa)
     levels = max(2, int(MOST ** (1.0 / n) + 1e-9))
@@ -126,8 +126,20 @@ def _grid(minimum_pa: Array, maximum_pa: Array) -> Array:
     return np.asarray(minimum_pa + digits / (levels - 1) * (maximum_pa - minimum_pa))
 
 
-def _is_stable(arm: SoftArm, pressure_pa: Array, q: Array, load_kg: float) -> bool:
-    """Whether the arm returns to this rest: its stiffness has no negative direction."""
+def is_stable(arm: SoftArm, pressure_pa: Array, q: Array, load_kg: float) -> bool:
+    """Return whether the arm returns to a rest: its stiffness has no negative direction.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    pressure_pa : ndarray (n_u,)
+        Pressures [Pa gauge].
+    q : ndarray (n_q,)
+        Coordinates at rest under these pressures.
+    load_kg : float
+        Mass at the tip beside that of the robot [kg].
+    """
     zero = np.zeros(arm.n_q)
 
     def load(at: Array) -> Array:

@@ -51,8 +51,6 @@ class EmulatedDevices(ABC):
         Length of a cycle [ns].
     ticks : int
         Number of steps of the air.
-    stalled_ns : int
-        Time [ns] for which the process was stalled; the emulated time is behind by this.
     on_tick : callable
         Called after each step of the air with time [ns], true pressures (n,) [Pa gauge] and valve action.
     faults : Faults
@@ -66,7 +64,7 @@ class EmulatedDevices(ABC):
     def __init__(self, platform: PlatformBase, lockstep: bool, seed: int = 0) -> None:
         self.lockstep, self.period_ns = lockstep, round(1e9 / platform.cycle_hz)
         self.lines: tuple[Line, ...] = ()
-        self.now_ns = self.ticks = self.stalled_ns = 0
+        self.now_ns = self.ticks = 0
         self.on_tick: Callable[[int, Array, ValveAction], None] = lambda time_ns, pressures, action: None
         self.faults = Faults(seed, OF_THE_AIR | ON_BYTES | {"adapter_unplug"})
         self.faults.on_start["set_by_another"] = self._set_by_another
@@ -138,7 +136,6 @@ class EmulatedDevices(ABC):
         the devices would trip before the bytes that wait in the lines are read.
         """
         behind = max(now_ns - self.now_ns - LONGEST_STEP_NS, 0)
-        self.stalled_ns += behind
         target = now_ns - behind
         while self.next_event_ns <= target:
             self.now_ns = max(self.next_event_ns, self.now_ns)

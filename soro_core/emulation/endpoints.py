@@ -13,10 +13,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from soro_core.emulation.line import Line
-from soro_core.hardware.transport.tcp import hang_up
+from soro_core.hardware.transport.host import accept_host
 
 _CHUNK = 65536
-_DRAIN = 16  # chunks of the present host that are read before a new host is accepted or refused
 
 
 class Endpoint(ABC):
@@ -162,19 +161,10 @@ class TcpEndpoint(Endpoint):
             self.line.connected(False)
 
     def _accept(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            host, (address, *_) = self._listener.accept()
-            host.setblocking(False)
-            self._before_input()
-            # Read the end of the last connection first, so that it does not cause a refusal of the next one.
-            for _ in range(_DRAIN):
-                if not self.read():
-                    break
-            if (refusal := self.line.refuse_host(address)) is not None:
-                hang_up(host, refusal)
-                return
+        self._before_input()
+        host = accept_host(self._listener, self.read, self.line.refuse_host)
+        if host is not None:
             self.lose()
-            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._host = host
             self.serve(host.fileno())
             self.line.connected(True)

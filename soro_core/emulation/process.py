@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import selectors
-import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +16,7 @@ from soro_core.emulation.families import emulate
 from soro_core.emulation.plant_server import PlantLinkServer
 from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import HardwareError
+from soro_core.hardware.event_loop import ended_by_signals
 from soro_core.hardware.platform import PlatformBase
 from soro_core.hardware.reason import reason
 from soro_core.private_folder import make_private
@@ -237,16 +237,6 @@ def serve(
     with Emulator(devices, device_link, plant_link, control) as emulator:
         for fault in faults:
             devices.faults.add(fault)
-        # The handler only sets a flag; the wake-up pipe ends the wait in select().
-        numbers = (signal.SIGTERM, signal.SIGINT)
-        former = {number: signal.signal(number, lambda *_: emulator.stop()) for number in numbers}
-        former_fd = signal.set_wakeup_fd(emulator.wake_descriptor)
-        with contextlib.suppress(OSError):  # Linux delays waits by up to 50 us otherwise, half a frame
-            Path("/proc/self/timerslack_ns").write_text("1000", encoding="ascii")
-        try:
+        with ended_by_signals(emulator.stop, emulator.wake_descriptor):
             announce(emulator.address)
             emulator.run(clock)
-        finally:
-            signal.set_wakeup_fd(former_fd)
-            for number, handler in former.items():
-                signal.signal(number, handler)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable
-from typing import Any, Self, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,19 @@ from soro_core.hardware.transport.tcp import ByteLink, link_to
 P = TypeVar("P", bound=TcpPlatform)
 
 
+class Traffic(Protocol):
+    """Counts of the messages of a connection, with the meaning of the fields of `BusStatistics`."""
+
+    sent: int
+    received: int
+    late: int
+    refused: int
+
+    @property
+    def garbled(self) -> int:
+        """Number of invalid messages."""
+
+
 class LinkDriver(Driver[P]):
     """Driver of one arm behind a connection; after a loss it reconnects and sends zeros.
 
@@ -27,9 +40,15 @@ class LinkDriver(Driver[P]):
         As in `Driver`.
     link : ByteLink
         Connection to the devices; `start_up` opens it.
+
+    Attributes
+    ----------
+    traffic : Traffic or None
+        Counts for `BusStatistics`.
     """
 
     answers_together = True
+    traffic: Traffic | None = None
 
     def __init__(
         self,
@@ -73,6 +92,10 @@ class LinkDriver(Driver[P]):
     def vent_plan(self) -> VentPlan | None:
         """Return the messages with which the supervisor vents the arm, or None for no supervisor."""
         return None
+
+    def counts(self) -> Mapping[str, int]:
+        names = () if self.traffic is None else ("sent", "received", "late", "garbled", "refused")
+        return {f"frames_{name}": getattr(self.traffic, name) for name in names}
 
     # -- hooks of `Driver` -------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ The keys of each family are in its folder; the list of families is in `families`
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
@@ -117,9 +117,7 @@ class PlatformBase(Strict):
 
     @model_validator(mode="after")
     def _each_chamber_once(self) -> Self:
-        chambers = self.chamber_names
-        if len(set(chambers)) < len(chambers):
-            raise ValueError(f"valves: each chamber once, not {repeated(chambers)} twice")
+        require_once("valves: each chamber", self.chamber_names)
         return self
 
     @model_validator(mode="after")
@@ -236,6 +234,23 @@ def watched(
     return for_regulators(limits, update_hz, regulator.reading_age_s, where), response
 
 
-def repeated(values: Sequence[Value]) -> Value:
-    """Return the first value that occurs more than once."""
-    return next(value for value in values if values.count(value) > 1)
+def require_once(what: str, values: Sequence[Value], shown: Callable[[Value], object] = str) -> None:
+    """Raise an error if a value of a platform file occurs more than once.
+
+    Parameters
+    ----------
+    what : str
+        Begin of the message: key and kind of the values.
+    values : sequence
+        Values to check.
+    shown : callable
+        Returns a value as text.
+
+    Raises
+    ------
+    ValueError
+        If a value occurs more than once.
+    """
+    for value in values:
+        if values.count(value) > 1:
+            raise ValueError(f"{what} once, not {shown(value)} twice")

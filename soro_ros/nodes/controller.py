@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import os
 import time
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.adaptation import Learned
 from soro_core.control import Reference
 from soro_core.control.laws import Certainty
 from soro_core.control.reach import check_reach
-from soro_core.errors import ConfigError, SoroError
+from soro_core.errors import SoroError
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.scene import ControllerNodeConfig
-from soro_ros import learning, messages, qos
+from soro_ros import learning, messages, qos, references
 from soro_ros.control_report import FRAME, ControlReport
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.motion_topic import REPLACED, VENTED, MotionTopic
 from soro_ros.node_process import run_node
+from soro_ros.tick_inputs import TickInputs
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -37,6 +36,12 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     Where no command can be given (no estimate, a state too old or not finite) nothing is published, and the
     regulator's watchdog vents; in lockstep an empty message is published, because other nodes wait for one.
+
+    Attributes
+    ----------
+    controller : Controller
+    state : ControllerState
+        State of the controller after the last tick.
     """
 
     config_model = ControllerNodeConfig
@@ -53,9 +58,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._forget()
         self._trouble, self._refused = "", ""
         self._reference: Reference | None = None
-        self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
-        self._states: deque[JointState] = deque(maxlen=1000)
-        self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
+        self._inputs = TickInputs(
+            self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
+        )
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
         self._motions = MotionTopic(
             self, self.controller, self._lockstep, 1.0 / config.rate_hz, self._take, self._refuse
@@ -81,7 +86,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.compile(self._warm_up)
 
     def stop(self) -> None:
-        self._states.clear()
+        self._inputs.clear()
 
     def _warm_up(self) -> None:
         """Run ticks and references once without output: imports and compilation take longer than a tick."""
@@ -89,27 +94,20 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             check_reach(self.controller, self._config.reach)
         arm, dt, none = self.controller.arm, 1.0 / self._config.rate_hz, np.zeros(self.controller.arm.n_u)
         q = np.full(arm.n_q, 1e-3)
-        zero = np.zeros(arm.n_q).tolist()
-        points = [
-            JointTrajectoryPoint(positions=zero, time_from_start=Duration(seconds=k).to_msg())
-            for k in range(3)
-        ]
-        trajectory = JointTrajectory(joint_names=list(self._coordinates), points=points)
-        state, _ = self.controller.step(self._state, q, q, 0.0, dt, none)
-        for k, kind in enumerate(("positions", "velocities", "accelerations"), start=1):
-            for point in points:
-                setattr(point, kind, zero)
-            reference = self._trajectory(trajectory)(0.0)
+        state, _ = self.controller.step(self.state, q, q, 0.0, dt, none)
+        for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
+            reference = references.trajectory(self.controller, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
-        state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, self._tip(pose)(0.0), certain)
+        reference = references.tip(self.controller, self.state, pose)
+        state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self._check.warm_up()
         self._motions.warm_up(state, q)
 
     def _forget(self) -> None:
         """Reset time, estimates and reference."""
-        self._state = self.controller.initial_state()
+        self.state = self.controller.initial_state()
         self._epoch_ns: int | None = None
         self._last_ns = 0
         self._reference = None
@@ -121,52 +119,24 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             pressure = messages.pressures(message, self._names)
         except ValueError:
             return  # the estimator reports it
-        self._readings.append((messages.to_ns(message.header.stamp), pressure))
+        self._inputs.add_reading(messages.to_ns(message.header.stamp), pressure)
         self._check.note_reading(pressure)
         self._process()
 
     def _on_state(self, message: JointState) -> None:
-        self._states.append(message)
+        self._inputs.add_state(message)
         self._check.note_state(message)
         self._process()
 
     def _on_covariance(self, message: Float64MultiArray) -> None:
-        self._covariances.append(message)
+        self._inputs.add_covariance(message)
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        self._follow(self._trajectory(message))
+        self._follow(lambda t: references.trajectory(self.controller, message, t))
 
     def _on_tip(self, message: PoseStamped) -> None:
-        self._follow(self._tip(message))
-
-    def _trajectory(self, message: JointTrajectory) -> Callable[[float], Reference]:
-        points = message.points
-
-        def table(name: str) -> list[list[float]] | None:
-            rows = [list(getattr(point, name)) for point in points]
-            return rows if any(rows) else None
-
-        times = [Duration.from_msg(point.time_from_start).nanoseconds * 1e-9 for point in points]
-        return lambda t: self.controller.trajectory(
-            t,
-            list(message.joint_names),
-            times,
-            table("positions") or [],
-            table("velocities"),
-            table("accelerations"),
-            messages.to_ns(message.header.stamp),
-        )
-
-    def _tip(self, message: PoseStamped) -> Callable[[float], Reference]:
-        def reference(t: float) -> Reference:
-            if message.header.frame_id not in ("", FRAME):
-                raise ConfigError(
-                    "tip reference", "header.frame_id", message.header.frame_id, f"{FRAME}, or none"
-                )
-            return self.controller.tip(self._state, *messages.pose_arrays(message.pose))
-
-        return reference
+        self._follow(lambda t: references.tip(self.controller, self.state, message))
 
     def _follow(self, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
@@ -195,28 +165,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     # One tick --------------------------------------------------------------------------------------
     def _process(self) -> None:
-        while self._states:
-            stamp_ns = messages.to_ns(self._states[0].header.stamp)
-            reading = self._reading_at(stamp_ns)
-            covariance = self._covariance_at(stamp_ns)
-            if reading is None or (covariance is None and self._lockstep and self.controller.law.learns):
-                return
-            self._tick(self._states.popleft(), stamp_ns, reading, covariance)
-
-    def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
-        """Return the reading of the same tick, in real time the latest one."""
-        for stamp, pressure in reversed(self._readings):
-            if stamp == stamp_ns or not self._lockstep:
-                return pressure
-        return None if self._lockstep else np.full(len(self._names), np.nan)
-
-    def _covariance_at(self, stamp_ns: int) -> Float64MultiArray | None:
-        """Return the covariance of the same tick, in real time the latest one that is not too old."""
-        for message in reversed(self._covariances):
-            age_s = (stamp_ns - learning.stamp_ns(message)) * 1e-9
-            if age_s == 0.0 or (not self._lockstep and age_s <= self._config.state_age_s):
-                return message
-        return None
+        while (found := self._inputs.next()) is not None:
+            self._tick(*found)
 
     def _tick(
         self, message: JointState, stamp_ns: int, reading: np.ndarray, covariance: Float64MultiArray | None
@@ -237,8 +187,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             q, qd = np.array(message.position), np.array(message.velocity)
             t = (stamp_ns - self._epoch_ns) * 1e-9
             certainty = None if covariance is None else learning.certainty_of(covariance, len(q))
-            self._state, command = self.controller.step(
-                self._state, q, qd, t, dt, reading, self._reference, certainty
+            self.state, command = self.controller.step(
+                self.state, q, qd, t, dt, reading, self._reference, certainty
             )
             self._last_ns, trouble = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)
@@ -252,7 +202,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._publish(command.setpoint_pa, stamp_ns)
         self._output.publish(command, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
-        self._motions.tick(self._state, t, tip, begun_s)
+        self._motions.tick(self.state, t, tip, begun_s)
 
     def _publish_learned(self, learned: Learned | None, stamp_ns: int) -> None:
         """Publish what is learned; in lockstep the filter waits for an answer, even an empty one."""
@@ -287,7 +237,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.diagnostics.update(WARN if problems else OK, problems or "active")
 
     def diagnose(self) -> None:
-        counts = {"refused": self._state.watch.refused, **self.controller.law.counts(self._state.law)}
+        counts = {"refused": self.state.watch.refused, **self.controller.law.counts(self.state.law)}
         self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
 
     # Services --------------------------------------------------------------------------------------

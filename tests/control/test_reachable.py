@@ -7,7 +7,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
 from soro_core.control import reachable as reachable_module
 from soro_core.control.reach_picture import draw
-from soro_core.control.reachable import reachable
+from soro_core.control.reachable import is_stable, pressure_grid, reachable
 from soro_core.errors import ModelError
 from soro_core.model.statics import equilibrium
 
@@ -40,17 +40,17 @@ def test_more_load_lowers_the_places_and_an_unstable_rest_is_none(arm):
     for load, stable in ((0.0, True), (0.05, False)):
         upright = equilibrium(arm, none, none, load)
         assert np.abs(upright[1:]).max() < 1e-6
-        assert reachable_module._is_stable(arm, none, upright, load) == stable
+        assert is_stable(arm, none, upright, load) == stable
 
 
 def test_many_chambers_are_sampled(monkeypatch):
-    grid = reachable_module._grid(np.zeros(20), np.ones(20))
+    grid = pressure_grid(np.zeros(20), np.ones(20))
     assert len(grid) <= 1001
     assert grid[0].max() == 0.0
     assert 0.3 < grid.mean() < 0.7
 
 
 def test_an_arm_without_a_stable_rest_is_one_line(arm, monkeypatch):
-    monkeypatch.setattr(reachable_module, "_is_stable", lambda *of: False)
+    monkeypatch.setattr(reachable_module, "is_stable", lambda *of: False)
     with pytest.raises(ModelError, match="no stable rest"):
         reachable(arm, 0.0, 60e3)

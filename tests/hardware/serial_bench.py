@@ -123,7 +123,7 @@ class SerialBench:
         kind = ItvRegulator if platform.family == "itv_rs232" else AlicatRegulator
         self.driver: SerialRegulator = kind(platform, self._open, time.monotonic, lockstep=True)
         self.engines: list[LineEngine] = []  # of the last start-up
-        self.driver.make_lines = partial(self._make_lines, self.driver.make_lines)  # type: ignore[method-assign]
+        self.driver.make_lines = partial(self._make_lines, self.driver.make_lines)
         self.cycle = 0
         self.period_ns = round(1e9 / platform.cycle_hz)
 

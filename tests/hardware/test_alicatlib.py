@@ -1,4 +1,4 @@
-"""The emulated Alicat controllers, seen by a driver that nobody here wrote: alicatlib, over real bytes.
+"""The emulated Alicat controllers, seen by an independent driver: alicatlib, over real bytes.
 
 Driver and emulated device share a codec, so that a standard that both misread would not show. This package
 was written against captures of real devices. It wants Python 3.13.

@@ -195,7 +195,7 @@ def test_server_killed(served):
 
 
 def test_server_hangs(tmp_path):
-    """Nobody feeds the DACs and nobody watches the host: the guard ends it."""
+    """No set points for the DACs and no watch of the host: the watcher ends the server."""
     with serving(tmp_path, **{**PATIENT, "board": {"watchdog_s": 0.5, "hang_s": 0.3}}) as served:
         regulator = served.connect()
         cycles(regulator, 20)
@@ -206,7 +206,7 @@ def test_server_hangs(tmp_path):
 
 
 def test_guard_killed(served):
-    """The server does not go on without its guard."""
+    """The server ends with its watcher."""
     regulator = served.connect()
     cycles(regulator, 20)
     served.process.kill()
@@ -226,7 +226,7 @@ def test_terminated(served):
 
 
 def test_a_guard_that_cannot_vent_says_so():
-    """The server dies with a bus that nobody answers on: the DACs hold what they have."""
+    """The server dies with a bus on which no chip answers: the DACs hold what they have."""
     script = (
         "import os, sys\nfrom soro_core.hardware.board.watcher import watched\n"
         "sys.exit(watched(lambda beat: os.kill(os.getpid(), 9), lambda: (1, 3), 1.0))"

@@ -153,7 +153,7 @@ def test_broken_connection_raises_comes_back_and_stays_latched(lost, monkeypatch
 
 
 def test_devices_without_a_watchdog_are_sent_zeros_as_soon_as_the_bus_is_back(monkeypatch):
-    """They have held their pressure meanwhile: nobody else takes it out."""
+    """They have held their pressure meanwhile: only the driver can vent them."""
     scaling = {"kind": "fixed", "setpoint": {"pa_per_count": 10.0}, "reading": {"pa_per_count": 10.0}}
     mapping = {"device": "aventics_aes", "scaling": scaling}
     valves = [{"chamber": f"link0/chamber{n}", "node": 1, "channel": n} for n in range(3)]

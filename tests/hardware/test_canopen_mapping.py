@@ -157,7 +157,7 @@ def test_emergency_of_a_node_names_all_its_chambers(quad):
 
 
 def test_silent_state_is_a_fault(quad):
-    """Readings come on, status words do not: nobody knows whether the valves still follow."""
+    """Readings arrive, status words do not: whether the valves still follow is unknown."""
     quad.run(20, 50e3)
     quad.driver.vent()
     quad.bus.swallow = {0x281}

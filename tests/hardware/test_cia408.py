@@ -12,7 +12,7 @@ from soro_core.hardware.canopen.cia408 import (
     pascal_per_count,
     state_of,
 )
-from soro_core.hardware.canopen.pdo import Mapped, PdoLayout, signed
+from soro_core.hardware.canopen.pdo import Mapped, PdoLayout
 from soro_core.hardware.transport.frame import Frame
 
 S = ValveState
@@ -116,11 +116,20 @@ def test_counts_stay_within_the_range(minimum, maximum, scale):
 
 @given(st.lists(st.sampled_from([8, 16, 32]), max_size=8).filter(lambda bits: sum(bits) <= 64), st.data())
 def test_pdo_layout_is_its_own_reverse(bits, data):
-    layout = PdoLayout(tuple(Mapped(0x6000 + n, 0, width) for n, width in enumerate(bits)))
     values = tuple(data.draw(st.integers(-(1 << width - 1), (1 << width - 1) - 1)) for width in bits)
+    is_signed = [value < 0 or data.draw(st.booleans()) for value in values]
+    parts = zip(bits, is_signed, strict=True)
+    layout = PdoLayout(tuple(Mapped(0x6000 + n, 0, *part) for n, part in enumerate(parts)))
     packed = layout.pack(values)
     assert len(packed) == sum(bits) // 8
-    assert tuple(signed(v, w) for v, w in zip(layout.unpack(packed), bits, strict=True)) == values
+    assert layout.unpack(packed) == values
+
+
+def test_signed_objects_are_in_twos_complement():
+    for is_signed, value in ((False, 0xFFFE), (True, -2)):
+        layout = PdoLayout((Mapped(0x6380, 1, 16, is_signed), Mapped(0x6040, 0, 8)))
+        assert layout.pack((value, 3)) == bytes.fromhex("FEFF03")
+        assert layout.unpack(bytes.fromhex("FEFF03")) == (value, 3)
 
 
 def test_mapping_entry():

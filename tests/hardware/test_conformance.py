@@ -1,7 +1,7 @@
 """What every family of regulators must do, through the port alone; a new one is added to `FAMILIES`.
 
 On real devices: pytest -m hil tests/hardware/test_conformance.py --platform FILE [--device ADDRESS]. There
-every set point is a part of --most-pa, and nobody knows the pressures but the devices (docs/hil.md).
+every set point is a part of --most-pa, and only the devices know the pressures (docs/hil.md).
 """
 
 import math
@@ -100,12 +100,12 @@ def real(options: pytest.Config) -> Rig:
         pytest.skip("no real devices: pytest -m hil --platform FILE [--device ADDRESS]")
     described = load_platform(name)
     if described.family == "veab_tcp":
-        pytest.skip("the published VEAB server ends with its client: nobody starts it again for every test")
+        pytest.skip("the published VEAB server ends with its client and is not started again for every test")
     regulator = open_regulator(described, device)
     rig = Real(
         regulator,
         lambda: rig.read_pa,
-        lambda: pytest.skip("nobody restarts a real device"),
+        lambda: pytest.skip("a real device is not restarted"),
         resolution_pa=200.0,
         cycles_an_update=math.ceil(described.cycle_hz / regulator.update_hz) + 1,
         n_chambers=len(described.valves),
@@ -301,7 +301,7 @@ def test_restarted_device_latches_until_configured(ready):
 def test_close_vents_and_is_idempotent(ready):
     ready.run(100, 80e3)
     ready.regulator.close()
-    if ready.scale == 1.0:  # nobody reads a real device after that
+    if ready.scale == 1.0:  # a real device is not read after that
         assert ready.true_pa().max() < 2.5e3
     ready.regulator.close()
     with pytest.raises(HardwareError):

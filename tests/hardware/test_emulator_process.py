@@ -103,7 +103,7 @@ def test_real_time(tmp_path):
 
 
 def test_valves_vent_when_the_driver_is_killed(tmp_path):
-    """SIGKILL: nobody sends anything any more. The devices notice; a new driver takes them over."""
+    """SIGKILL: no message is sent any more. The devices notice; a new driver takes them over."""
     path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 0.2, "rpdo_deadline_s": 0.2})
     with emulator(tmp_path, platform=path) as served:
         with driver_process(path, served.device):

@@ -1,4 +1,4 @@
-"""A Modbus library that nobody here wrote and that shares no code with ours: pyModbusTCP, on either side.
+"""An independent Modbus library that shares no code with ours: pyModbusTCP, on either side.
 
 Driver and emulated terminal both use pymodbus' codec, so that they understand each other proves little. Here
 pyModbusTCP's client asks the emulated terminal, and the driver moves a terminal behind pyModbusTCP's server.

@@ -234,7 +234,7 @@ def answer(server, client, pressures):
 
 @pytest.mark.parametrize("moves_air", [True, False])
 def test_a_twin_begins_where_the_air_is(server, client, moves_air):
-    for n in range(5000):  # what came while nobody read is old, and the newest of it is lost
+    for n in range(5000):  # messages that were not read are old, and the newest of it is lost
         publish(server, n, np.zeros(3))
     frame = server.join(client, moves_air)
     assert (frame.sequence, frame.time_ns) == (0, 4999)
@@ -256,7 +256,7 @@ def test_pressures_come_back_until_they_are_released(server, client):
     client.answer(client_frame(server, client), np.array([1.0, 1.0, 2.0]))
     client.release()
     server.turn()
-    np.testing.assert_array_equal(server.pressures(), [1.0, 1.0, 2.0], "what nobody has read is not lost")
+    np.testing.assert_array_equal(server.pressures(), [1.0, 1.0, 2.0], "an unread message is not lost")
     assert server.pressures() is None
 
 
@@ -309,7 +309,7 @@ def test_nonsense_from_a_client_costs_only_its_connection(server, client):
 
 def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
     client = connected(in_lockstep)
-    publish(in_lockstep, 0, np.zeros(3))  # of before it joined: nobody waits for an answer to this one
+    publish(in_lockstep, 0, np.zeros(3))  # from before it joined: no answer to this one is awaited
     in_lockstep.join(client)
     assert in_lockstep.pressures() is not None, "nothing was asked yet"
     publish(in_lockstep, 0, np.zeros(3))

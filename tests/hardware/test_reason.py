@@ -28,7 +28,7 @@ REFUSED = "Connection refused; start what serves it, or correct the address"
         (lambda: SerialPort("/dev/none", 9600), f"/dev/none: cannot open the port ({NOT_THERE})"),
         (
             lambda: SlcanBus("/dev/none", 1_000_000),
-            f"/dev/none: cannot open the adapter's port ({NOT_THERE})",
+            f"/dev/none: cannot open the port ({NOT_THERE})",
         ),
         (
             lambda: SerialPort("/dev/null", 9600),

@@ -8,6 +8,7 @@ from hardware_bench import codes, transcript
 from serial_bench import SerialBench, alicat, quiet
 
 from soro_core.emulation.serial_line.alicat import EmulatedAlicat
+from soro_core.emulation.serial_line.valve import ValveSetup
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.serial_line.alicat_codec import (
     Layout,
@@ -369,7 +370,7 @@ class Endless(EmulatedAlicat):
 
 def test_stream_of_a_stranger_cannot_be_stopped():
     bench = bench_of(2)
-    bench.devices.lines[0].station.units.append(Endless("Z", NEW, "kPaG", 100e3, lambda: 0.0, 0))
+    bench.devices.lines[0].station.units.append(Endless("Z", NEW, "kPaG", ValveSetup(100e3, lambda: 0.0)))
     bench.ports[0].write(b"Z@ @\r" + MARK)
     with fails(HardwareError, device="port0", step="streaming", code="flood"):
         bench.driver.configure()

@@ -128,7 +128,7 @@ def test_an_answer_that_is_lost_or_late_does_not_end_the_start_up(make, late):
 
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_a_set_point_that_the_line_has_changed_is_sent_again_at_once(make):
-    """One bit of a digit: the device takes 60 kPa for 20 and says so; nobody has restarted it."""
+    """One bit of a digit: the device takes 60 kPa for 20 and reports it; it has not been restarted."""
     bench = SerialBench(make(1, emulation=quiet()))
     bench.driver.configure()
     bench.run(80, 18e3)

@@ -6,6 +6,7 @@ from hardware_bench import codes, transcript
 from serial_bench import SerialBench, itv, quiet
 
 from soro_core.emulation.serial_line.itv import EmulatedItv
+from soro_core.emulation.serial_line.valve import ValveSetup
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.serial_line.itv import is_refusal, parse
 from tests.refused import fails
@@ -264,7 +265,7 @@ def test_unplugged_port_is_named_and_the_others_are_vented(three):
 
 
 def test_two_devices_on_one_port(one):
-    """Answers that nobody asked for are counted; the line is flushed."""
+    """Answers without a request are counted; the line is flushed."""
     one.run(20, 20e3)
     for _ in range(5):
         one.devices.lines[0].put(b"77\r\n")
@@ -307,7 +308,7 @@ def test_start_up_finds_a_device_in_the_middle_of_something():
 @pytest.fixture
 def valve():
     pressure = [30e3]
-    valve = EmulatedItv(None, 100e3, lambda: pressure[0], 0, 0)
+    valve = EmulatedItv(None, ValveSetup(100e3, lambda: pressure[0]), 0)
     valve.pressure = pressure
     return valve
 

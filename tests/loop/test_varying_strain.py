@@ -40,7 +40,7 @@ def test_order_zero_runs_as_constant_strain_does(robot):
 
 @pytest.mark.parametrize("order", [2])
 def test_the_main_job_with_varying_strain(robot, figure, order):
-    """As `test_the_main_job`, where constant strain leaves 0.74 mm: 20 g that nobody knows of."""
+    """As `test_the_main_job`, where constant strain leaves 0.74 mm: 20 g that no model contains."""
     record = run(varying(robot, order), Setup(plant=robot, duration_s=14.0))
     tip, estimate = 1e3 * record.rms(), 1e3 * record.estimation_rms()
     figure(f"main job, legendre order {order}: tip RMS {tip:.2f} mm, filter {estimate:.2f} mm")

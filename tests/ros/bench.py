@@ -177,7 +177,7 @@ class Bench:
     def true_pressure(self) -> np.ndarray:
         """Pressures [Pa gauge] in the emulated valves now."""
         if not self.lockstep:
-            self.link.latest()  # what has piled up while nobody read
+            self.link.latest()  # old messages that were not read
             time.sleep(0.01)
         return self.link.latest().pressures
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import rclpy.node
@@ -19,6 +20,26 @@ def request(node: rclpy.node.Node, service: str) -> Any:
     name = node.resolve_service_name(service)
     (found,) = [one for one in node.services if one.service_name == name]
     return found.callback(found.srv_type.Request(), found.srv_type.Response())
+
+
+def captured(node: rclpy.node.Node, topic: str) -> list[Any]:
+    """Return the list to which the messages of a topic go from now on; the node sends none of them."""
+    found: list[Any] = []
+    _publisher(node, topic).publish = found.append
+    return found
+
+
+def after_publish(node: rclpy.node.Node, topic: str, call: Callable[[], object]) -> None:
+    """Call a function after each message that the node publishes on a topic."""
+    publisher = _publisher(node, topic)
+    publish = publisher.publish
+    publisher.publish = lambda message: (publish(message), call())
+
+
+def _publisher(node: rclpy.node.Node, topic: str) -> Any:
+    name = node.resolve_topic_name(topic)
+    (found,) = [one for one in node.publishers if one.topic_name == name]
+    return found
 
 
 def fire(node: rclpy.node.Node, period_s: float) -> None:

@@ -30,11 +30,13 @@ from nav_msgs.msg import Path
 from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from soro_ros import messages
+from soro_core.control.laws import Certainty
+from soro_ros import learning, messages
 from soro_ros.nodes.controller import ControllerNode
 
 # The counting takes longer than the shipped age of samples.
-rclpy.init(args=["--ros-args", "-p", "control.enable.sample_age_s:=10.0"])
+settings = ("control.enable.sample_age_s:=10.0", "control.law:=composite")
+rclpy.init(args=["--ros-args", *(part for one in settings for part in ("-p", one))])
 node = ControllerNode()
 node.trigger_configure()
 node.trigger_activate()
@@ -48,6 +50,8 @@ def arrived(message):
 def tick():
     now = node.get_clock().now().nanoseconds
     receive(node, "chambers/state", arrived(messages.chambers(chambers, np.zeros(3), now)))
+    certainty = Certainty(1e-12 * np.eye(6), positions=True)  # the learner takes this sample
+    receive(node, "arm/covariance", arrived(learning.covariance(certainty, now)))
     receive(node, "arm/state", arrived(messages.arm_state(names, np.zeros(3), np.zeros(3), np.zeros(3), now)))
 
 def tip(x):
@@ -82,6 +86,7 @@ for q, fits in (((1.0, 0.0, 0.0, 0.0), False), ((0.0, 0.0, 0.0, 1.0), True)):
     count("enable", lambda: answers.append(request(node, "~/enable")))
     assert answers[-1].success == fits
 count("enabled tick", tick)
+assert node.state.law.learner.passed_s > 0.0
 assert node.diagnostics.status.message == "active"
 for name, callback in (
     ("tip", lambda: receive(node, "arm/reference/tip", tip(0.01))),
@@ -105,7 +110,8 @@ count("report", lambda: fire(node, 1.0))
 ESTIMATOR = """
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Imu
-from soro_ros import messages
+from soro_core.adaptation import Learned
+from soro_ros import learning, messages
 from soro_ros.nodes.estimator import EstimatorNode
 
 rclpy.init()
@@ -123,6 +129,10 @@ def reading():
     stamp += 5_000_000
     receive(node, "chambers/state", messages.chambers(chambers, np.zeros(3), stamp))
 
+def learned():
+    theta = np.concatenate([[0.02], 0.01 * np.arange(12)])
+    receive(node, "arm/learned", learning.learned(Learned(theta), stamp))
+
 def imu():
     message = Imu()
     message.header.stamp = messages.to_time(stamp)
@@ -136,6 +146,8 @@ for name, callback in (
     ("reading after a pose", reading),
     ("imu", imu),
     ("reading after an imu sample", reading),
+    ("learned", learned),
+    ("reading after a learned force", reading),
     ("backbone", lambda: fire(node, 0.05)),
     ("report", lambda: fire(node, 1.0)),
 ):

@@ -52,7 +52,7 @@ def test_real_valves_with_a_simulated_arm(domain, alone, tmp_path, valves):
 @pytest.mark.real_time
 def test_a_real_arm_with_its_shadow(domain, alone, tmp_path, valves, figure):
     _, _, plant = valves
-    # The real arm is a twin of its own that nobody else knows of, stiffer than the model.
+    # The real arm is a second twin, stiffer than the model of controller and estimator.
     command = [sys.executable, "-m", "soro_ros.nodes.twin", "--ros-args", "-r", "__ns:=/track_circle"]
     command += ["-r", "__node:=arm", "-p", "pressures:=valves", "-p", f"plant_link:={plant}"]
     arm = processes.start("arm", [*command, "-p", "stiffness_scale:=1.5"], tmp_path / "devices")

@@ -10,9 +10,10 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.control.laws import Certainty
 from soro_ros import learning, messages
+from soro_ros.diagnostics import OK, WARN
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
-from tests.ros.direct import receive, request
+from tests.ros.direct import captured, receive, request
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
@@ -33,14 +34,6 @@ def active(node_class, *settings):
         node.destroy_node()
     finally:
         rclpy.shutdown()
-
-
-def captured(node, topic):
-    """Messages that the node publishes on a topic from now on."""
-    (publisher,) = [one for one in node.publishers if one.topic_name == node.resolve_topic_name(topic)]
-    found = []
-    publisher.publish = found.append
-    return found
 
 
 def reading(stamp_ns):
@@ -85,15 +78,19 @@ def test_without_a_law_that_learns_it_waits_for_nothing(domain):
         assert len(sent) == 3
 
 
-def test_a_learned_force_that_stops_is_said(domain):
+def test_a_learned_force_that_stops_is_reported(domain):
+    levels, upright = [], np.eye(4)
+    upright[2, 3] = 0.064
     with active(EstimatorNode) as node:
         for k in range(80):
-            receive(node, "chambers/state", reading(k * TICK_NS))
+            stamp_ns = k * TICK_NS
+            receive(node, "sensors/pose0", messages.pose_stamped(upright, stamp_ns, "world"))
+            receive(node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), stamp_ns))
             if k < 40:
-                receive(node, "arm/learned", learning.learned(Learned(THETA), k * TICK_NS))
-            node.last_note = node._state.known.note
-        assert node._state.known.share < 1.0
-        assert node.last_note
+                receive(node, "arm/learned", learning.learned(Learned(THETA), stamp_ns))
+            levels.append(node.diagnostics.status.level)
+    assert set(levels[2:60]) == {OK}  # the learned force of the last message still counts for 0.1 s
+    assert levels[-1] == WARN
 
 
 def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):

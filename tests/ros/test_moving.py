@@ -12,26 +12,25 @@ from rclpy.node import Node
 from soro_ros import messages, middleware, moving
 from soro_ros.commands import move
 from tests.refused import refused
-from tests.ros.conftest import own_domain
+from tests.ros.direct import captured, receive
 
 LINE = np.array([[0.0, 0.0, 0.066], [0.01, 0.0, 0.066]])
 
 
-@pytest.fixture(scope="module")
-def node(tmp_path_factory):
-    with own_domain(tmp_path_factory.mktemp("state")):
-        middleware.init()
-        node = Node("mover")
-        yield node
-        node.destroy_node()
-        rclpy.shutdown()
+@pytest.fixture
+def node(domain):
+    middleware.init()
+    node = Node("mover")
+    yield node
+    node.destroy_node()
+    rclpy.shutdown()
 
 
 class Scripted:
     """A caller whose controller reports what a test says."""
 
     def __init__(self, node, *states, vented=""):
-        self.node, self.states, self.sent, self.mover = node, list(states), [], None
+        self.node, self.states, self.sent = node, list(states), []
         self.status = {"/arm/regulator": SimpleNamespace(message=vented or "active")}
 
     def spin(self, seconds):
@@ -43,13 +42,13 @@ class Scripted:
         if name == "other":
             values["stamp_ns"] = 1
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        self.mover._reports.append(DiagnosticStatus(name=name, message=text, values=pairs))
+        receive(self.node, "/arm/arm/motion", DiagnosticStatus(name=name, message=text, values=pairs))
 
 
 def moved(node, *states, vented="", limit_s=0.2):
     caller, said = Scripted(node, *states, vented=vented), []
-    mover = caller.mover = moving.Mover(caller, "/arm/controller", limit_s, said.append)
-    mover._path.publish = caller.sent.append
+    mover = moving.Mover(caller, "/arm/controller", limit_s, said.append)
+    caller.sent = captured(node, "/arm/arm/reference/path")
     return mover.move(LINE), said, caller.sent
 
 
@@ -67,12 +66,16 @@ def test_the_exit_status_is_that_of_the_end(node, state, status):
     assert [messages.pose_arrays(pose.pose)[0].tolist() for pose in path.poses] == LINE.tolist()
 
 
-def test_a_vented_arm_and_a_silent_controller_are_lost(node):
-    status, said, _ = moved(node, ("moving", ""), vented="vented: leak")
-    assert (status, said[-1]) == (1, "lost: /arm/regulator: vented: leak")
-    status, said, _ = moved(node)
-    assert status == 1
-    assert "no report" in said[-1]
+@pytest.mark.parametrize(
+    ("states", "vented", "end"),
+    [
+        ((("moving", ""),), "vented: leak", "lost: /arm/regulator: vented: leak"),
+        ((), "", "lost: no report of the controller on arm/motion for 0.2 s"),
+    ],
+)
+def test_a_vented_arm_and_a_silent_controller_are_lost(node, states, vented, end):
+    status, said, _ = moved(node, *states, vented=vented)
+    assert (status, said[-1]) == (1, end)
 
 
 def test_a_controller_that_is_not_in_control_refuses(node):

@@ -157,7 +157,7 @@ def publish(node: Node, messages: list[tuple[str, object]]) -> None:
     """Publish when the recorder listens to every topic, and wait until its middleware has everything."""
     publishers = {name: node.create_publisher(kind, name, qos) for name, (kind, qos) in TYPES.items()}
     for name, publisher in publishers.items():
-        until(lambda pub=publisher: pub.get_subscription_count() > 0, f"nobody subscribed to {name}")
+        until(lambda pub=publisher: pub.get_subscription_count() > 0, f"no subscription to {name}")
     latched = 0
     for name, message in messages:
         publishers[name].publish(message)
@@ -331,7 +331,7 @@ def test_best_effort_publishers_are_heard_even_when_they_come_late(start, node, 
 
 
 def test_what_has_arrived_is_recorded_at_the_end(domain, tmp_path):
-    """Its senders know it as delivered, even if nobody has looked at it yet: here nobody ever spins."""
+    """Delivered messages count, even if the node has not taken them yet: no node spins here."""
     words = ["-p", f"folder:={tmp_path / 'bag'}", "-p", "topics:=['early std_msgs/msg/String']"]
     rclpy.init(args=["--ros-args", *words])
     try:

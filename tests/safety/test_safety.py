@@ -377,7 +377,7 @@ def test_an_arm_that_was_found_full_stays_latched_until_it_is_seen_empty():
     assert refusal == state.not_vented is not None
     assert state.vented
     state = run(state, 2005, 2100, np.zeros(3), fresh=np.array([False, True, True]))
-    assert reset(LIMITS, state, 2101 * MS)[1] is not None, "nobody has seen it empty"
+    assert reset(LIMITS, state, 2101 * MS)[1] is not None, "no reading has shown it empty"
     state = run(state, 2105, 2105, np.array([4.5e3, 0.0, 0.0]))
     assert state.not_vented is not None, "within the noise of the limit"
     state = run(state, 2110, 2110, np.zeros(3))

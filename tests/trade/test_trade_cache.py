@@ -58,7 +58,7 @@ def test_fresh_measures_anew_and_keeps_it(case, kept, tmp_path):
 def test_a_tighter_requirement_takes_a_reference_that_is_good_enough(case, kept, monkeypatch):
     _, first = studied(case, kept, "1%")
     own = first.reference.own.tip
-    monkeypatch.setattr(study_module, "converge", None)  # nobody calls it
+    monkeypatch.setattr(study_module, "converge", None)  # it is not called
     done, study = studied(case, kept, f"{25 * own:.6f}%")  # asks for an own error of 1.25 times that
     assert done == []
     assert study.reference.candidate == first.reference.candidate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from soro_core.emulation.canopen.dictionary import ObjectDictionary, Refused
 from soro_core.hardware.canopen.cia408 import (
@@ -14,7 +14,7 @@ from soro_core.hardware.canopen.cia408 import (
     TPDO_MAPPING,
 )
 from soro_core.hardware.canopen.frames import COB_DISABLED
-from soro_core.hardware.canopen.pdo import Mapped, PdoLayout, signed
+from soro_core.hardware.canopen.pdo import Mapped, PdoLayout
 from soro_core.hardware.canopen.sdo_frames import SdoAbort
 from soro_core.hardware.transport.frame import Frame
 
@@ -127,9 +127,14 @@ class Pdos:
 
     def _layout(self, pdo: _Pdo) -> PdoLayout:
         if pdo.layout is None:
-            numbers = range(1, self._value(pdo.mapping, 0) + 1)
-            pdo.layout = PdoLayout(tuple(Mapped.from_entry(self._value(pdo.mapping, n)) for n in numbers))
+            objects, entries = self._mapped(pdo, self._value(pdo.mapping, 0)), self._dictionary.entries
+            pdo.layout = PdoLayout(
+                tuple(replace(o, is_signed=entries[o.index, o.sub].is_signed) for o in objects)
+            )
         return pdo.layout
+
+    def _mapped(self, pdo: _Pdo, count: int) -> list[Mapped]:
+        return [Mapped.from_entry(self._value(pdo.mapping, n)) for n in range(1, count + 1)]
 
     def _read(self, layout: PdoLayout) -> bytes:
         return layout.pack(tuple(self._dictionary.get(o.index, o.sub) for o in layout.objects))
@@ -139,9 +144,7 @@ class Pdos:
         self._send(Frame(self._value(pdo.communication, 1) & 0x7FF, pdo.sent_data))
 
     def _apply(self, layout: PdoLayout, data: bytes) -> None:
-        for mapped, raw in zip(layout.objects, layout.unpack(data), strict=True):
-            entry = self._dictionary.entries[mapped.index, mapped.sub]
-            value = signed(raw, mapped.bits) if entry.is_signed else raw
+        for mapped, value in zip(layout.objects, layout.unpack(data), strict=True):
             with contextlib.suppress(Refused):  # a node cannot refuse a PDO
                 self._dictionary.put(mapped.index, mapped.sub, value)
 
@@ -162,7 +165,7 @@ class Pdos:
             if self._enabled(pdo):
                 raise Refused(SdoAbort.DEVICE_STATE)
             pdo.layout = None
-            entries = [Mapped.from_entry(self._value(pdo.mapping, n)) for n in range(1, value + 1)]
+            entries = self._mapped(pdo, value)
             for mapped in entries:
                 self._check_mappable(pdo, mapped)
             if sum(mapped.bits for mapped in entries) > 64:

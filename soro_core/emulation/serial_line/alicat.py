@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
-from soro_core.emulation.serial_line.valve import SerialValve
+from soro_core.emulation.serial_line.valve import SerialValve, ValveSetup
 from soro_core.hardware.serial_line.alicat_codec import MODERN_SETPOINT, SETPOINT_SOURCE, parse_version
 
 _UNITS = {"kPaG": (1e3, 2, 14), "barG": (1e5, 4, 18), "PSIG": (6894.757293168, 2, 22)}  # Pa, decimals, code
@@ -26,27 +25,12 @@ class EmulatedAlicat(SerialValve):
         Letter of the unit.
     firmware, pressure_unit : str
         Version of its firmware, and unit of its pressures.
-    full_scale_pa : float
-        Highest set point [Pa gauge].
-    reading_pa : callable
-        Returns the measured pressure [Pa gauge].
-    boot_ns : int
-        Time [ns] from power-on to the first answer.
-    up_ns : int
-        Time [ns] of the first answer at the start of the emulation.
+    setup : ValveSetup
+        Range, sensor and times.
     """
 
-    def __init__(
-        self,
-        unit: str,
-        firmware: str,
-        pressure_unit: str,
-        full_scale_pa: float,
-        reading_pa: Callable[[], float],
-        boot_ns: int,
-        up_ns: int = 0,
-    ) -> None:
-        super().__init__(full_scale_pa, reading_pa, boot_ns, up_ns)
+    def __init__(self, unit: str, firmware: str, pressure_unit: str, setup: ValveSetup) -> None:
+        super().__init__(setup)
         self.version = parse_version(firmware.encode()) or (0, 0)
         self.unit, self.firmware, self._label = unit, firmware, pressure_unit
         self._unit_pa, self._decimals, self._code = _UNITS[pressure_unit]

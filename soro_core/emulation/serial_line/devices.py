@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -12,7 +12,7 @@ from soro_core.emulation.serial_line.alicat import EmulatedAlicat
 from soro_core.emulation.serial_line.alicat_bus import AlicatBus
 from soro_core.emulation.serial_line.itv import EmulatedItv
 from soro_core.emulation.serial_line.uart import Uart
-from soro_core.emulation.serial_line.valve import SerialValve
+from soro_core.emulation.serial_line.valve import SerialValve, ValveSetup
 from soro_core.hardware.serial_line.config import AlicatPlatform, ItvPlatform
 from soro_core.hardware.serial_line.lockstep import MARK, START_MARK
 
@@ -57,9 +57,9 @@ class SerialDevices(EmulatedDevices):
         self.add_line(line)
         return line
 
-    def reading(self, number: int) -> Callable[[], float]:
-        """Return the function that reads the sensor of a valve [Pa gauge]."""
-        return lambda: self.air.reading_pa(number)
+    def setup(self, number: int, full_scale_pa: float) -> ValveSetup:
+        """Return range [Pa gauge], sensor and times of a valve."""
+        return ValveSetup(full_scale_pa, lambda: self.air.reading_pa(number), self._boot_ns, self._up_ns)
 
     def give_setpoint(self, place: int, pressure_pa: float) -> None:
         self.valves[place].give(pressure_pa)
@@ -89,12 +89,7 @@ class ItvDevices(SerialDevices):
         for number in range(len(platform.valves)):
             line = self.new_line(half_duplex=False)
             line.station = valve = EmulatedItv(
-                line,
-                platform.full_scale_pa,
-                self.reading(number),
-                self._answer_ns,
-                self._boot_ns,
-                self._up_ns,
+                line, self.setup(number, platform.full_scale_pa), self._answer_ns
             )
             valves.append(valve)
         return valves
@@ -105,10 +100,10 @@ class AlicatDevices(SerialDevices):
 
     def connect(self, platform: AlicatPlatform) -> Sequence[SerialValve]:
         emulation, line = platform.emulation, self.new_line(half_duplex=True)
-        kind = (emulation.firmware, emulation.unit, emulation.full_scale_pa)
+        setups = [self.setup(number, emulation.full_scale_pa) for number in range(len(platform.valves))]
         units = [
-            EmulatedAlicat(valve.unit, *kind, self.reading(number), self._boot_ns, self._up_ns)
-            for number, valve in enumerate(platform.valves)
+            EmulatedAlicat(valve.unit, emulation.firmware, emulation.unit, setup)
+            for valve, setup in zip(platform.valves, setups, strict=True)
         ]
         line.station = AlicatBus(line, units, self._answer_ns)
         return units

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from soro_core.emulation.serial_line.uart import Station, Uart
-from soro_core.emulation.serial_line.valve import SerialValve
+from soro_core.emulation.serial_line.valve import SerialValve, ValveSetup
 
 FULL_COUNTS = 1023
 _LONGEST_LINE = 64
@@ -18,26 +16,14 @@ class EmulatedItv(SerialValve, Station):
     ----------
     line : Uart
         Line of the device.
-    full_scale_pa : float
-        Pressure at 1023 counts [Pa gauge].
-    reading_pa : callable
-        Returns the measured pressure [Pa gauge].
-    answer_delay_ns, boot_ns : int
-        Time [ns] from a command to its answer, and from power-on to the first answer.
-    up_ns : int
-        Time [ns] of the first answer at the start of the emulation.
+    setup : ValveSetup
+        Range, sensor and times; 1023 counts are its full scale.
+    answer_delay_ns : int
+        Time [ns] from a command to its answer.
     """
 
-    def __init__(
-        self,
-        line: Uart,
-        full_scale_pa: float,
-        reading_pa: Callable[[], float],
-        answer_delay_ns: int,
-        boot_ns: int,
-        up_ns: int = 0,
-    ) -> None:
-        super().__init__(full_scale_pa, reading_pa, boot_ns, up_ns)
+    def __init__(self, line: Uart, setup: ValveSetup, answer_delay_ns: int) -> None:
+        super().__init__(setup)
         self._line, self._delay_ns = line, answer_delay_ns
         self._buffer = bytearray()
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 
 FOREVER_NS = 1 << 62  # time of the first answer of a device without power
 
 
-class SerialValve(ABC):
-    """One regulator, without a watchdog: without a host it keeps its set point.
+@dataclass(frozen=True)
+class ValveSetup:
+    """What a regulator on a serial line is made of.
 
-    Parameters
+    Attributes
     ----------
     full_scale_pa : float
         Highest set point [Pa gauge].
@@ -21,6 +23,21 @@ class SerialValve(ABC):
         Time [ns] from power-on to the first answer.
     up_ns : int
         Time [ns] of the first answer at the start of the emulation.
+    """
+
+    full_scale_pa: float
+    reading_pa: Callable[[], float]
+    boot_ns: int = 0
+    up_ns: int = 0
+
+
+class SerialValve(ABC):
+    """One regulator, without a watchdog: without a host it keeps its set point.
+
+    Parameters
+    ----------
+    setup : ValveSetup
+        Range, sensor and times.
 
     Attributes
     ----------
@@ -32,11 +49,9 @@ class SerialValve(ABC):
         Whether the device accepts set points, but keeps the last one.
     """
 
-    def __init__(
-        self, full_scale_pa: float, reading_pa: Callable[[], float], boot_ns: int, up_ns: int = 0
-    ) -> None:
-        self._full_scale_pa, self.reading_pa = full_scale_pa, reading_pa
-        self._boot_ns, self._up_ns = boot_ns, up_ns
+    def __init__(self, setup: ValveSetup) -> None:
+        self._full_scale_pa, self.reading_pa = setup.full_scale_pa, setup.reading_pa
+        self._boot_ns, self._up_ns = setup.boot_ns, setup.up_ns
         self.setpoint = self._wake_setpoint = 0.0
         self.muted = self.ignores_setpoint = False
 

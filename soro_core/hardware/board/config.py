@@ -14,7 +14,7 @@ from pydantic import Field, field_validator, model_validator
 from soro_core.config import Strict
 from soro_core.hardware.board.chips import CODES, FULL_SCALES_V, RATES_SPS
 from soro_core.hardware.board.scaling import Scale
-from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, require_once
 
 # Upper bound of the board's watchdog for every configuration, as for commands in `soro_core.safety`.
 LONGEST_WATCHDOG_S = 0.5
@@ -128,14 +128,11 @@ class BoardPlatform(TcpPlatform):
     @model_validator(mode="after")
     def _consistent(self) -> BoardPlatform:
         numbers = [valve.port for valve in self.valves]
-        if len(set(numbers)) < len(numbers):
-            raise ValueError(f"valves: each port once, not {repeated(numbers)} twice")
+        require_once("valves: each port", numbers)
         if max(numbers) >= len(self.ports):
             raise ValueError(f"valves: ports 0 to {len(self.ports) - 1}, not {max(numbers)}")
         chips = [(port.bus, chip) for port in self.ports for chip in (port.dac, port.adc)]
-        if len(set(chips)) < len(chips):
-            bus, address = repeated(chips)
-            raise ValueError(f"ports: each chip once, not 0x{address:02X} on bus {bus} twice")
+        require_once("ports: each chip", chips, lambda chip: f"0x{chip[1]:02X} on bus {chip[0]}")
         for number, port in enumerate(self.ports):
             if port.scale not in self.scales:
                 known = ", ".join(self.scales) or "none"

@@ -5,7 +5,7 @@ The board vents by itself when its host dies, so the driver only reports faults.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -45,23 +45,13 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
     ) -> None:
         super().__init__(platform, platform.host, link, clock, lockstep)
         self._ports = [valve.port for valve in platform.valves]
-        self._session = Session(link, len(platform.ports))
+        self._session = self.traffic = Session(link, len(platform.ports))
         # The applied set point may differ by one count of the DAC.
         self._tolerance_pa = np.array([1.0 + platform.resolution_pa(port) for port in self._ports])
         self._boot: int | None = None
         self._taken: StateMessage | None = None  # newest state of an earlier cycle
         self._received = 0  # frames up to the last cycle
         self._received_ns: int | None = None
-
-    def counts(self) -> Mapping[str, int]:
-        session = self._session
-        return {
-            "frames_sent": session.sent,
-            "frames_received": session.received,
-            "frames_late": session.late,
-            "frames_garbled": session.garbled,
-            "frames_refused": session.not_obeyed,
-        }
 
     def probe(self) -> Iterator[Finding]:
         return examine(self.platform, self._session, self.clock)
@@ -94,7 +84,7 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
             session.drain()
         self._set(setpoint_pa)
         deadline = self.clock() + self.patience_s(self.platform.cycle_budget_s)
-        while not session.is_answered and session.refused is None:
+        while not session.is_answered and session.refusal is None:
             left = deadline - self.clock()
             if left <= 0 or not session.receive(left):
                 break
@@ -114,10 +104,10 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
             self._received, self._received_ns = session.received, self._now_ns
         if welcome is not None and welcome.boot != self._boot:
             self.latch.add("rebooted", self.source, "the server of the board has restarted")
-        if session.refused is not None:
-            text = f"the board {texts.refusal(session.refused[0])}"
+        if session.refusal is not None:
+            text = f"the board {texts.refusal(session.refusal[0])}"
             self.latch.add("command_rejected", self.source, text)
-            session.refused = None
+            session.refusal = None
         if state is not None and state.cause:
             code, text = texts.CAUSES[state.cause]
             self.latch.add(code, self.source, f"the board {text}{texts.complaints(state)}")
@@ -163,8 +153,8 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
         """Wait for the answer to a step of the start-up."""
         deadline = self.clock() + self.platform.host.start_timeout_s
         while (answer := find()) is None:
-            if self._session.refused is not None:
-                raise self._failed(texts.refusal(self._session.refused[0]))
+            if self._session.refusal is not None:
+                raise self._failed(texts.refusal(self._session.refusal[0]))
             left = deadline - self.clock()
             if left <= 0:
                 raise self._failed(f"does not answer {step}", "silent")

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import selectors
 import socket
 from collections.abc import Callable
 
 from soro_core.hardware.board.board import Board
-from soro_core.hardware.transport.tcp import hang_up
+from soro_core.hardware.transport.host import accept_host
 
 _CHUNK = 65536
 _BACKLOG = 16384  # bytes kept for a host that does not read; further frames are dropped
-_DRAIN = 16  # chunks of the present host that are read before a new host is accepted or refused
 
 
 class Server:
@@ -69,21 +67,12 @@ class Server:
         self._stopped = True
 
     def _accept(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            host, (address, *_) = self._listener.accept()
-            host.setblocking(False)
-            # Read the end of the last connection first, so that it does not cause a refusal of the next one.
-            for _ in range(_DRAIN):
-                if not self._read():
-                    break
-            now_ns = self._clock()
-            if (answer := self._board.refuse_host(address, now_ns)) is not None:
-                hang_up(host, answer)
-                return
+        board, clock = self._board, self._clock
+        host = accept_host(self._listener, self._read, lambda address: board.refuse_host(address, clock()))
+        if host is not None:
             self._leave()
-            host.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._host = host
-            self._board.host_came(now_ns)
+            board.host_came(clock())
             self._selector.register(host, selectors.EVENT_READ, self._read)
 
     def _read(self) -> bool:

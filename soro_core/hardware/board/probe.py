@@ -30,14 +30,14 @@ def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]
     session.link.open()
     session.greet()
     deadline = clock() + platform.host.start_timeout_s
-    while (session.welcome is None or session.state is None) and session.refused is None:
+    while (session.welcome is None or session.state is None) and session.refusal is None:
         if (left := deadline - clock()) <= 0:
             advice = "use family veab_tcp for the published server, or another port"
             yield Finding("board", "fail", "the server does not send frames of soro board", advice)
             return
         session.receive(left)
-    if session.refused is not None or session.welcome is None or session.state is None:
-        code = 0 if session.refused is None else session.refused[0]
+    if session.refusal is not None or session.welcome is None or session.state is None:
+        code = 0 if session.refusal is None else session.refusal[0]
         yield Finding("board", "fail", f"it {texts.refusal(code)}", texts.advice(code))
         return
     welcome, state = session.welcome, session.state

@@ -8,13 +8,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.hardware.board.board import Board, describe
@@ -24,6 +22,7 @@ from soro_core.hardware.board.i2c import LinuxI2c
 from soro_core.hardware.board.loop import Server
 from soro_core.hardware.board.ports import Ports
 from soro_core.hardware.board.watcher import watched
+from soro_core.hardware.event_loop import ended_by_signals
 from soro_core.hardware.families import load_platform
 
 
@@ -71,8 +70,6 @@ def serve(
             ) from None
         server = Server(board, listener, time.monotonic_ns, beat)
         stack.enter_context(_stopped_by_signals(server))
-        with contextlib.suppress(OSError):  # Linux delays waits by up to 50 us otherwise
-            Path("/proc/self/timerslack_ns").write_text("1000", encoding="ascii")
         announce("ready: {}:{}".format(*listener.getsockname()[:2]))
         server.run()
 
@@ -151,19 +148,14 @@ def _say(announce: Callable[[str], None], lines: list[str]) -> None:
 
 @contextlib.contextmanager
 def _stopped_by_signals(server: Server) -> Iterator[None]:
-    """Stop the server at a signal: the handler only sets a flag, and a pipe ends the wait in select()."""
+    """Stop the server at a signal; a pipe ends the wait in select()."""
     wake_read, wake_write = os.pipe()
     os.set_blocking(wake_write, False)
     server.wake_on(wake_read)
-    numbers = (signal.SIGTERM, signal.SIGINT)
-    former = {number: signal.signal(number, lambda *_: server.stop()) for number in numbers}
-    former_fd = signal.set_wakeup_fd(wake_write)
     try:
-        yield
+        with ended_by_signals(server.stop, wake_write):
+            yield
     finally:
-        signal.set_wakeup_fd(former_fd)
-        for number, handler in former.items():
-            signal.signal(number, handler)
         os.close(wake_read)
         os.close(wake_write)
 

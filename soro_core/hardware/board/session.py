@@ -21,8 +21,8 @@ class Session:
 
     Attributes
     ----------
-    welcome, state, refused : Welcome, StateMessage, tuple of int
-        Newest frames of the board, None before the first; `refused` is reason and port.
+    welcome, state, refusal : Welcome, StateMessage, tuple of int
+        Newest frames of the board, None before the first; `refusal` is reason and port.
     sequence, answered : int
         Sequence numbers of the newest SET or RESET, and of the newest STATE.
     """
@@ -32,9 +32,9 @@ class Session:
         self._decoder = frames.BoardFrameDecoder(messages.lengths(ports))
         self.welcome: Welcome | None = None
         self.state: StateMessage | None = None
-        self.refused: tuple[int, int] | None = None
+        self.refusal: tuple[int, int] | None = None
         self.sequence = self.answered = 0
-        self.sent = self.received = self.late = self.not_obeyed = self._unknown = 0
+        self.sent = self.received = self.late = self.refused = self._unknown = 0
 
     @property
     def garbled(self) -> int:
@@ -54,7 +54,7 @@ class Session:
     def greet(self) -> None:
         """Start with a new connection: send HELLO."""
         self._decoder.reset()
-        self.welcome = self.state = self.refused = None
+        self.welcome = self.state = self.refusal = None
         self.answered = -1
         self._send(BoardFrame(Kind.HELLO, 0, messages.pack_hello(self._ports)))
 
@@ -82,10 +82,10 @@ class Session:
             elif frame.kind is Kind.WELCOME:
                 self.welcome = messages.unpack_welcome(frame.payload)
             elif frame.kind is Kind.REFUSED:
-                self.not_obeyed += 1
-                refused = messages.unpack_refused(frame.payload)
-                if refused[0] != Refusal.OLD:  # a duplicated or late frame does no harm
-                    self.refused = refused
+                self.refused += 1
+                refusal = messages.unpack_refused(frame.payload)
+                if refusal[0] != Refusal.OLD:  # a duplicated or late frame does no harm
+                    self.refusal = refusal
         return bool(chunk)
 
     def drain(self) -> None:

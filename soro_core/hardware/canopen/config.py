@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from soro_core.hardware.canopen.mapping import DeviceMapping, default_mapping
-from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, PlatformBase, ValveBase, require_once
 from soro_core.hardware.transport.config import Transport
 
 SYNC_LATE_PERIODS = 1.5  # after which CANopenNode, for one, reports SYNC as lost
@@ -127,10 +127,9 @@ class CanopenPlatform(PlatformBase):
         nodes = [valve.node for valve in self.valves]
         channels = self.canopen.mapping.channels
         places = [(valve.node, valve.channel) for valve in self.valves]
-        if len(set(places)) < len(places):
-            node, channel = repeated(places)
-            twice = f"node once, not {node}" if channels == 1 else f"channel once, not {node}.{channel}"
-            raise ValueError(f"valves: each {twice} twice")
+        if channels == 1:
+            require_once("valves: each node", places, lambda place: place[0])
+        require_once("valves: each channel", places, lambda place: f"{place[0]}.{place[1]}")
         if max(valve.channel for valve in self.valves) >= channels:
             raise ValueError(f"valves: channel 0 to {channels - 1}, of as many as the mapping has")
         if self.canopen.mapping.guarding and self.transport.kind == "socketcand":

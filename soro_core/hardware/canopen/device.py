@@ -48,7 +48,6 @@ class Slot:
     kind: str
     channel: int
     value: int
-    is_signed: bool
 
 
 @dataclass(frozen=True)
@@ -227,9 +226,9 @@ def _pdo(mapping: DeviceMapping, entries: dict[Key, Entry], given: PdoMapping, r
         if not entry.mappable:
             allowed = f"an object that {mapping.eds_path.name} has as mappable"
             raise ConfigError("canopen.mapping", key, f"{address.index:04X}:{address.sub}", allowed)
-        objects.append(Mapped(address.index, address.sub, entry.bits))
+        objects.append(Mapped(address.index, address.sub, entry.bits, entry.is_signed))
         value = item.value if isinstance(item, Setting) else 0
-        slots.append(Slot(kind, channel, value, entry.is_signed))
+        slots.append(Slot(kind, channel, value))
     layout = PdoLayout(tuple(objects))
     pdo = Pdo(given.number, tuple(slots), layout, given.transmission == "event", given.fixed, receive)
     if layout.length > 8:

@@ -12,7 +12,7 @@ from soro_core.hardware.canopen.config import CanopenPlatform
 from soro_core.hardware.canopen.device import Device, Pdo
 from soro_core.hardware.canopen.frames import EmcyCode, NmtState
 from soro_core.hardware.canopen.mapping import FixedScaling
-from soro_core.hardware.canopen.pdo import Scaling, signed
+from soro_core.hardware.canopen.pdo import Scaling
 from soro_core.hardware.latch import Latch
 from soro_core.hardware.port import Fault
 from soro_core.hardware.transport.frame import Frame
@@ -58,8 +58,9 @@ class ChannelMonitor:
         """Set the next set point and control word; return the rounded set point [Pa gauge]."""
         if self.scaling is None:
             raise HardwareError("not configured", self.source, "order")
-        self.control, self.counts = control, self.scaling.counts(setpoint_pa)
-        return self.scaling.sent_pa(self.counts)
+        self.control = control
+        self.counts, sent_pa = self.scaling.rounded(setpoint_pa)
+        return sent_pa
 
     def ask_zero(self, is_first: bool) -> None:
         """Set 0 Pa as the next set point: the first time in ACTIVE if that is the state, then in HOLD."""
@@ -212,9 +213,8 @@ class NodeMonitor:
         if len(data) < pdo.layout.length or any(c.scaling is None for c in self.channels):
             self.garbled += 1
             return
-        for s, mapped, raw in zip(pdo.slots, pdo.layout.objects, pdo.layout.unpack(data), strict=True):
+        for s, value in zip(pdo.slots, pdo.layout.unpack(data), strict=True):
             if s.kind == "supply" and self._supply is not None:
-                value = signed(raw, mapped.bits) if s.is_signed else raw
                 self.supply_pa = (value - self._supply.zero_count) * self._supply.pa_per_count
                 self._supply_ns = now_ns
             if s.kind not in ("status", "reading"):
@@ -223,9 +223,9 @@ class NodeMonitor:
             if channel is None or channel.scaling is None:
                 continue
             if s.kind == "status":
-                channel.status, channel.status_ns = raw, now_ns
+                channel.status, channel.status_ns = value, now_ns
                 continue
-            channel.pressure_pa = channel.scaling.read_pa(signed(raw, mapped.bits) if s.is_signed else raw)
+            channel.pressure_pa = channel.scaling.read_pa(value)
             if in_cycle:
                 channel.fresh = True
         if in_cycle:

@@ -12,6 +12,7 @@ class Mapped:
     index: int
     sub: int
     bits: int
+    is_signed: bool = False  # not part of `entry`
 
     @property
     def entry(self) -> int:
@@ -20,7 +21,7 @@ class Mapped:
 
     @classmethod
     def from_entry(cls, entry: int) -> Mapped:
-        """The reverse of `entry`."""
+        """The reverse of `entry`, without the sign."""
         return cls(entry >> 16, entry >> 8 & 0xFF, entry & 0xFF)
 
 
@@ -44,17 +45,14 @@ class PdoLayout:
         return word.to_bytes(self.length, "little")
 
     def unpack(self, data: bytes) -> tuple[int, ...]:
-        """Return the values, all unsigned; the caller converts signed ones."""
+        """Return the values; those of signed objects by two's complement."""
         word, values = int.from_bytes(data, "little"), []
         for mapped in self.objects:
-            values.append(word & (1 << mapped.bits) - 1)
+            value = word & (1 << mapped.bits) - 1
+            is_negative = mapped.is_signed and value >> (mapped.bits - 1)
+            values.append(value - (1 << mapped.bits) if is_negative else value)
             word >>= mapped.bits
         return tuple(values)
-
-
-def signed(value: int, bits: int) -> int:
-    """Return the signed value of an unsigned one, by two's complement."""
-    return value - (1 << bits) if value >> (bits - 1) & 1 else value
 
 
 @dataclass(frozen=True)
@@ -68,14 +66,11 @@ class Scaling:
     setpoint_zero: int = 0
     actual_zero: int = 0
 
-    def counts(self, setpoint_pa: float) -> int:
-        """Return the nearest allowed count of a set point [Pa gauge]."""
+    def rounded(self, setpoint_pa: float) -> tuple[int, float]:
+        """Return the nearest allowed count of a set point [Pa gauge], and the pressure of this count."""
         count = round(setpoint_pa / self.setpoint_pa) + self.setpoint_zero
-        return min(max(count, self.low), self.high)
-
-    def sent_pa(self, counts: int) -> float:
-        """Return the pressure of a set point in counts [Pa gauge]."""
-        return (counts - self.setpoint_zero) * self.setpoint_pa
+        count = min(max(count, self.low), self.high)
+        return count, (count - self.setpoint_zero) * self.setpoint_pa
 
     def read_pa(self, counts: int) -> float:
         """Return the pressure of a reading in counts [Pa gauge]."""

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict
-from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, PlatformBase, ValveBase, require_once
 from soro_core.hardware.serial_line import pace
 
 Baud = Literal[2400, 4800, 9600, 19200, 38400, 57600, 115200]
@@ -132,9 +132,7 @@ class ItvPlatform(SerialPlatform):
 
     @model_validator(mode="after")
     def _consistent(self) -> ItvPlatform:
-        ports = [valve.port for valve in self.valves if valve.port is not None]
-        if len(set(ports)) < len(ports):
-            raise ValueError(f"valves: each port once, not {repeated(ports)} twice")
+        require_once("valves: each port", [valve.port for valve in self.valves if valve.port is not None])
         if self.range.maximum_pa > self.full_scale_pa:
             raise ValueError(f"range.maximum_pa: at most full_scale_pa, {self.full_scale_pa:g} Pa")
         if self.range.minimum_pa != 0.0:
@@ -181,7 +179,5 @@ class AlicatPlatform(SerialPlatform):
 
     @model_validator(mode="after")
     def _consistent(self) -> AlicatPlatform:
-        units = [valve.unit for valve in self.valves]
-        if len(set(units)) < len(units):
-            raise ValueError(f"valves: each unit once, not {repeated(units)} twice")
+        require_once("valves: each unit", [valve.unit for valve in self.valves])
         return self

@@ -15,6 +15,7 @@ import serial
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.reason import reason
+from soro_core.hardware.transport.serial_port import open_serial
 
 _CHUNK = 65536
 _FIRST_RETRY_S = 0.05
@@ -74,16 +75,11 @@ class SerialPort:
 
     def _open(self) -> None:
         try:
-            self._port = serial.Serial(self.name, self._baud, timeout=0, exclusive=True)
-        except (OSError, serial.SerialException, ValueError, termios.error) as error:
-            self._why = f"cannot open the port ({reason(error)})"
-            raise HardwareError(self._why, self.name, "open") from None
+            self._port = open_serial(self.name, self._baud)
+        except HardwareError as error:
+            self._why = error.text
+            raise
         self._fd = self._port.fileno()
-        os.set_blocking(self._fd, False)
-        # With VMIN = 1 "nothing yet" is EAGAIN, so that an empty read always means that the port is gone.
-        attributes = termios.tcgetattr(self._fd)
-        attributes[6][termios.VMIN] = 1
-        termios.tcsetattr(self._fd, termios.TCSANOW, attributes)
 
     def fileno(self) -> int:
         """Return the file descriptor."""

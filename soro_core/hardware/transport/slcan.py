@@ -18,9 +18,9 @@ import can
 import serial
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.reason import reason
 from soro_core.hardware.transport.config import SlcanTransport
 from soro_core.hardware.transport.frame import Frame
+from soro_core.hardware.transport.serial_port import open_serial
 from soro_core.hardware.transport.slcan_codec import SPEEDS, BusErrors, Health, Reply, SlcanDecoder, encode
 from soro_core.hardware.transport.stream import StreamBus
 
@@ -84,20 +84,11 @@ class SlcanBus(StreamBus):
         self._decoder = SlcanDecoder()
         self._replies: deque[Reply] = deque()
         self._line = b""  # received part of an answer to V
-        try:
-            # pyserial sets raw mode and any baud rate; the bytes then go through the descriptor. Modem lines
-            # are never read: a pseudo-terminal has none.
-            # A second program on the port would close the bus that the first one uses.
-            self._port = serial.Serial(channel, serial_baud, timeout=0, exclusive=True)
-        except (OSError, serial.SerialException, ValueError, termios.error) as error:
-            raise HardwareError(
-                f"cannot open the adapter's port ({reason(error)})", channel, "open"
-            ) from None
+        # pyserial sets raw mode and any baud rate; the bytes then go through the descriptor. Modem lines are
+        # never read: a pseudo-terminal has none. A second program on the port would close the bus that the
+        # first one uses.
+        self._port = open_serial(channel, serial_baud)
         self.attach(self._port.fileno())
-        # With VMIN = 1 "nothing yet" is EAGAIN, so that an empty read always means that the adapter is gone.
-        attributes = termios.tcgetattr(self.fileno())
-        attributes[6][termios.VMIN] = 1
-        termios.tcsetattr(self.fileno(), termios.TCSANOW, attributes)
         try:
             self._start(SPEEDS[bitrate], acknowledges)
         except HardwareError:

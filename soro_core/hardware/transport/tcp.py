@@ -266,10 +266,3 @@ def _resolve(address: str) -> tuple[int, Any]:
             f"no such address, expected host:port ({reason(error)})", address, "setting"
         ) from None
     return found[0][0], found[0][4]
-
-
-def hang_up(host: socket.socket, message: bytes) -> None:
-    """Close a new connection after a message with the reason."""
-    with contextlib.suppress(OSError):
-        host.send(message)
-    host.close()

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, require_once
 from soro_core.hardware.veab.protocol import LOWEST_PA, SPAN_PA
 
 
@@ -97,8 +97,7 @@ class VeabPlatform(TcpPlatform):
     @model_validator(mode="after")
     def _consistent(self) -> VeabPlatform:
         numbers = [valve.port for valve in self.valves]
-        if len(set(numbers)) < len(numbers):
-            raise ValueError(f"valves: each port once, not {repeated(numbers)} twice")
+        require_once("valves: each port", numbers)
         if max(numbers) >= self.ports:
             raise ValueError(f"valves: ports 0 to {self.ports - 1}, not {max(numbers)}")
         highest = LOWEST_PA + SPAN_PA

@@ -11,7 +11,7 @@ the arm needs a normally open dump valve.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -56,20 +56,11 @@ class VeabRegulator(LinkDriver[VeabPlatform]):
         super().__init__(platform, platform.host, link, clock, lockstep)
         self.empty_pa = platform.host.vented_pa
         self.rest_s = _LEAST_S, platform.host.vent_timeout_s
-        self._stream = Stream(platform, link, clock, lockstep)
+        self._stream = self.traffic = Stream(platform, link, clock, lockstep)
         self._keeper: Keeper | None = None
         self._broken_ns: int | None = None  # start of invalid readings
         self._is_new = False  # whether the driver has not waited for a reading yet
-        self._garbled = 0
         self._zeros: Array = np.zeros(self.n_chambers)
-
-    def counts(self) -> Mapping[str, int]:
-        stream = self._stream
-        return {
-            "frames_sent": stream.sent,
-            "frames_received": stream.received,
-            "frames_garbled": self._garbled,
-        }
 
     def probe(self) -> Iterator[Finding]:
         # The server ends when a client disconnects, so only the start-up connects to it.
@@ -168,7 +159,7 @@ class VeabRegulator(LinkDriver[VeabPlatform]):
         self.latch.add("out_of_sync", self.source, f"the server sends {why}")
         if self._broken_ns is None:
             self._broken_ns = self._now_ns
-            self._garbled += 1
+            self._stream.garbled += 1
             self._send(self._zeros)
         elif self._now_ns - self._broken_ns >= _SETTLE_NS:
             self.give_up()

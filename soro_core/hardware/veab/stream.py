@@ -31,8 +31,10 @@ class Stream:
     ----------
     pressure_pa : ndarray (n,)
         Newest reading [Pa gauge] of each valve, NaN before the first.
-    sent, received : int
-        Number of messages.
+    sent, received, garbled : int
+        Number of messages, and of times that the stream has become invalid.
+    late, refused : int
+        0: the server answers no message.
     sent_s : float
         Time of the last message with set points [s].
     count : PortCount
@@ -43,6 +45,7 @@ class Stream:
         self, platform: VeabPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool
     ) -> None:
         self.sent = self.received = self._taken = 0
+        self.late = self.garbled = self.refused = 0
         self.sent_s = 0.0
         self._link, self._clock, self._size = link, clock, platform.ports
         self._ports = [valve.port for valve in platform.valves]

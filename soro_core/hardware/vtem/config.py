@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict
-from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, repeated
+from soro_core.hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, require_once
 from soro_core.hardware.vtem.registers import HIGHEST_PA, LOWEST_PA, SLOTS
 
 _PART_OF_A_CYCLE = 0.8
@@ -99,9 +99,7 @@ class VtemPlatform(TcpPlatform):
     @model_validator(mode="after")
     def _consistent(self) -> VtemPlatform:
         places = [(valve.slot, valve.valve) for valve in self.valves]
-        if len(set(places)) < len(places):
-            slot, valve = repeated(places)
-            raise ValueError(f"valves: each valve once, not valve {valve} of slot {slot} twice")
+        require_once("valves: each valve", places, lambda place: f"valve {place[1]} of slot {place[0]}")
         if self.range.minimum_pa < LOWEST_PA or self.range.maximum_pa > HIGHEST_PA:
             raise ValueError(f"range: within {LOWEST_PA:g} to {HIGHEST_PA:g} Pa, that of motion app 03")
         return self

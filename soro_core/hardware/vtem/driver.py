@@ -9,7 +9,7 @@ faults of the cable or the machine, the arm needs a normally open dump valve.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.finding import Finding
@@ -48,18 +48,8 @@ class VtemRegulator(LinkDriver[VtemPlatform]):
         self, platform: VtemPlatform, link: ByteLink, clock: Callable[[], float], lockstep: bool = False
     ) -> None:
         super().__init__(platform, platform.host, link, clock, lockstep)
-        self._client = Client(link, platform.registers.unit, clock)
+        self._client = self.traffic = Client(link, platform.registers.unit, clock)
         self._terminal = Terminal(platform, self._client, clock, lockstep)
-
-    def counts(self) -> Mapping[str, int]:
-        client = self._client
-        return {
-            "frames_sent": client.sent,
-            "frames_received": client.received,
-            "frames_late": client.late,
-            "frames_garbled": client.garbled,
-            "frames_refused": client.refused,
-        }
 
     def probe(self) -> Iterator[Finding]:
         return examine(self.platform, self.link, self._terminal, self.clock)

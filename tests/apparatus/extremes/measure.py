@@ -147,7 +147,7 @@ class Acceleration:
     def __call__(self) -> Verdict:
         """Evaluate and judge."""
         robot = self.arm.robot()
-        arm = SoftArm(robot, method=self.method, **self.options)  # type: ignore[arg-type]
+        arm = SoftArm(robot, method=self.method, **self.options)
         curvature = 2.0 * math.pi * self.turns / self.arm.length + self.curvature
         q = self.arm.coordinates(robot, curvature, self.elongation)
         qd = self.arm.coordinates(robot, 20.0, -0.3)
@@ -181,7 +181,7 @@ class Straight:
     def __call__(self) -> Verdict:
         """Evaluate and judge."""
         robot = self.arm.robot()
-        arm = SoftArm(robot, method=self.method)  # type: ignore[arg-type]
+        arm = SoftArm(robot, method=self.method)
         direction = self.arm.coordinates(robot, 1.0)
         qd, p = self.arm.coordinates(robot, 20.0, -0.3), np.full(arm.n_u, 0.3 * FULL_SCALE_PA)
 
@@ -210,7 +210,7 @@ class Seams:
     def __call__(self) -> Verdict:
         """Evaluate and judge."""
         robot = self.arm.robot()
-        arm = SoftArm(robot, method=self.method)  # type: ignore[arg-type]
+        arm = SoftArm(robot, method=self.method)
         qd, p = self.arm.coordinates(robot, 20.0, -0.3), np.full(arm.n_u, 0.3 * FULL_SCALE_PA)
 
         def at(curvature: float) -> Array:

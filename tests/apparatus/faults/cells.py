@@ -80,7 +80,7 @@ def _judge(row: Row, loop: Loop) -> Result:
         return Result(row, loop.cause or "", None, None, 0, ("tripped before the fault",))
     before, start = rig.regulator.statistics, loop.cycles
     for injection in row.injections():
-        rig.at_devices(lambda injection=injection: rig.devices.faults.add(injection))  # type: ignore[misc]
+        rig.at_devices(lambda injection=injection: rig.devices.faults.add(injection))
     _spin(loop, row, AFTER_S, until=lambda: loop.vented)
     cause = loop.cause or ""
     trip_ms = None if loop.vented_at is None else (loop.vented_at - start + 1) * rig.period_s * 1e3

@@ -108,7 +108,7 @@ class Watched(Loop):
     def inject(self, faults: Faults) -> None:
         """Add faults where the devices live."""
         for fault in faults:
-            self.rig.at_devices(lambda fault=fault: self.rig.devices.faults.add(fault))  # type: ignore[misc]
+            self.rig.at_devices(lambda fault=fault: self.rig.devices.faults.add(fault))
 
 
 def run(pair: Pair) -> tuple[str, ...]:
@@ -116,7 +116,7 @@ def run(pair: Pair) -> tuple[str, ...]:
     rig = rig_of(pair.family, HEALTHY)
     if isinstance(rig.platform, CanopenPlatform):
         times = rig.platform.canopen.model_copy(update=_SHORT)
-        rig.regulator.platform = rig.platform.model_copy(update={"canopen": times})  # type: ignore[attr-defined]
+        rig.regulator.platform = rig.platform.model_copy(update={"canopen": times})
     loop = Watched(rig)
     try:
         rig.regulator.configure()

@@ -118,7 +118,7 @@ def in_process(platform: PlatformBase, seed: int = 1) -> Rig:
     (line,) = devices.lines
     kinds = {"veab_tcp": VeabRegulator, "soro_board": BoardRegulator, "vtem_modbus": VtemRegulator}
     kind = kinds[platform.family]
-    regulator: Regulator = kind(platform, LineLink(line), time.monotonic, lockstep=True)  # type: ignore[arg-type]
+    regulator: Regulator = kind(platform, LineLink(line), time.monotonic, lockstep=True)
 
     def plug(is_in: bool) -> None:
         line.hang_up, line.refuses = not is_in, not is_in
@@ -134,7 +134,7 @@ def _on_ports(platform: SerialPlatform, devices: EmulatedDevices) -> Rig:
         for port in ports:
             port.gone = not is_in
 
-    regulator = kind(platform, lambda: ports, time.monotonic, lockstep=True)  # type: ignore[arg-type]
+    regulator = kind(platform, lambda: ports, time.monotonic, lockstep=True)
     return _unpluggable(Rig(platform, regulator, devices, regulator.close), plug)
 
 
@@ -150,8 +150,8 @@ def canopen(name: str, real: bool) -> Rig:
     platform = load_platform(name)
     if real:
         return on_a_line(platform)
-    bus = HubBus(platform, seed=1)  # type: ignore[arg-type]
-    driver = CanopenRegulator(platform, lambda: bus, clock=time.monotonic, lockstep=True)  # type: ignore[arg-type]
+    bus = HubBus(platform, seed=1)
+    driver = CanopenRegulator(platform, lambda: bus, clock=time.monotonic, lockstep=True)
     return Rig(platform, driver, bus.world, driver.close)
 
 

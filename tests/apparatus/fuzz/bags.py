@@ -220,7 +220,7 @@ def run(options: Options) -> str:
 def _made(seed: int = 408, **options: object) -> bytes:
     """A file with metadata, an attachment and 120 messages of three topics in chunks of 3 kB."""
     rng, stream = random.Random(seed), BytesIO()
-    writer = Writer(stream, chunk_size=3000, **options)  # type: ignore[arg-type]
+    writer = Writer(stream, chunk_size=3000, **options)
     writer.start("ros2", "soro")
     channels = []
     for number in range(3):
@@ -239,7 +239,7 @@ def _made(seed: int = 408, **options: object) -> bytes:
 def _unfinished() -> Recording:
     """What a killed recorder leaves: whole chunks, no index."""
     recording = Recording.of(_made(compression=CompressionType.LZ4))
-    chunk = make_reader(BytesIO(recording.content)).get_summary().chunk_indexes[0]  # type: ignore[union-attr]
+    chunk = make_reader(BytesIO(recording.content)).get_summary().chunk_indexes[0]
     recording.only_names = range(chunk.chunk_start_offset, chunk.chunk_start_offset + chunk.chunk_length)
     recording.content = recording.content[: recording.content.rindex(_DATA_END)]
     return recording
@@ -248,7 +248,7 @@ def _unfinished() -> Recording:
 def _as_rosbag2_writes() -> Recording:
     """Uncompressed chunks without checksums, an index with one."""
     content = bytearray(_made(compression=CompressionType.NONE))
-    for chunk in make_reader(BytesIO(content)).get_summary().chunk_indexes:  # type: ignore[union-attr]
+    for chunk in make_reader(BytesIO(content)).get_summary().chunk_indexes:
         start = chunk.chunk_start_offset + _CHECKSUM
         content[start : start + 4] = bytes(4)
     recording = Recording.of(bytes(content))

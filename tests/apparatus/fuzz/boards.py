@@ -64,7 +64,7 @@ def frames_to_the_driver(pieces: int, seed: int) -> Counted:
     """The driver's side of the same."""
     rng, counted = random.Random(seed), Counted()
     link = _Scripted()
-    session = Session(link, PORTS)  # type: ignore[arg-type]
+    session = Session(link, PORTS)
     lengths = messages.lengths(PORTS)
     port = messages.PortState(0, 0, messages.PortFlag.NONE, 0)
     good = messages.pack_state(messages.StateMessage(1, True, messages.Cause.NONE, 0, (port,) * PORTS))
@@ -145,7 +145,7 @@ def stream_to_the_server(pieces: int, seed: int) -> Counted:
     """The published server as emulated: it ends at what is no message; the valves stay in their range."""
     rng, counted = random.Random(seed), Counted()
     platform = load_platform("veab_tcp")
-    devices = EmulatedVeabServer(platform, lockstep=True)  # type: ignore[arg-type]
+    devices = EmulatedVeabServer(platform, lockstep=True)
     for _ in range(pieces):
         if devices.ended is not None:
             devices.start()

@@ -113,7 +113,7 @@ def lines_to_the_nodes(pieces: int, seed: int) -> Counted:
 def alive(driver: object, cycle: int, period_ns: int = 5_000_000) -> None:
     """The driver works as on the first day."""
     for number in range(100):
-        found = driver.exchange(np.full(3, 40e3), (cycle + number) * period_ns)  # type: ignore[attr-defined]
+        found = driver.exchange(np.full(3, 40e3), (cycle + number) * period_ns)
         if found.faults:
             raise AssertionError(f"after it: {found.faults[0]}")
     if not np.allclose(found.pressure_pa, 40e3, atol=4e3):

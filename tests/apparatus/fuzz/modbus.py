@@ -30,7 +30,7 @@ _PATIENCE = 25
 def requests_to_the_terminal(pieces: int, seed: int) -> Counted:
     """What is no request is counted or refused; a good one is served behind it; pressures stay in range."""
     rng, counted = random.Random(seed), Counted()
-    devices = EmulatedTerminal(load_platform("vtem_modbus"), lockstep=True)  # type: ignore[arg-type]
+    devices = EmulatedTerminal(load_platform("vtem_modbus"), lockstep=True)
     read = frame_of(ReadHoldingRegistersRequest(address=_INPUTS, count=_WORDS, dev_id=_UNIT))
     for number in range(pieces):
         words = [3 << 6 | 3, rng.randrange(1000), 0, 2 << 6 | 3, 0, 0]
@@ -63,7 +63,7 @@ def requests_to_the_terminal(pieces: int, seed: int) -> Counted:
 def answers_to_the_driver(pieces: int, seed: int) -> Counted:
     """An answer is taken whole or counted, and the next transaction is as good as the first."""
     rng, counted, link = random.Random(seed), Counted(), _Scripted()
-    client = Client(link, _UNIT, lambda: 0.0)  # type: ignore[arg-type]
+    client = Client(link, _UNIT, lambda: 0.0)
     for _ in range(pieces):
         before = client.garbled + client.late + client.refused
         words = [rng.randrange(0x10000) for _ in range(_WORDS)]

@@ -27,7 +27,7 @@ class Counted:
 
     @property
     def missing(self) -> int:
-        """Pieces that nobody has counted."""
+        """Pieces that were not counted."""
         return self.sent - self.good - self.bad - self.untold
 
 

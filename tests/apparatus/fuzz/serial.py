@@ -139,7 +139,7 @@ def lines_to_the_devices(pieces: int, seed: int, family: str) -> Counted:
         counted.bad += refused
         counted.good += bool(answers) and not refused
         counted.untold += not answers and family == "alicat"
-        for valve in devices.valves:  # type: ignore[attr-defined]
+        for valve in devices.valves:
             demand = valve.demand_pa()
             if demand is not None and not -1e3 <= demand <= highest:
                 raise AssertionError(f"a valve is asked for {demand} Pa")

@@ -1,0 +1,80 @@
+"""References of a controller from messages on arm/reference/trajectory and arm/reference/tip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from soro_core.control import Controller, ControllerState, Reference
+from soro_core.errors import ConfigError
+from soro_ros import messages
+from soro_ros.control_report import FRAME
+
+_ROWS = ("positions", "velocities", "accelerations")
+
+
+def trajectory(controller: Controller, message: JointTrajectory, t: float) -> Reference:
+    """Return the reference of a trajectory.
+
+    Parameters
+    ----------
+    controller : Controller
+    message : JointTrajectory
+    t : float
+        Time of the controller at the arrival [s].
+
+    Raises
+    ------
+    SoroError
+        If the controller refuses it.
+    """
+    points = message.points
+
+    def table(name: str) -> list[list[float]] | None:
+        rows = [list(getattr(point, name)) for point in points]
+        return rows if any(rows) else None
+
+    return controller.trajectory(
+        t,
+        list(message.joint_names),
+        [Duration.from_msg(point.time_from_start).nanoseconds * 1e-9 for point in points],
+        table("positions") or [],
+        table("velocities"),
+        table("accelerations"),
+        messages.to_ns(message.header.stamp),
+    )
+
+
+def tip(controller: Controller, state: ControllerState, message: PoseStamped) -> Reference:
+    """Return the reference that holds the tip at a pose.
+
+    Parameters
+    ----------
+    controller : Controller
+    state : ControllerState
+        After the last tick.
+    message : PoseStamped
+
+    Raises
+    ------
+    SoroError
+        If the pose is in an unknown frame, or out of reach.
+    """
+    if message.header.frame_id not in ("", FRAME):
+        raise ConfigError("tip reference", "header.frame_id", message.header.frame_id, f"{FRAME}, or none")
+    return controller.tip(state, *messages.pose_arrays(message.pose))
+
+
+def trajectories_at_rest(coordinates: Sequence[str]) -> list[JointTrajectory]:
+    """Return one trajectory of zeros for each way to interpolate, for a warm-up."""
+    zero = [0.0] * len(coordinates)
+    found = []
+    for count in range(1, len(_ROWS) + 1):
+        rows = dict.fromkeys(_ROWS[:count], zero)
+        times = [Duration(seconds=k).to_msg() for k in range(3)]
+        points = [JointTrajectoryPoint(time_from_start=time, **rows) for time in times]
+        found.append(JointTrajectory(joint_names=list(coordinates), points=points))
+    return found

@@ -12,7 +12,7 @@ class LearnerConfig(Strict):
 
     mass_std_kg: float = Field(0.1, gt=0, le=100, description="prior deviation of the mass at the tip")
     weight_std: float = Field(
-        0.5, gt=0, le=100, description="prior deviation of each entry of W, in units of the arm's stiffness"
+        1.0, gt=0, le=100, description="prior deviation of each entry of W, in units of the arm's stiffness"
     )
     mass_lower_kg: float = Field(-0.01, ge=-100, le=0, description="least mass beyond the robot file's")
     mass_upper_kg: float = Field(0.1, gt=0, le=100, description="largest mass beyond the robot file's")

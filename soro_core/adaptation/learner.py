@@ -32,6 +32,8 @@ _SINGULAR = 1e14
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
+# Gain of the mass on the tracking error, in units of the model: that of `adaptive` on the three-bellow arm.
+_FOLLOW = 0.01
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,9 @@ class Learner:
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.prior = np.diag(deviation**-2)
+        # Square of the mass's deviation by the energy of one unit of q and force.
+        energy = float(self.force.scales.force @ self.force.scales.q)
+        self._mass_rate = _FOLLOW * self.config.mass_std_kg**2 / energy
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
 
@@ -162,6 +167,32 @@ class Learner:
         if theta is None:
             return self._restored(state, "the information is singular: prior restored")
         return self._projected(replace(state, information=information, moment=moment), theta, dt)
+
+    def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
+        """Return the state after a tick without positions: the mass follows the tracking error.
+
+        A bend from orientations alone is biased by the load itself, and so is the prediction error. W is
+        forgotten.
+
+        Parameters
+        ----------
+        state : LearnerState
+            After the last sample.
+        power : float
+            Y_m' s at the reference [J/(kg s)].
+        dt : float
+            Time since the last sample [s].
+        """
+        theta = math.exp(-dt / self.config.forget_s) * state.learned.theta
+        theta[0] = state.learned.mass_kg - self._mass_rate * power * dt
+        within = np.minimum(np.maximum(theta, self.lower), self.upper)
+        return replace(
+            self.initial_state(),
+            learned=Learned(within),
+            moment=self.prior @ within,
+            refused=state.refused,
+            restored=state.restored,
+        )
 
     def _doubtful(self, covariance: Array) -> bool:
         """Whether the filter's doubt about q, as a force, is above the noise."""

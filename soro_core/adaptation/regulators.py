@@ -50,7 +50,7 @@ class RegulatorObserver:
 
     lag_s: float
     dead_time_s: float
-    bandwidth_per_s: float = 70.0
+    bandwidth_per_s: float = 60.0
     damping: float = 0.9
     bound_pa: float = 6e3
 

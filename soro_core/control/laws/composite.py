@@ -1,14 +1,12 @@
 """The law `composite`: desired compensation with the learned force, which the prediction error drives.
 
-f = M qdd_d + C qd_d + G + f_e + R qd_d + (creep) + Y_m m + U W phi - (K_p e + K_d s), docs/control.md. All
-forces of the model and the learned one are those at the reference. The feedback passes a low-pass: beyond
-what the regulators can follow it is noise of the filter. The learner is that of `soro_core.adaptation`; the
-filter predicts with the same force.
+f = M qdd_d + C qd_d + G + f_e + R qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md. All
+forces of the model and the learned one are those at the reference. The learner is that of
+`soro_core.adaptation`; the filter predicts with the same force.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -30,13 +28,10 @@ class CompositeOptions(LearnerConfig, LawOptions):
 
 @dataclass(frozen=True)
 class CompositeState:
-    """State of the learner, creep along the reference (n_internal,), and error and s (2, n_q) after their
-    low-pass; None before the first tick.
-    """
+    """State of the learner, and creep along the reference (n_internal,)."""
 
     learner: LearnerState
     creep: Array
-    errors: Array | None = None
 
 
 class Composite(Law[CompositeState]):
@@ -63,13 +58,10 @@ class Composite(Law[CompositeState]):
     ) -> tuple[CompositeState, Array, Terms]:
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, gains, wanted = self.setting.arm, self.setting.gains, reference.ahead
-        learner = self._learned(state.learner, belief, reference, dt)
         q = self.setting.moved(belief, reference.ahead_s)
         error = q - wanted.q
-        errors = np.stack([error, belief.qd - wanted.qd + gains.rate * error])
-        if state.errors is not None:
-            errors = state.errors + self._part(dt) * (errors - state.errors)
-        error, s = errors
+        s = belief.qd - wanted.qd + gains.rate * error
+        learner = self._learned(state.learner, belief, reference, s, dt)
         model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
         internal = arm.internal_force(wanted.q, state.creep)
         learned = self.learner.force.force(learner.learned, wanted.q, wanted.qd, wanted.qdd)
@@ -85,11 +77,7 @@ class Composite(Law[CompositeState]):
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
         wished = model + internal + learned + proportional + derivative
-        return CompositeState(learner, creep, errors), wished, terms
-
-    def _part(self, dt: float) -> float:
-        """Return the part of a new error that passes: the low-pass is as fast as the regulators can be."""
-        return -math.expm1(-dt / self.setting.pressures.lag_filter_s)
+        return CompositeState(learner, creep), wished, terms
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -122,9 +110,17 @@ class Composite(Law[CompositeState]):
         """Return what the learner has to say."""
         return state.learner.note
 
-    def _learned(self, state: LearnerState, belief: ArmBelief, reference: Preview, dt: float) -> LearnerState:
+    def _learned(
+        self, state: LearnerState, belief: ArmBelief, reference: Preview, s: Array, dt: float
+    ) -> LearnerState:
         if not self.adapts or belief.covariance is None:
             return replace(state, note="")
+        if not belief.positions:
+            if belief.saturated.any():  # more force would not come
+                return replace(state, note="")
+            wanted = reference.ahead
+            by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
+            return self.learner.follow(state, float(by_mass @ s), dt)
         n = belief.q.size
         sample = Sample(
             q=belief.q,

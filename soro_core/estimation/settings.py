@@ -40,6 +40,7 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         Number of pieces into which each link is discretised.
     """
     fields, n = strain_fields(arm.robot), arm.n_q
+    angle = np.where(fields.stretch, 1.0, fields.length)
     q_unit, force_unit = _units(arm, pieces)
     pose, imu = config.pose, config.imu
     kinematics = 3 * [pose.position_model_std_m**2] + 3 * [pose.orientation_model_std_rad**2]
@@ -56,7 +57,8 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         samples=np.ascontiguousarray(fields.samples),
         largest=fields.largest,
         limit=np.where(fields.stretch, config.stretch_limit, config.bend_limit_rad / fields.length),
-        increment=np.where(fields.stretch, 1e-6, 1e-6 / fields.length) / np.sqrt(np.diag(fields.weight)),
+        weight=fields.weight * np.outer(angle, angle),
+        increment=1e-6 / angle / np.sqrt(np.diag(fields.weight)),
         q_unit=q_unit,
         force_unit=force_unit,
         tip_mass=float(arm.tables.tip_mass[0]),

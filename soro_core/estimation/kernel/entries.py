@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
-from soro_core.estimation.kernel import motion, spread, update
+from soro_core.estimation.kernel import motion, update
+from soro_core.estimation.kernel import predict as prediction
 from soro_core.estimation.kernel.parts import FilterArm, NoRoom, Settings, make_scratch
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.derivative.work import derivative_workspace
-from soro_core.model.dynamics import GOOD
-from soro_core.model.linear import assign, clear
+from soro_core.model.linear import clear
 from soro_core.model.method import kinematics, make_work
 from soro_core.model.tables import Site, Tables
 
@@ -47,29 +47,12 @@ def predict(
     internal1: Array,
     covariance1: Array,
 ) -> int:
-    """mean1, internal1, covariance1 <- belief after dt with `share` of the learned model theta.
-
-    Gives a code; where it is not GOOD the arm is held at rest, and the covariance grows.
-    """
+    """`predict.predict` with `share` of the learned model theta."""
     arm = view(box)
-    s = arm.settings
-    n = s.limit.shape[0]
     motion.load(arm, theta, share)
-    code = motion.step_mean(arm, mean, internal, pressure, dt, mean1, internal1)
-    if code == GOOD:
-        code = spread.step_covariance(arm, covariance, share, dt, covariance1)
-    if code != GOOD:
-        for i in range(n):
-            mean1[i], mean1[n + i] = mean[i], 0.0
-        assign(internal, internal1)
-        spread.hold_covariance(arm, covariance, dt, covariance1)
-    if s.n_d > 0:
-        fade = np.exp(-dt / s.time)
-        for i in range(n):
-            d, e = mean[2 * n + i], mean[3 * n + i]
-            mean1[2 * n + i], mean1[3 * n + i] = fade * (d + dt * e), fade * e
-    motion.limit(arm, mean1[:n])
-    return code
+    return prediction.predict(
+        arm, share, mean, internal, covariance, pressure, dt, mean1, internal1, covariance1
+    )
 
 
 @entry

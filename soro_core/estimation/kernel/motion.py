@@ -5,11 +5,15 @@ The learned force is part of the model: its mass is at the tip, with inertia, Co
 
 The step is the trapezoidal rule, linearly implicit: with a and its derivatives A21, A22 by q and qd at the
 start, (1 - h A22 / 2 - h^2 A21 / 4) dv = h (a + h A21 v / 2), dq = h (v + dv / 2). It is second order, and
-bounded for modes faster than the step. Creep and hysteresis are those in the middle of the step.
+bounded for modes faster than the step. Corrections with the same factors make it the trapezoidal rule itself:
+of a running filter the first is within round-off of the estimate, far from it they keep the step from running
+away. Creep and hysteresis move along, and what they add in the step by its last velocity counts as damping:
+taken from the first velocity alone, they would drive modes faster than the step apart.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -19,13 +23,17 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.estimation.kernel.parts import FilterArm, NoRoom
 from soro_core.model.derivative import equation
-from soro_core.model.derivative.work import BY_Q, DerivativeWork
-from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR, applied_force, check, finite
+from soro_core.model.derivative.work import BY_Q, BY_V, DerivativeWork
+from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, applied_force, check, finite
 from soro_core.model.internal import advance_internal
 from soro_core.model.linear import clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
+from soro_core.model.tables import CREEP
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Corrections of a step, of which a running filter needs one; and the change of q in the last, as a strain.
+_CORRECTIONS, _SAME = 6, 3e-5
 
 
 @inner
@@ -81,6 +89,9 @@ def _exact(room: DerivativeWork, arm: FilterArm, q: Array, v: Array, z: Array, p
     for i in range(n):
         for j in range(n):
             left[i, j] -= w.slope[i, j]
+    for j in range(z.shape[0]):
+        c = t.internal_coordinate[j]
+        room.equation[BY_V, c, c] += w.tangent[j]
     if w.lost[0] < 0.0:
         # The weight keeps its direction in the world: J' [w]x J_angular dq beside what a held wrench does.
         x, y, f = w.wrench[3], w.wrench[4], w.wrench[5]
@@ -109,7 +120,13 @@ def _differences(room: NoRoom, arm: FilterArm, q: Array, v: Array, z: Array, pre
             w.by_q[j, i] = (a[j] - w.acceleration[j]) / h
             x[j] = v[j]
         x[i] += h
-        code = loaded_acceleration(arm, q, x, z, pressure, a)
+        for j in range(z.shape[0]):
+            stiffness = arm.tables.internal_stiffness[j]
+            w.internal[j] = z[j]
+            if arm.tables.internal_coordinate[j] == i and stiffness > 0.0:
+                change = w.tangent[j] * h / stiffness
+                w.internal[j] += -change if arm.tables.internal_kind[j] == CREEP else change
+        code = loaded_acceleration(arm, q, x, w.internal, pressure, a)
         if code != GOOD:
             return code
         for j in range(n):
@@ -118,8 +135,8 @@ def _differences(room: NoRoom, arm: FilterArm, q: Array, v: Array, z: Array, pre
 
 
 slopes = select_by_type(DerivativeWork, _exact, _differences)
-"""slopes(room, arm, q, v, z, pressure), after `loaded_acceleration` into scratch.acceleration: scratch.by_q
-and .by_v <- its derivatives, exact where the arm has them; gives a code."""
+"""slopes(room, arm, q, v, z, pressure), after `loaded_acceleration` into scratch.acceleration and
+`advance_internal`: scratch.by_q and .by_v <- its derivatives, exact where the arm has them; gives a code."""
 
 
 @inner
@@ -142,11 +159,11 @@ def step_mean(
     t, s, w = arm.tables, arm.settings, arm.scratch
     n = s.limit.shape[0]
     q, v, a, dv = mean[:n], mean[n : 2 * n], w.acceleration, w.change
-    advance_internal(t, internal, v, v, 0.5 * dt, w.internal, w.tangent)
-    code: int = loaded_acceleration(arm, q, v, w.internal, pressure, a)
+    code: int = loaded_acceleration(arm, q, v, internal, pressure, a)
     if code != GOOD:
         return code
-    code = slopes(arm.room, arm, q, v, w.internal, pressure)
+    advance_internal(t, internal, v, v, dt, internal1, w.tangent)
+    code = slopes(arm.room, arm, q, v, internal, pressure)
     if code != GOOD:
         return code
     for i in range(n):
@@ -159,13 +176,49 @@ def step_mean(
     if not step_system(arm, 0.5 * dt):
         return SINGULAR
     lu_solve(w.system, w.pivots, dv)
+    for _ in range(_CORRECTIONS):
+        _move(mean, dv, dt, mean1)
+        advance_internal(t, internal, v, mean1[n : 2 * n], dt, internal1, w.tangent)
+        code = loaded_acceleration(
+            arm, mean1[:n], mean1[n : 2 * n], internal1, pressure, w.moved_acceleration
+        )
+        if code != GOOD:
+            return code
+        size = _correct(arm, mean, dt)
+        if not size < math.inf:
+            return NOT_FINITE
+        if size < _SAME:
+            _move(mean, dv, dt, mean1)
+            advance_internal(t, internal, v, mean1[n : 2 * n], dt, internal1, w.tangent)
+            return GOOD
+    return NOT_CONVERGED
+
+
+@inner
+def _move(mean: Array, dv: Array, dt: float, mean1: Array) -> None:
+    """mean1 <- coordinates and rates after a change dv of the rates."""
+    n = dv.shape[0]
     for i in range(n):
-        mean1[i] = q[i] + dt * (v[i] + 0.5 * dv[i])
-        mean1[n + i] = v[i] + dv[i]
-    if not (finite(mean1[: 2 * n])):
-        return NOT_FINITE
-    advance_internal(t, internal, v, mean1[n : 2 * n], dt, internal1, w.tangent)
-    return GOOD
+        mean1[i] = mean[i] + dt * (mean[n + i] + 0.5 * dv[i])
+        mean1[n + i] = mean[n + i] + dv[i]
+
+
+@inner
+def _correct(arm: FilterArm, mean: Array, dt: float) -> float:
+    """Bring scratch.change closer to the trapezoidal rule; gives the change of q as a strain."""
+    s, w = arm.settings, arm.scratch
+    n, missed = s.limit.shape[0], w.moved
+    for i in range(n):
+        missed[i] = 0.5 * dt * (w.acceleration[i] + w.moved_acceleration[i]) - w.change[i]
+        if s.n_d > 0:
+            missed[i] += dt * (mean[2 * n + i] + 0.5 * dt * mean[3 * n + i])
+    lu_solve(w.system, w.pivots, missed)
+    square = 0.0
+    for i in range(n):
+        w.change[i] += missed[i]
+        for j in range(n):
+            square += missed[i] * s.weight[i, j] * missed[j]
+    return 0.5 * dt * math.sqrt(max(square, 0.0)) if math.isfinite(square) else math.inf
 
 
 @inner

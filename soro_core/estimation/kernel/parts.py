@@ -47,6 +47,8 @@ class Settings(NamedTuple):
     """Their largest absolute values, (n,)."""
     limit: Array
     """Largest strain, (n,)."""
+    weight: Array
+    """q' weight q is the sum over links of the mean squares of their strains, bends as angles, (n, n)."""
     increment: Array
     """Increment of each coordinate where differences replace derivatives, (n,)."""
     q_unit: Array
@@ -124,6 +126,9 @@ class Scratch(NamedTuple):
     solved: Array
     mean: Array
     """(m,)."""
+    begun: Array
+    """State at the start of a part of a step, (m,) and (n_internal,)."""
+    begun_internal: Array
 
 
 class NoRoom(NamedTuple):
@@ -183,4 +188,6 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros((MOST_ROWS, MOST_ROWS)),  # shared
         np.zeros(MOST_ROWS),  # solved
         np.zeros(m),  # mean
+        np.zeros(m),  # begun
+        np.zeros(n_z),  # begun_internal
     )

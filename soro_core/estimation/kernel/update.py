@@ -38,8 +38,6 @@ FUSED, OUTLIER, FAILED = 0, 1, 2
 _PASSES = 6
 # One is enough where the measurement at the new mean is the linear one within this part of its deviation.
 _LINEAR = 0.05
-# Otherwise they end where the mean moves by less than this part of its deviation.
-_CONVERGED = 1e-3
 
 
 @inner
@@ -137,18 +135,6 @@ def _linear(arm: FilterArm, count: int, kept: Array) -> bool:
 
 
 @inner
-def _moved(arm: FilterArm, covariance: Array, mean: Array) -> float:
-    """Largest difference of scratch.mean from `mean`, in deviations of the belief before the sample."""
-    s, w = arm.settings, arm.scratch
-    largest = 0.0
-    for i in range(mean.shape[0]):
-        # Variances that no noise reaches (disturbances of higher coefficients) are round-off.
-        variance = max(covariance[i, i], 1e-12 * s.initial[i, i], 1e-300)
-        largest = max(largest, abs(w.mean[i] - mean[i]) / math.sqrt(variance))
-    return largest
-
-
-@inner
 def fuse(
     arm: FilterArm,
     site: Site,
@@ -200,9 +186,8 @@ def fuse(
             for k in range(2 * n):
                 x -= w.rows[r, k] * (w.mean[k] - mean[k])
             w.last_residual[r] = x
-        moved = _moved(arm, covariance, mean)
         assign(w.mean, mean)
-        if left == 0 or moved < _CONVERGED:
+        if left == 0:
             break
         # The gain is that of the rows before: these are needed again only if they have changed.
         if measure(arm, site, kind, first, second, quaternion, mean) != count:

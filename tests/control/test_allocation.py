@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from soro_core.control.allocation import allocate
-from soro_core.control.allocation import balanced_weight as weight_of_fields
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
+from soro_core.control.allocation import allocate
+from soro_core.control.allocation import balanced_weight as weight_of_fields
 from soro_core.robot import robot_from_dict
 from soro_core.robot.coordinates import strain_fields
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.config import LearnerConfig, complete_learner
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.robot.coordinates import strain_fields
@@ -117,6 +117,7 @@ class Learner:
     """
 
     def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
+        config = complete_learner(config, arm.robot)
         self.arm, self.config, self.force = arm, config, LearnedForce(arm, pieces)
         self._stretch = strain_fields(arm.robot).stretch
         weights = self.force.size - 1

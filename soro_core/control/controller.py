@@ -17,6 +17,7 @@ from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
+from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
@@ -30,7 +31,6 @@ from soro_core.control.references import (
     trajectory_reference,
 )
 from soro_core.control.setpoints import SetpointMaker
-from soro_core.control.spread import feedback_gains
 from soro_core.control.trajectory import Point, Reference
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
@@ -73,7 +73,7 @@ class Controller:
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.fields = strain_fields(robot)
-        self.gains = feedback_gains(self.fields, self.config.gains, model.links)
+        self.gains = gains_of(self.arm, self.fields, self.config.gains, model.links, self.pressures.preview_s)
         self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
         self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
         self.configured = configured_reference(self.arm, self.fields, self.config)

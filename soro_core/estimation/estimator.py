@@ -23,6 +23,7 @@ from soro_core.estimation.frozen import LastPose, next_pose
 from soro_core.estimation.known import updated
 from soro_core.estimation.measurement import Innovation, innovation
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+from soro_core.estimation.scaled import scaled_noise
 from soro_core.estimation.state import EstimatorState, Segment
 from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
 from soro_core.model.discretised import discretised
@@ -53,7 +54,7 @@ class Estimator:
         dt: float = 0.005,
         model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
     ) -> None:
-        self.config = config if config is not None else EstimatorConfig()
+        self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links)
         self.length = float(sum(link.length for link in robot.links))

@@ -131,8 +131,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         values = self.model_dump(mode="json")
         if self.platform:  # its emulation.regulator counts
             del values["twin"]["regulator"]
-        # The file states all gains, so it must name their robot.
-        values["controller"]["robot"] = self.gains_robot
+        if self.controller.gains.stated:  # the file must say whose they are
+            values["controller"]["robot"] = self.gains_robot
         return values
 
     @cached_property
@@ -154,8 +154,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
     @property
     def gains_robot(self) -> str:
         """Name or file of the robot that the gains are for."""
-        stated = self.controller.gains.model_fields_set and "robot" not in self.controller.model_fields_set
-        return self.robot if stated else self.controller.robot
+        return self.controller.robot or self.robot
 
     @property
     def discretisation(self) -> Discretisation:

@@ -9,6 +9,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.adaptation import Learned, LearnedForce, Learner, Sample
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.config import find_config
+from soro_core.robot.parts import fields
 
 ROBOT = load_robot(find_config("tue_three_bellow", "robots"))
 ARM = SoftArm(ROBOT)
@@ -155,6 +156,17 @@ def test_an_estimate_at_its_bound_for_a_second_restores_the_prior():
     assert peaks[first] == 0.0
     held = int(np.argmax(np.array(peaks) == 0.01))
     assert first - held == pytest.approx(1.0 / DT, abs=2)
+
+
+def test_masses_that_are_not_stated_are_parts_of_the_arm():
+    links = ROBOT.replace(links=[{**fields(ROBOT.links[0]), "mass": 0.17}])
+    light, heavy = (Learner(SoftArm(robot), config()).config for robot in (ROBOT, links))
+    assert light.mass_upper_kg == pytest.approx(0.102)  # 100 g is what the arm was tuned with
+    assert heavy.mass_upper_kg == pytest.approx(10.0 * light.mass_upper_kg)
+    assert heavy.mass_std_kg == pytest.approx(10.0 * light.mass_std_kg)
+    assert heavy.mass_lower_kg == pytest.approx(10.0 * light.mass_lower_kg)
+    stated = Learner(ARM, config(mass_upper_kg=0.05)).config
+    assert (stated.mass_upper_kg, stated.mass_std_kg) == (0.05, light.mass_std_kg)
 
 
 def test_singular_information_restores_the_prior():

@@ -233,8 +233,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         return EstimatorNodeConfig(
             **self._shared(EstimatorNodeConfig),
             model=self.discretisation,
-            pose_location=pose.location,
-            imu_location=imu.location,
+            pose_locations=pose.locations,
+            imu_locations=imu.locations,
             pose_rate_hz=pose.rate_hz if pose.enabled else 0.0,
             pose_delay_s=pose.delay_s,
             imu_rate_hz=imu.rate_hz if imu.enabled else 0.0,
@@ -251,8 +251,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
             regulator=self.twin.regulator,
             model=self.discretisation,
             control=self.controller,
-            pose_locations=(self.twin.pose.location,),
-            imu_locations=(self.twin.imu.location,),
+            pose_locations=self.twin.pose.locations,
+            imu_locations=self.twin.imu.locations,
             reach=self.verdict.tip_error_part,
         )
 

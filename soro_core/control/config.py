@@ -156,7 +156,7 @@ class Pressures(Strict):
         ge=0,
         le=1,
         description="time ahead at which state and reference are taken, when a set point acts; default: one "
-        "tick, dead time, and the part of lag and half a hold that the inverse leaves",
+        "tick between nodes, dead time, and the part of lag and half a hold that the inverse leaves",
     )
     lag_s: float | None = Field(
         None,
@@ -168,7 +168,8 @@ class Pressures(Strict):
         None,
         ge=0,
         le=1,
-        description="time until a set point begins to act; default: one tick and the platform's dead time",
+        description="time until a set point begins to act; default: one tick between nodes, and the "
+        "platform's dead time",
     )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 

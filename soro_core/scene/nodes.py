@@ -108,6 +108,7 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys, PlaceKeys):
             low, high = max(limits.minimum_pa, allowed.minimum_pa), min(limits.maximum_pa, allowed.maximum_pa)
             limits = changed(limits, minimum_pa=low, maximum_pa=high)
         pressures = self.control.pressures
-        complete = complete_pressures(pressures, limits, response, self.rate_hz)
+        # A set point that answers a tick reaches the regulators with the next one.
+        complete = complete_pressures(pressures, limits, response, self.rate_hz, 1.0 / self.rate_hz)
         control = changed(self.control, pressures=complete)
         return control, contradictions(pressures, limits, response)

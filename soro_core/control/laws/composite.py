@@ -1,12 +1,14 @@
 """The law `composite`: desired compensation with the learned force, which the prediction error drives.
 
-f = M qdd_d + C qd_d + G + f_e + R qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md. All
-forces of the model and the learned one are those at the reference. The learner is that of
-`soro_core.adaptation`; the filter predicts with the same force.
+f = M qdd_d + C qd_d + G + f_e + R qd_d + (creep) + Y_m m + U W phi - (K_p e + K_d s), docs/control.md. All
+forces of the model and the learned one are those at the reference. The feedback passes a low-pass: beyond
+what the regulators can follow it is noise of the filter. The learner is that of `soro_core.adaptation`; the
+filter predicts with the same force.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -28,10 +30,13 @@ class CompositeOptions(LearnerConfig, LawOptions):
 
 @dataclass(frozen=True)
 class CompositeState:
-    """State of the learner, and creep along the reference (n_internal,)."""
+    """State of the learner, creep along the reference (n_internal,), and error and s (2, n_q) after their
+    low-pass; None before the first tick.
+    """
 
     learner: LearnerState
     creep: Array
+    errors: Array | None = None
 
 
 class Composite(Law[CompositeState]):
@@ -61,7 +66,10 @@ class Composite(Law[CompositeState]):
         learner = self._learned(state.learner, belief, reference, dt)
         q = self.setting.moved(belief, reference.ahead_s)
         error = q - wanted.q
-        s = belief.qd - wanted.qd + gains.rate * error
+        errors = np.stack([error, belief.qd - wanted.qd + gains.rate * error])
+        if state.errors is not None:
+            errors = state.errors + self._part(dt) * (errors - state.errors)
+        error, s = errors
         model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
         internal = arm.internal_force(wanted.q, state.creep)
         learned = self.learner.force.force(learner.learned, wanted.q, wanted.qd, wanted.qdd)
@@ -77,7 +85,11 @@ class Composite(Law[CompositeState]):
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
         wished = model + internal + learned + proportional + derivative
-        return CompositeState(learner, creep), wished, terms
+        return CompositeState(learner, creep, errors), wished, terms
+
+    def _part(self, dt: float) -> float:
+        """Return the part of a new error that passes: the low-pass is as fast as the regulators can be."""
+        return -math.expm1(-dt / self.setting.pressures.lag_filter_s)
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""

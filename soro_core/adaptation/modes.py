@@ -80,19 +80,17 @@ def first_mode(arm: SoftArm, stretch: bool) -> Mode | None:
     force = FORCE_PART * np.diag(uniform.T @ stiffness @ uniform) * unit
     pushed = np.linalg.norm(np.linalg.solve(uniform.T @ inertia @ uniform, np.diag(force)), axis=1)
     acceleration = float(np.exp(np.mean(np.log(pushed[of_kind[fields.first]]))))
-    return Mode(rate, _loss(arm, shape, rate) / (2.0 * rate), acceleration)
+    return Mode(rate, float(shape @ losses(arm, rate) @ shape) / (2.0 * rate), acceleration)
 
 
-def _loss(arm: SoftArm, shape: Array, rate_per_s: float) -> float:
-    """Return the loss of a mode of unit inertia [1/s]: its damping, and what creep makes at its rate."""
-    loss = float(shape @ arm.damping_matrix() @ shape)
+def losses(arm: SoftArm, rate_per_s: float) -> Array:
+    """Return the damping (n_q, n_q) of the straight arm at a rate [rad/s], creep and hysteresis included."""
     if arm.n_internal == 0:
-        return loss
+        return np.asarray(arm.damping_matrix())
     zero, still = np.zeros(arm.n_q), np.zeros(arm.n_internal)
-    steps = _STEP * np.eye(arm.n_internal)
-    scale = _STEP / float(np.max(np.abs(shape)))
+    steps, moves = _STEP * np.eye(arm.n_internal), _STEP * np.eye(arm.n_q)
     back = np.stack([arm.internal_rate(zero, zero, step) for step in steps], axis=1) / _STEP
-    driven = arm.internal_rate(zero, scale * shape, still) / scale
+    driven = np.stack([arm.internal_rate(zero, move, still) for move in moves], axis=1) / _STEP
     made = np.stack([arm.internal_force(zero, step) for step in steps], axis=1) / _STEP
     state = np.linalg.solve(1j * rate_per_s * np.eye(arm.n_internal) - back, driven)
-    return loss + float(np.real(shape @ made @ state))
+    return np.asarray(arm.damping_matrix() + np.real(made @ state))

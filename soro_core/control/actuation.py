@@ -74,8 +74,7 @@ def complete_pressures(
     usual = limits or Limits()
     values |= {name: getattr(usual, name) for name in _LIMITED if name not in values or name in beyond}
     lag_s = values.setdefault("lag_s", response.tau_s)
-    # Transport, dead time, and the part of the lag and of half a sample and hold that the lead filter does not
-    # compensate.
+    # Transport, dead time, and the part of the lag and of half a sample and hold that the lead filter leaves.
     lead = max(lag_s / pressures.lag_filter_s, 1.0)
     late_s = transport_s + response.delay_s
     values.setdefault("preview_s", late_s + (lag_s + 0.5 / rate_hz) / lead)

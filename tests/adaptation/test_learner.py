@@ -60,33 +60,6 @@ def test_the_force_of_the_mass_is_that_of_a_heavier_arm():
     np.testing.assert_allclose(LearnedForce(ARM).force(learned, q, qd, a), expected, rtol=1e-9, atol=1e-15)
 
 
-def test_a_learned_mass_bends_like_a_heavier_arm():
-    """Weighed and accelerated; along the arm it is weighed alone."""
-    heavier = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + 0.02))
-    q, qd, p = np.array([0.05, 4.0, -6.0]), np.array([0.1, 5.0, -3.0]), np.array([3e4, 5e4, 1e4])
-    learned = Learned(np.concatenate([[0.02], np.zeros(N * (N + 1))]))
-    alone = ARM.forward_dynamics(q, qd, p)
-    found = alone + LearnedForce(ARM).acceleration(learned, q, qd, alone)
-    wanted = heavier.forward_dynamics(q, qd, p)
-    assert np.abs(found - wanted)[1:].max() < 0.1 * np.abs(alone - wanted)[1:].max()
-
-
-def test_the_linearisation_is_the_derivative_of_the_acceleration_but_for_the_inertia():
-    force, learned, qd = LearnedForce(ARM), Learned(true_model()), np.array([0.1, 5.0, -3.0])
-    q, zero = np.array([0.05, 4.0, -6.0]), np.zeros(N)
-    jacobian = ARM.jacobian(q, ARM.length)[3:] * [0.0, 1.0, 1.0]
-    loaded = ARM.inertia_matrix(q) + learned.mass_kg * jacobian.T @ jacobian
-    steps = 1e-5 * np.diag(force.scales.q)
-    rows = [
-        (force.force(learned, q + e, qd, zero) - force.force(learned, q - e, qd, zero)) / (2 * e.sum())
-        for e in steps
-    ]
-    factor, slope = force.linearise(learned, q, qd)
-    expected = -np.linalg.solve(loaded, np.array(rows).T)
-    assert np.abs(slope - expected).max() < 1e-3 * np.abs(expected).max()
-    np.testing.assert_allclose(factor, np.linalg.solve(loaded, ARM.inertia_matrix(q)), rtol=1e-9, atol=1e-12)
-
-
 def test_it_learns_the_force_that_acts():
     learner = Learner(ARM, config(noise=0.01, forget_s=1e3))
     theta = true_model()

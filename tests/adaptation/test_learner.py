@@ -142,6 +142,25 @@ def test_masses_that_are_not_stated_are_parts_of_the_arm():
     assert (stated.mass_upper_kg, stated.mass_std_kg) == (0.05, light.mass_std_kg)
 
 
+def test_the_noise_is_that_of_a_pressure():
+    assert Learner(ARM, config()).config.noise == pytest.approx(0.3, rel=0.02)
+    weak = SoftArm(ROBOT.scaled(stiffness=1.0, damping=1.0, gain=0.5))
+    assert Learner(weak, config()).config.noise == pytest.approx(0.15, rel=0.02)
+    assert Learner(weak, config(noise=0.2)).config.noise == 0.2
+
+
+def test_a_residual_that_the_doubt_about_q_explains_is_no_reason_to_forget():
+    learner, theta = Learner(ARM, config()), true_model()
+    known = learn(learner, theta, 400)
+    other = theta.copy()
+    other[1 + 2 * (N + 1)] += 5.0  # of bending_y, at once
+    sure = learn(learner, other, 40, known)
+    doubt = np.diag([1e-4, 0.04, 20.0]) ** 2  # bending_y is not known at all
+    unsure = learn(learner, other, 40, known, covariance=doubt)
+    kept = slice(1, 1 + 2 * (N + 1))  # of the other rows
+    assert np.trace(unsure.information[kept, kept]) > 1.2 * np.trace(sure.information[kept, kept])
+
+
 def test_singular_information_restores_the_prior():
     learner = Learner(ARM, config())
     state = learn(learner, true_model(), 100)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.config import LearnerConfig, complete_learner
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.robot.coordinates import strain_fields
@@ -119,7 +119,8 @@ class Learner:
     """
 
     def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
-        self.arm, self.config, self.force = arm, config, LearnedForce(arm, pieces)
+        self.arm, self.force = arm, LearnedForce(arm, pieces)
+        self.config = config = complete_learner(config, arm, self.force.scales.force)
         self._stretch = strain_fields(arm.robot).stretch
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
@@ -230,7 +231,8 @@ class Learner:
         # Samples of a low-pass repeat each other for 2 / its rate.
         weighed = 0.5 * config.low_pass_per_s * np.linalg.solve(noise, regressor).T
         missed = residual - regressor @ state.learned.theta
-        large = float(missed @ missed) / (len(residual) * config.noise**2)
+        # Against the noise and the doubt about q: what no position shows is no reason to forget.
+        large = float(missed @ np.linalg.solve(noise, missed)) / len(residual)
         forget = (1.0 + min(large, config.forget_factor)) / config.forget_s
         information = state.information + dt * (
             weighed @ regressor - forget * (state.information - self.prior)

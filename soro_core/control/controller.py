@@ -16,6 +16,7 @@ from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
+from soro_core.control.gains import gains_of
 from soro_core.control.given import GivenReferences
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
@@ -24,7 +25,6 @@ from soro_core.control.laws.trial import refuse_lost_arm
 from soro_core.control.motion import Planner
 from soro_core.control.references import bounds_of, check_configured, configured_reference
 from soro_core.control.setpoints import SetpointMaker
-from soro_core.control.spread import feedback_gains
 from soro_core.control.trajectory import Point, Reference
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
@@ -67,7 +67,7 @@ class Controller(GivenReferences):
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.fields = strain_fields(robot)
-        self.gains = feedback_gains(self.fields, self.config.gains, model.links)
+        self.gains = gains_of(self.arm, self.fields, self.config.gains, model.links, self.pressures.preview_s)
         self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
         self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
         self.configured = configured_reference(self.arm, self.fields, self.config)

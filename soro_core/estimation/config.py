@@ -99,6 +99,11 @@ class InitialNoise(Strict):
 class EstimatorConfig(Strict):
     """Parameters of the extended Kalman filter; the defaults are tuned for the three-bellow robot."""
 
+    scale_noise: bool = Field(
+        True,
+        description="scale process, initial and orientation model noise that has its default from the "
+        "three-bellow arm, which it is tuned for, to the model of this one; docs/control.md",
+    )
     disturbance: bool = Field(
         True, description="estimate a slowly varying generalised force beside q and qd (unknown payload)"
     )

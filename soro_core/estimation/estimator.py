@@ -14,14 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.scales import q_scale_of
 from soro_core.estimation.admission import admit
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.known import updated
 from soro_core.estimation.replay import Replay
 from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.estimation.scaled import scaled_noise
 from soro_core.estimation.state import EstimatorState, Segment
 from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
+from soro_core.estimation.unseen import unseen_covariance
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 
@@ -50,9 +53,10 @@ class Estimator:
         dt: float = 0.005,
         model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
     ) -> None:
-        self.config = config if config is not None else EstimatorConfig()
+        self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links)
+        self._q_scale = q_scale_of(self.arm, model.links)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
 
@@ -140,6 +144,12 @@ class Estimator:
         late_s = self.config.lost_after_s
         return not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
 
+    def _unseen(self, state: EstimatorState) -> Array:
+        """Return the covariance of what the positions of late leave open."""
+        samples = [last.sample for last in state.poses.values()]
+        places = [one.s for one in samples if state.t_s - one.stamp_s <= self.config.lost_after_s]
+        return unseen_covariance(self.arm, state.belief.q, places, self._q_scale)
+
     def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
         measured = np.asarray(pressure_pa, dtype=np.float64)
         if measured.shape != (self.arm.n_u,):
@@ -189,5 +199,6 @@ class Estimator:
             force=force,
             disturbance=belief.disturbance if self.filter.n_d else np.zeros(n),
             positions=state.t_s - state.position_s <= self.config.lost_after_s,
+            unseen=self._unseen(state),
             status=EstimatorStatus(not trouble, trouble, state.counts, age, state.known.note),
         )

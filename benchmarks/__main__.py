@@ -10,6 +10,7 @@ from rich.console import Console
 
 from benchmarks import (
     air_fit,
+    arms,
     board,
     can_rates,
     control,
@@ -44,6 +45,7 @@ SECTIONS = {
     "air_fit": air_fit,
     "references": references,
     "control": control,
+    "arms": arms,
     "motions": motions,
     "can_rates": can_rates,
     "serial_rates": serial_rates,

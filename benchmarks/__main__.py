@@ -10,6 +10,7 @@ from rich.console import Console
 
 from benchmarks import (
     air_fit,
+    arms,
     board,
     can_rates,
     control,
@@ -46,6 +47,7 @@ SECTIONS = {
     "references": references,
     "control": control,
     "estimation": estimation,
+    "arms": arms,
     "motions": motions,
     "can_rates": can_rates,
     "serial_rates": serial_rates,

@@ -222,7 +222,11 @@ def certainty_of(estimate: Estimate) -> Certainty | None:
     """Return what a law may learn from: nothing of a filter that has lost the arm."""
     from soro_core.control.laws import Certainty
 
-    return Certainty(estimate.covariance, estimate.positions) if estimate.status.ok else None
+    if not estimate.status.ok:
+        return None
+    covariance, n = estimate.covariance.copy(), len(estimate.q)
+    covariance[:n, :n] += estimate.unseen
+    return Certainty(covariance, estimate.positions)
 
 
 def estimator_of(config: EstimatorNodeConfig, robot: Robot) -> Estimator:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from soro_core.config import Strict
+from soro_core.config import Floats, Strict
 from soro_core.robot import Discretisation
 from soro_core.safety import Limits
 
@@ -50,6 +50,37 @@ class SeedKeys(Strict):
 
 
 SHARED = (ClockKeys, RobotKeys, LimitKeys, SeedKeys)
+
+
+def check_places(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the places of sensors, parts of the arm's length.
+
+    Raises
+    ------
+    ValueError
+        If one is outside the arm, or two are the same: their samples could not be told apart.
+    """
+    if any(not 0.0 <= place <= 1.0 for place in values):
+        raise ValueError("places from 0 (base) to 1 (tip)")
+    if len(set(values)) != len(values):
+        raise ValueError("places that differ")
+    return values
+
+
+class PlaceKeys(Strict):
+    """Keys of the places of sensors on the arm."""
+
+    pose_locations: Floats = Field(
+        (1.0,), description="places of sensors/pose0, pose1, ..., part of the arm's length"
+    )
+    imu_locations: Floats = Field(
+        (1.0,), description="places of sensors/imu0, imu1, ..., part of the arm's length"
+    )
+
+    @field_validator("pose_locations", "imu_locations")
+    @classmethod
+    def _on_the_arm(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        return check_places(values)
 
 
 class NodeKeys(ClockKeys):

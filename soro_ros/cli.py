@@ -33,6 +33,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
     from soro_ros.commands.film import film
+    from soro_ros.commands.gains import gains
     from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.play import play
     from soro_ros.commands.reach import reach
@@ -55,6 +56,7 @@ def application() -> typer.Typer:
     app.command()(trade)
     app.command()(board)
     app.command()(reach)
+    app.command()(gains)
     app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)

@@ -37,8 +37,6 @@ END_ORDER = ("regulator", "controller", "estimator", "shadow", "twin", "recorder
 _TOPICS = (
     ("chambers/command", "sensor_msgs/msg/JointState"),
     ("chambers/state", "sensor_msgs/msg/JointState"),
-    ("sensors/pose0", "geometry_msgs/msg/PoseStamped"),
-    ("sensors/imu0", "sensor_msgs/msg/Imu"),
     ("arm/state", "sensor_msgs/msg/JointState"),
     ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
     ("arm/shadow/tip", "geometry_msgs/msg/PoseStamped"),
@@ -59,7 +57,15 @@ _BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/Di
 def _topics(scene: Scene) -> tuple[str, ...]:
     namespace, lockstep = scene.name, scene.mode == "lockstep"
     kept = " transient_local" if lockstep else ""  # as qos.loop() has it
-    named = [f"/{namespace}/{topic} {kind}{kept}" for topic, kind in _TOPICS]
+    sensors = [
+        (f"sensors/{name}{k}", kind)
+        for name, kind, places in (
+            ("pose", "geometry_msgs/msg/PoseStamped", scene.twin.pose.locations),
+            ("imu", "sensor_msgs/msg/Imu", scene.twin.imu.locations),
+        )
+        for k in range(len(places))
+    ]
+    named = [f"/{namespace}/{topic} {kind}{kept}" for topic, kind in (*_TOPICS, *sensors)]
     clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
     others = (f"/{namespace}/arm/backbone {_BACKBONE}", f"/diagnostics {_DIAGNOSTICS}", f"/{namespace}/*")
     return (*named, *clock, *others)

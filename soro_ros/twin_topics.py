@@ -36,8 +36,16 @@ class TwinTopics:
     def __init__(self, node: Node, robot: Robot, twin: Twin, profile: QoSProfile, lockstep: bool) -> None:
         self._chamber_names = robot.chamber_names
         self._coordinate_names = twin.plant.arm.robot.coordinate_names
-        self._pose = node.create_publisher(PoseStamped, "sensors/pose0", profile)
-        self._imu = node.create_publisher(Imu, "sensors/imu0", profile)
+        self._poses, self._imus = (
+            {
+                place * twin.length: node.create_publisher(kind, f"sensors/{name}{k}", profile)
+                for k, place in enumerate(config.locations)
+            }
+            for kind, name, config in (
+                (PoseStamped, "pose", twin.config.pose),
+                (Imu, "imu", twin.config.imu),
+            )
+        )
         self._true_tip = node.create_publisher(PoseStamped, "truth/tip", profile)
         self._true_state = node.create_publisher(JointState, "truth/state", profile)
         self._true_air = node.create_publisher(JointState, "truth/chambers", profile)
@@ -58,9 +66,9 @@ class TwinTopics:
         if self._clock is not None:
             self._clock.publish(Clock(clock=messages.to_time(stamp_ns)))
         for pose in seen.poses:
-            self._pose.publish(messages.pose_sample(pose, sample_ns(pose.stamp_s)))
+            self._poses[pose.s].publish(messages.pose_sample(pose, sample_ns(pose.stamp_s)))
         for imu in seen.imus:
-            self._imu.publish(messages.imu_sample(imu, sample_ns(imu.stamp_s)))
+            self._imus[imu.s].publish(messages.imu_sample(imu, sample_ns(imu.stamp_s)))
 
     def publish_truth(self, state: TwinState, tip: np.ndarray, stamp_ns: int) -> None:
         """Publish the true state of arm and air.

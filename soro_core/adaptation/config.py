@@ -2,22 +2,55 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from soro_core.config import Strict
+from soro_core.config import Strict, parse
+
+if TYPE_CHECKING:
+    from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Mass at the tip that is expected, and the least one, as parts of the mass of the links: the three-bellow arm
+# of 17 g carries 30 g and is tuned with a prior of 100 g.
+MASS_PART, LEAST_PART = 6.0, -0.6
+# Readings, play, and errors of the model that change from sample to sample, as a pressure in each chamber
+# [Pa]; on the three-bellow arm it is 0.3 units of force.
+NOISE_PA = 500.0
 
 
 class LearnerConfig(Strict):
     """How fast and how far is learned."""
 
-    mass_std_kg: float = Field(0.1, gt=0, le=100, description="prior deviation of the mass at the tip")
-    weight_std: float = Field(
-        0.5, gt=0, le=100, description="prior deviation of each entry of W, in units of the arm's stiffness"
+    mass_std_kg: float | None = Field(
+        None, gt=0, le=100, description="prior deviation of the mass at the tip; default: six times the arm's"
     )
-    mass_lower_kg: float = Field(-0.01, ge=-100, le=0, description="least mass beyond the robot file's")
-    mass_upper_kg: float = Field(0.1, gt=0, le=100, description="largest mass beyond the robot file's")
+    weight_std: float = Field(
+        1.0, gt=0, le=100, description="prior deviation of each entry of W, in units of the arm's stiffness"
+    )
+    mass_lower_kg: float | None = Field(
+        None,
+        ge=-100,
+        le=0,
+        description="least mass at the tip beyond the robot file's; default: -0.6 of the arm's mass",
+    )
+    mass_upper_kg: float | None = Field(
+        None,
+        gt=0,
+        le=100,
+        description="largest mass at the tip beyond the robot file's; default: six times the arm's mass",
+    )
     weight_bound: float = Field(20.0, gt=0, le=1e4, description="largest entry of W")
-    noise: float = Field(0.3, gt=0, le=100, description="deviation of the residual, in units of force")
+    noise: float | None = Field(
+        None,
+        gt=0,
+        le=100,
+        description="deviation of the residual, in units of force; default: that of 500 Pa in the chambers",
+    )
     low_pass_per_s: float = Field(5.0, gt=0, le=1e3, description="low-pass of both sides [rad/s]")
     forget_s: float = Field(5.0, gt=0, le=1e4, description="time after which samples are forgotten")
     forget_factor: float = Field(
@@ -30,3 +63,36 @@ class LearnerConfig(Strict):
         if self.weight_bound <= self.weight_std:
             raise ValueError("weight_bound must be above weight_std")
         return self
+
+
+class CompleteLearnerConfig(LearnerConfig):
+    """Keys of the learner with a value for each of them."""
+
+    mass_std_kg: float
+    mass_lower_kg: float
+    mass_upper_kg: float
+    noise: float
+
+
+def complete_learner(config: LearnerConfig, arm: SoftArm, force: Array) -> CompleteLearnerConfig:
+    """Return the keys of the learner with what is not stated found from the model.
+
+    Parameters
+    ----------
+    config : LearnerConfig
+        Keys as they are stated.
+    arm : SoftArm
+        Its links give the masses, its chambers the noise.
+    force : ndarray (n_q,)
+        Units of force.
+    """
+    mass = sum(link.mass for link in arm.robot.links)
+    # The row on which the noise acts most; an arm without chambers has none, and learns nothing.
+    by_pa = np.linalg.norm(arm.actuation_matrix(np.zeros(arm.n_q)), axis=1) / force
+    noise = NOISE_PA * float(np.max(by_pa)) or 1.0
+    parts = {"mass_std_kg": MASS_PART, "mass_lower_kg": LEAST_PART, "mass_upper_kg": MASS_PART}
+    stated = {
+        name: value for name in LearnerConfig.model_fields if (value := getattr(config, name)) is not None
+    }
+    found = {"noise": noise, **{name: part * mass for name, part in parts.items()}}
+    return parse(found | stated, CompleteLearnerConfig, where="controller: law_options")

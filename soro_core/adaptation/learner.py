@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.config import LearnerConfig, complete_learner
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.robot.coordinates import strain_fields
@@ -32,6 +32,8 @@ _SINGULAR = 1e14
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
+# Gain of the mass on the tracking error, in units of the model: that of `adaptive` on the three-bellow arm.
+_FOLLOW = 0.01
 
 
 @dataclass(frozen=True)
@@ -117,11 +119,15 @@ class Learner:
     """
 
     def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
-        self.arm, self.config, self.force = arm, config, LearnedForce(arm, pieces)
+        self.arm, self.force = arm, LearnedForce(arm, pieces)
+        self.config = config = complete_learner(config, arm, self.force.scales.force)
         self._stretch = strain_fields(arm.robot).stretch
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.prior = np.diag(deviation**-2)
+        # Square of the mass's deviation by the energy of one unit of q and force.
+        energy = float(self.force.scales.force @ self.force.scales.q)
+        self._mass_rate = _FOLLOW * self.config.mass_std_kg**2 / energy
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
 
@@ -163,6 +169,32 @@ class Learner:
             return self._restored(state, "the information is singular: prior restored")
         return self._projected(replace(state, information=information, moment=moment), theta, dt)
 
+    def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
+        """Return the state after a tick without positions: the mass follows the tracking error.
+
+        A bend from orientations alone is biased by the load itself, and so is the prediction error. W is
+        forgotten.
+
+        Parameters
+        ----------
+        state : LearnerState
+            After the last sample.
+        power : float
+            Y_m' s at the reference [J/(kg s)].
+        dt : float
+            Time since the last sample [s].
+        """
+        theta = math.exp(-dt / self.config.forget_s) * state.learned.theta
+        theta[0] = state.learned.mass_kg - self._mass_rate * power * dt
+        within = np.minimum(np.maximum(theta, self.lower), self.upper)
+        return replace(
+            self.initial_state(),
+            learned=Learned(within),
+            moment=self.prior @ within,
+            refused=state.refused,
+            restored=state.restored,
+        )
+
     def _doubtful(self, covariance: Array) -> bool:
         """Whether the filter's doubt about q, as a force, is above the noise."""
         variance = np.diag(covariance) * self.force.scales.stiffness**2
@@ -199,7 +231,8 @@ class Learner:
         # Samples of a low-pass repeat each other for 2 / its rate.
         weighed = 0.5 * config.low_pass_per_s * np.linalg.solve(noise, regressor).T
         missed = residual - regressor @ state.learned.theta
-        large = float(missed @ missed) / (len(residual) * config.noise**2)
+        # Against the noise and the doubt about q: what no position shows is no reason to forget.
+        large = float(missed @ np.linalg.solve(noise, missed)) / len(residual)
         forget = (1.0 + min(large, config.forget_factor)) / config.forget_s
         information = state.information + dt * (
             weighed @ regressor - forget * (state.information - self.prior)

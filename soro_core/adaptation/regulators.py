@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.pneumatics.lag import follow
+from soro_core.pneumatics.lag import SHORTEST_S, follow
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -40,19 +40,30 @@ class RegulatorObserver:
     Attributes
     ----------
     lag_s, dead_time_s : float
-        Of the regulators; the tick until a command is sent is part of the dead time [s].
-    correction_per_s, bias_per_s : float
-        Gains of the measured minus the predicted pressure. A bias gain of 200 1/s oscillates where 20 ms of
-        delay are not declared.
+        Of the regulators; the time until a command reaches them is part of the dead time [s].
+    bandwidth_per_s, damping : float
+        Both poles of its errors. The bias is late by about 2 / bandwidth: a play that is taken up late is
+        seen at the tip, and a faster observer passes the noise of the readings on to the commands.
     bound_pa : float
         Largest bias [Pa].
     """
 
     lag_s: float
     dead_time_s: float
-    correction_per_s: float = 45.0
-    bias_per_s: float = 80.0
+    bandwidth_per_s: float = 60.0
+    damping: float = 0.9
     bound_pa: float = 6e3
+
+    @property
+    def correction_per_s(self) -> float:
+        """Gain of the measured minus the predicted pressure on the prediction [1/s]."""
+        lag = max(self.lag_s, SHORTEST_S)
+        return max(2.0 * self.damping * self.bandwidth_per_s - 1.0 / lag, 0.0)
+
+    @property
+    def bias_per_s(self) -> float:
+        """The same on the bias [1/s]; a regulator faster than the observer shows its bias at once."""
+        return self.bandwidth_per_s * max(self.bandwidth_per_s * self.lag_s, 0.5 / self.damping)
 
     def initial_state(self, pressure_pa: Array) -> RegulatorState:
         """Return the state at pressures (n_u,) [Pa gauge] that are also the last command."""

@@ -41,6 +41,12 @@ class Scales:
     stiffness: Array
 
 
+def q_scale_of(arm: SoftArm, pieces: int = 1) -> Array:
+    """Return the unit (n_q,) of each coordinate of an arm of which each link is divided into `pieces`."""
+    fields = strain_fields(arm.robot)
+    return np.where(fields.stretch, STRETCH, BEND_RAD / (pieces * fields.length))
+
+
 def scales_of(arm: SoftArm, pieces: int = 1) -> Scales:
     """Return the units for an arm of which each link is divided into `pieces`.
 
@@ -49,8 +55,7 @@ def scales_of(arm: SoftArm, pieces: int = 1) -> Scales:
     ConfigError
         If a coordinate has no stiffness: there is no unit for its force.
     """
-    fields = strain_fields(arm.robot)
-    q = np.where(fields.stretch, STRETCH, BEND_RAD / (pieces * fields.length))
+    q = q_scale_of(arm, pieces)
     stiffness = np.diag(arm.stiffness_matrix(np.zeros(arm.n_q)))
     if not (stiffness > 0.0).all():
         name = arm.robot.coordinate_names[int(np.argmin(stiffness))]

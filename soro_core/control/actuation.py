@@ -40,6 +40,7 @@ def complete_pressures(
     limits: Limits | None = None,
     response: RegulatorModel = RegulatorModel(),  # noqa: B008 -- frozen
     rate_hz: float = DEFAULT_RATE_HZ,
+    transport_s: float = 0.0,
 ) -> CompletePressures:
     """Return the pressures with missing keys derived, and values beyond the limits replaced by the limits.
 
@@ -54,6 +55,8 @@ def complete_pressures(
         Lag and dead time of the regulators.
     rate_hz : float
         Rate of the loop [Hz].
+    transport_s : float
+        Time until a set point reaches the regulators: 0 in a bare loop, a tick between nodes [s].
 
     Returns
     -------
@@ -71,12 +74,11 @@ def complete_pressures(
     usual = limits or Limits()
     values |= {name: getattr(usual, name) for name in _LIMITED if name not in values or name in beyond}
     lag_s = values.setdefault("lag_s", response.tau_s)
-    # One tick until the set point is sent, the dead time, and the part of the lag and of half a sample and
-    # hold that the lead filter does not compensate.
+    # Transport, dead time, and the part of the lag and of half a sample and hold that the lead filter leaves.
     lead = max(lag_s / pressures.lag_filter_s, 1.0)
-    tick_s = 1.0 / rate_hz
-    values.setdefault("preview_s", tick_s + response.delay_s + (lag_s + 0.5 * tick_s) / lead)
-    values.setdefault("dead_time_s", tick_s + response.delay_s)
+    late_s = transport_s + response.delay_s
+    values.setdefault("preview_s", late_s + (lag_s + 0.5 / rate_hz) / lead)
+    values.setdefault("dead_time_s", late_s)
     return parse(values, CompletePressures, where="controller: pressures")
 
 

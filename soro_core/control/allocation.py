@@ -19,6 +19,8 @@ from soro_core.robot.coordinates import StrainFields
 Array: TypeAlias = NDArray[np.float64]
 
 _TOLERANCE = 1e-9
+# Rows of H smaller than this part of the largest one of their kind are round-off: the sine of pi is 1e-16.
+_ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
@@ -111,9 +113,14 @@ def balanced_weight(actuation: Array, fields: StrainFields) -> Array:
     divided by its length.
     """
     square = np.sum((fields.root @ actuation) ** 2, axis=1)
-    length = np.sqrt(np.bincount(fields.index, square))[fields.index]
+    length = np.sqrt(np.bincount(fields.index, square))
+    forces = fields.stretch[fields.first]
+    # Forces and moments have different units; a weak chamber is far above the round-off of its kind.
+    largest = np.where(forces, *(np.max(length, initial=0.0, where=kind) for kind in (forces, ~forces)))
     # A strain that no chamber drives gets the weight 0.
-    return np.asarray(np.where(length > 1e-300, 1.0 / np.maximum(length, 1e-300), 0.0)[:, None] * fields.root)
+    driven = (length > _ROUND_OFF * largest)[fields.index]
+    length = np.where(driven, length[fields.index], 1.0)
+    return np.asarray(np.where(driven, 1.0 / length, 0.0)[:, None] * fields.root)
 
 
 def _active_set(hessian: Array, linear: Array, x: Array) -> tuple[Array, int, bool]:

@@ -1,4 +1,4 @@
-"""Parameters of the controller; the defaults are tuned for the three-bellow robot."""
+"""Parameters of the controller; gains come from the model, other defaults are for the three-bellow robot."""
 
 from __future__ import annotations
 
@@ -43,20 +43,40 @@ class Gains(Strict):
 
     A value of a strain weighs the mean square of the strain along the link (K_p = k_p W with W of
     docs/model.md (4)), so that the law is the same in every basis. Values of coordinates are the diagonal.
+    What is not stated comes from the model of the arm and the delay of the platform; ``gains: auto`` states
+    nothing.
     """
 
-    k_p: Floats = Field((0.4, 1e-6, 1e-6), min_length=1, description="K_p: J on stretch, J m^2 on curvature")
-    k_d: Floats = Field(
-        (0.0, 1e-7, 1e-7), min_length=1, description="K_d: J s on stretch, J m^2 s on curvature"
+    k_p: Floats | None = Field(
+        None, min_length=1, description="K_p: J on stretch, J m^2 on curvature; default: from the model"
     )
-    lambda_per_s: Floats = Field((4.0, 4.0, 4.0), min_length=1, description="Lambda [1/s]")
+    k_d: Floats | None = Field(
+        None, min_length=1, description="K_d: J s on stretch, J m^2 s on curvature; default: from the model"
+    )
+    lambda_per_s: Floats | None = Field(
+        None, min_length=1, description="Lambda [1/s]; default: from the delay of the platform"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, value: Any) -> Any:
+        if value == "auto":
+            return {}
+        if not isinstance(value, Mapping | Gains):
+            raise ValueError(f"auto, or a mapping of keys: {', '.join(cls.model_fields)}")
+        return value
 
     @model_validator(mode="after")
     def _not_negative(self) -> Gains:
         for name in ("k_p", "k_d", "lambda_per_s"):
-            if min(getattr(self, name)) < 0.0:
+            if min(getattr(self, name) or (0.0,)) < 0.0:
                 raise ValueError(f"{name} must not be negative")
         return self
+
+    @property
+    def stated(self) -> bool:
+        """Whether any of them is stated."""
+        return self != Gains()
 
 
 class Adaptation(Strict):
@@ -136,7 +156,7 @@ class Pressures(Strict):
         ge=0,
         le=1,
         description="time ahead at which state and reference are taken, when a set point acts; default: one "
-        "tick, dead time, and the part of lag and half a hold that the inverse leaves",
+        "tick between nodes, dead time, and the part of lag and half a hold that the inverse leaves",
     )
     lag_s: float | None = Field(
         None,
@@ -148,7 +168,8 @@ class Pressures(Strict):
         None,
         ge=0,
         le=1,
-        description="time until a set point begins to act; default: one tick and the platform's dead time",
+        description="time until a set point begins to act; default: one tick between nodes, and the "
+        "platform's dead time",
     )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
@@ -222,16 +243,12 @@ class ReferenceConfig(Strict):
 
 
 # The defaults below are tuned for this robot.
-BUILT_IN_ROBOT = "tue_three_bellow"
-
-
 class ControllerConfig(Strict):
     """Parameters of the controller."""
 
     robot: str = Field(
-        BUILT_IN_ROBOT,
-        description="robot that the gains are for, a file or a name; without it, stated gains are "
-        "those of the controlled robot",
+        "",
+        description="robot that the stated gains are for, a file or a name; default: the controlled robot",
     )
     law: str = Field("adaptive", description="control law, a name of the registry (docs/adding_a_law.md)")
     law_options: Mapping[str, Any] = Field({}, description="keys of the law")
@@ -241,7 +258,9 @@ class ControllerConfig(Strict):
         "reference, which keeps the stiffness of the arm in the loop and so tolerates delay and lag",
     )
     adapt: bool = Field(True, description="false: the same law and gains with the robot file's parameters")
-    gains: Gains = Field(Gains(), description="feedback")
+    gains: Gains = Field(
+        Gains(), description="feedback; auto: from the model of the arm and the delay of the platform"
+    )
     adaptation: Adaptation = Field(Adaptation(), description="adaptation")
     pressures: Pressures = Field(Pressures(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")

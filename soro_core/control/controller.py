@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -17,20 +16,15 @@ from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
+from soro_core.control.gains import gains_of
+from soro_core.control.given import GivenReferences
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.laws.trial import refuse_lost_arm
 from soro_core.control.motion import Planner
-from soro_core.control.references import (
-    bounds_of,
-    check_configured,
-    configured_reference,
-    tip_reference,
-    trajectory_reference,
-)
+from soro_core.control.references import bounds_of, check_configured, configured_reference
 from soro_core.control.setpoints import SetpointMaker
-from soro_core.control.spread import feedback_gains
 from soro_core.control.trajectory import Point, Reference
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
@@ -41,7 +35,7 @@ from soro_core.robot.coordinates import strain_fields
 Array: TypeAlias = NDArray[np.float64]
 
 
-class Controller:
+class Controller(GivenReferences):
     """Controller of one robot: a law of the registry, with allocation and references around it.
 
     Parameters
@@ -73,7 +67,7 @@ class Controller:
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.fields = strain_fields(robot)
-        self.gains = feedback_gains(self.fields, self.config.gains, model.links)
+        self.gains = gains_of(self.arm, self.fields, self.config.gains, model.links, self.pressures.preview_s)
         self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
         self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
         self.configured = configured_reference(self.arm, self.fields, self.config)
@@ -257,68 +251,6 @@ class Controller:
         estimates, learned = self.law.estimates(state.law), self.law.learned(state.law)
         return state, held_command(self.arm, state, estimates, learned, trouble)
 
-    def trajectory(
-        self,
-        t: float,
-        names: Sequence[str],
-        times_s: Sequence[float],
-        positions: Array | Sequence[Sequence[float]],
-        velocities: Array | Sequence[Sequence[float]] | None = None,
-        accelerations: Array | Sequence[Sequence[float]] | None = None,
-        stamp_ns: int = 0,
-    ) -> Reference:
-        """Return a reference from a JointTrajectory that starts at `t` [s].
-
-        Other parameters as in `trajectory_reference`.
-
-        Returns
-        -------
-        Reference
-
-        Raises
-        ------
-        ConfigError
-            If names, times or numbers are wrong, or a strain or a rate is beyond `bounds`.
-        """
-        return trajectory_reference(
-            self.bounds,
-            self.robot.coordinate_names,
-            names,
-            times_s,
-            positions,
-            velocities,
-            accelerations,
-            start_s=t,
-            stamp_ns=stamp_ns,
-        )
-
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
         return Planner(supply_of(self, state), self.bounds, self.config, dt)
-
-    def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
-        """Return a set point that brings the tip to a pose.
-
-        Parameters
-        ----------
-        state : ControllerState
-            The search starts at its reference.
-        position : ndarray (3,)
-            Position of the tip in the world frame [m].
-        quaternion : ndarray (4,), optional
-            Orientation (x, y, z, w), weighted with `reference.rotation_weight_m`.
-
-        Returns
-        -------
-        Reference
-
-        Raises
-        ------
-        ConfigError
-            If a number is not finite, or the arm misses the position by more than the configured tolerance.
-        """
-        # From the reference in force, so that neighbouring poses get neighbouring coordinates.
-        start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
-        return tip_reference(
-            self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion
-        )

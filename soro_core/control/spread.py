@@ -8,8 +8,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.adaptive import FeedbackGains
-from soro_core.control.config import Gains
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import StrainFields
 
@@ -68,31 +66,3 @@ def gain_matrix(fields: StrainFields, values: Sequence[float], key: str) -> Arra
     """
     spread, of_strains = per_coordinate(fields, values, key)
     return spread[:, None] * fields.weight if of_strains else np.diag(spread)
-
-
-def feedback_gains(fields: StrainFields, gains: Gains, pieces: int) -> FeedbackGains:
-    """Return the feedback gains in the coordinates of the arm.
-
-    Parameters
-    ----------
-    fields : StrainFields
-        Strains of the discretised robot.
-    gains : Gains
-        Gains of whole links.
-    pieces : int
-        Number of pieces of each link; each piece gets its share of K_p and K_d.
-
-    Returns
-    -------
-    FeedbackGains
-
-    Raises
-    ------
-    ConfigError
-        If the number of values does not fit.
-    """
-    return FeedbackGains(
-        gain_matrix(fields, gains.k_p, "gains.k_p") / pieces,
-        gain_matrix(fields, gains.k_d, "gains.k_d") / pieces,
-        per_coordinate(fields, gains.lambda_per_s, "gains.lambda_per_s")[0],
-    )

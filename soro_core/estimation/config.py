@@ -10,7 +10,7 @@ from soro_core.config import Strict
 class PoseNoise(Strict):
     """Noise of pose samples."""
 
-    position_std_m: float = Field(4e-4, gt=0, le=1, description="sensor noise of each coordinate")
+    position_std_m: float = Field(3e-4, gt=0, le=1, description="sensor noise of each coordinate")
     orientation_std_rad: float = Field(6e-3, gt=0, le=3, description="sensor noise of each rotation")
     position_model_std_m: float = Field(
         1e-4, ge=0, le=1, description="error of the arm's kinematics in position, beyond the sensor's"
@@ -70,12 +70,17 @@ class ProcessNoise(Strict):
 class LearnedProcessNoise(ProcessNoise):
     """The same where a learned force is part of the model: less is left for noise to explain."""
 
-    curvature_acceleration_per_m: float = Field(
-        10.0, ge=0, le=1e6, description="spectral density of the acceleration's error of curvatures"
+    stretch_acceleration: float = Field(
+        0.1, ge=0, le=1e6, description="spectral density of the acceleration's error of elongation and shears"
     )
-    curvature_disturbance_per_m: float = Field(
-        4e3, ge=0, le=1e9, description="the same of the second derivative of the disturbance"
+    curvature_acceleration_per_m: float = Field(2.0, ge=0, le=1e6, description="the same of curvatures")
+    stretch_disturbance: float = Field(
+        300.0,
+        ge=0,
+        le=1e9,
+        description="the same of the second derivative of the disturbance of elongation and shears",
     )
+    curvature_disturbance_per_m: float = Field(1e3, ge=0, le=1e9, description="the same of curvatures")
 
 
 class InitialNoise(Strict):
@@ -94,6 +99,11 @@ class InitialNoise(Strict):
 class EstimatorConfig(Strict):
     """Parameters of the extended Kalman filter; the defaults are tuned for the three-bellow robot."""
 
+    scale_noise: bool = Field(
+        True,
+        description="scale process, initial and orientation model noise that has its default from the "
+        "three-bellow arm, which it is tuned for, to the model of this one; docs/control.md",
+    )
     disturbance: bool = Field(
         True, description="estimate a slowly varying generalised force beside q and qd (unknown payload)"
     )
@@ -104,7 +114,10 @@ class EstimatorConfig(Strict):
     initial: InitialNoise = Field(InitialNoise(), description="initial uncertainty")
     pose: PoseNoise = Field(PoseNoise(), description="pose samples")
     imu: ImuNoise = Field(ImuNoise(), description="IMU samples")
-    integrator: str = Field("trapezoidal", description="time stepper of the prediction")
+    integrator: str = Field(
+        "trapezoidal",
+        description="accepted and without effect: the filter has a step of its own (docs/estimation.md)",
+    )
     gate_probability: float = Field(
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"
     )

@@ -10,12 +10,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.estimation.filter import Belief
+from soro_core.estimation.belief import Belief
 from soro_core.estimation.frozen import LastPose
 from soro_core.estimation.known import Known
 from soro_core.estimation.samples import Sample
 from soro_core.estimation.status import Counts
-from soro_core.estimation.transition import Transition
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -30,8 +29,6 @@ class Segment:
         Interval [s].
     pressure_pa : ndarray (n_u,)
         Mean pressures [Pa gauge].
-    transition : Transition
-        Linearised dynamics.
     belief : Belief
         Belief at `start_s`.
     samples : tuple of Sample
@@ -43,7 +40,6 @@ class Segment:
     start_s: float
     end_s: float
     pressure_pa: Array
-    transition: Transition
     belief: Belief
     samples: tuple[Sample, ...] = ()
     known: Known = field(default_factory=Known)

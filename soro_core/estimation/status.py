@@ -85,6 +85,9 @@ class Estimate:
         Acceleration that the model does not explain; 0 if it is not estimated.
     positions : bool
         Whether poses were fused lately, not orientations alone.
+    unseen : ndarray (n_q, n_q)
+        Covariance of q, beside that of the filter, in directions that no position shows: a learner must doubt
+        what the filter takes from its model.
     """
 
     t_s: float
@@ -96,4 +99,5 @@ class Estimate:
     force: Array
     disturbance: Array
     positions: bool
+    unseen: Array
     status: EstimatorStatus

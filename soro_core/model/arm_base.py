@@ -46,7 +46,9 @@ class ArmBase:
         masses = np.empty((len(v), len(t.mass)))
         masses[:] = t.mass
         forces = np.empty_like(v)
-        entries.inertial_forces(self._box, masses, np.full(len(v), t.tip_mass), gravity, q, qd, v, a, forces)
+        entries.inertial_forces(
+            self._box, masses, np.full(len(v), t.tip_mass[0]), gravity, q, qd, v, a, forces
+        )
         return forces
 
     def _assemble(self, blocks: Array) -> Array:

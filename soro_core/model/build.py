@@ -69,7 +69,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         length=np.array([link.length for link in links], dtype=np.float64),
         radius=np.array([link.radius for link in links], dtype=np.float64),
         mass=np.array([link.mass for link in links], dtype=np.float64),
-        tip_mass=float(robot.tip_mass),
+        tip_mass=np.array([robot.tip_mass], dtype=np.float64),
         point_mass=point_mass,
         gravity=np.array(robot.gravity, dtype=np.float64),
         base_rotation=matrix_from_quaternion(np.array(robot.base_quaternion)),

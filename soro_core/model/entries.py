@@ -41,7 +41,7 @@ def inertia_matrix(box: Box, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
     arm = view(box)
     t = arm.tables
-    inertia(t, arm.work, t.mass, t.tip_mass, q, M)
+    inertia(t, arm.work, t.mass, t.tip_mass[0], q, M)
 
 
 @entry

@@ -57,7 +57,7 @@ def inertial_force(
 @inner
 def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
     """tau <- the generalised force of all that acts from outside; gives the energy stored in it [J]."""
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, w.zero, w.zero, w.zero, NO, NO, tau)
+    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, w.zero, w.zero, w.zero, NO, NO, tau)
     energy = add_external_forces(t.external, t, w, wrench, q, qd, tau)
     close_forces(t, w, wrench, tau)
     for b in range(q.shape[0]):
@@ -70,7 +70,7 @@ def inverse_dynamics(
     t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
 ) -> None:
     """tau <- M a + C qd + G - what acts from outside; `bodies` = YES leaves what `factor_system` needs."""
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, a, bodies, DRIVEN, tau)
+    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, qd, qd, a, bodies, DRIVEN, tau)
     add_external_forces(t.external, t, w, wrench, q, qd, tau)
     close_forces(t, w, wrench, tau)
 
@@ -118,7 +118,7 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
 def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
     """qdd <- M^-1 (force + what acts from outside - C qd - G); False if M is not positive definite."""
     bias = w.bias
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, qd, qd, w.zero, YES, FREE, bias)
+    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, qd, qd, w.zero, YES, FREE, bias)
     add_external_forces(t.external, t, w, wrench, q, qd, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
@@ -147,7 +147,7 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
 
     The latter is zero at the world's origin.
     """
-    sweep(t, w, t.mass, t.tip_mass, t.gravity, q, w.zero, w.zero, w.zero, YES, NO, w.bias)
+    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, w.zero, w.zero, w.zero, YES, NO, w.bias)
     R, p, V = w.frame_rotation[BODY], w.frame_position[BODY], w.vectors[BASE_TWIST]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)

@@ -112,3 +112,27 @@ def lu_solve(A: Array, pivots: Integers, x: Array) -> None:
         for k in range(i + 1, n):
             x[i] -= A[i, k] * x[k]
         x[i] /= A[i, i]
+
+
+@inner
+def lu_solve_rows(A: Array, pivots: Integers, X: Array) -> None:
+    """X <- A^-1 X, all columns, with the factors of `lu_factor`."""
+    n, m = A.shape[0], X.shape[1]
+    for k in range(n):
+        best = pivots[k]
+        if best != k:
+            for c in range(m):
+                X[k, c], X[best, c] = X[best, c], X[k, c]
+    for i in range(n):
+        for k in range(i):
+            f = A[i, k]
+            for c in range(m):
+                X[i, c] -= f * X[k, c]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            f = A[i, k]
+            for c in range(m):
+                X[i, c] -= f * X[k, c]
+        f = 1.0 / A[i, i]
+        for c in range(m):
+            X[i, c] *= f

@@ -51,7 +51,7 @@ def inverse_dynamics(
     t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
 ) -> None:
     """tau <- M a + C qd + G - J_tip' wrench; what `factor_system` needs is left in any case."""
-    inertial_force(t, w, t.mass, t.tip_mass, t.gravity, wrench, q, qd, qd, a, tau)
+    inertial_force(t, w, t.mass, t.tip_mass[0], t.gravity, wrench, q, qd, qd, a, tau)
     for b in range(q.shape[0]):
         tau[b] -= dot6(w.columns[b], wrench)
 
@@ -59,7 +59,7 @@ def inverse_dynamics(
 @inner
 def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
     """tau <- J_tip' wrench: all that can act from outside here, which stores no energy."""
-    terms(t, t.mass, t.tip_mass, t.gravity, q, w.zero, w.mde_inertia, w.mde_coriolis, tau, w.columns)
+    terms(t, t.mass, t.tip_mass[0], t.gravity, q, w.zero, w.mde_inertia, w.mde_coriolis, tau, w.columns)
     for b in range(q.shape[0]):
         tau[b] = dot6(w.columns[b], wrench)
     return 0.0
@@ -120,7 +120,7 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: 
 def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
     """Kinetic and gravitational energy [J]."""
     M = w.mde_inertia
-    inertia(t, w, t.mass, t.tip_mass, q, M)
+    inertia(t, w, t.mass, t.tip_mass[0], q, M)
     kinetic = 0.0
     for b in range(q.shape[0]):
         for d in range(q.shape[0]):
@@ -155,5 +155,5 @@ def potential(t: Tables, w: Work, q: Array) -> float:
                 for d in range(3):
                     R[r, d] += h * (0.25 * R1[r, d] + 0.75 * R2[r, d])
     for r in range(3):
-        energy -= t.tip_mass * t.gravity[r] * p[r]
+        energy -= t.tip_mass[0] * t.gravity[r] * p[r]
     return energy

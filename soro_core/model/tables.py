@@ -68,8 +68,8 @@ class Tables(NamedTuple):
     """Radius of each link [m], (n,)."""
     mass: Array
     """Mass of each link without point masses [kg], (n,)."""
-    tip_mass: float
-    """Point mass at the tip [kg]."""
+    tip_mass: Array
+    """Point mass at the tip [kg], (1,): an array, so that a filter can change that of its own tables."""
     point_mass: Array
     """Point mass at each quadrature node [kg], (n, n_nodes)."""
     gravity: Array

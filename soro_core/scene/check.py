@@ -72,8 +72,8 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
 def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     """Refuse gains that are those of another robot.
 
-    Gains that are stated count as those of `controller.robot`, and without this key as those of the scene's
-    robot; built-in gains as those of the robot that they are tuned for.
+    Stated gains count as those of `controller.robot`, and without this key as those of the scene's robot;
+    automatic ones are those of the robot.
 
     Parameters
     ----------
@@ -86,16 +86,18 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     Returns
     -------
     str
-        A line for the user if the gains name no robot and count as those of this one; else empty.
+        A line for the user if stated gains name no robot and count as those of this one; else empty.
 
     Raises
     ------
     ConfigError
         The message names the robot of the gains.
     """
-    owner, stated = scene.gains_robot, bool(scene.controller.gains.model_fields_set)
+    owner = scene.gains_robot
+    if not scene.controller.gains.stated:
+        return ""
     if owner in (scene.robot, robot.name):
-        named = not stated or "robot" in scene.controller.model_fields_set
+        named = bool(scene.controller.robot)
         return "" if named else f"controller.gains name no robot: taken for those of {robot.name}"
     try:
         name = load_robot(owner).name
@@ -103,12 +105,11 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
         name = Path(owner).stem
     if name == robot.name:
         return ""
-    whose = f"gains of {name}" if stated else f"the built-in gains, which are those of {name}"
     allowed = (
-        f"gains for {robot.name}: state controller.gains, or controller.robot: {scene.robot} if these are "
+        f"controller.gains: auto, or gains for {robot.name}, or controller.robot: {scene.robot} if these are "
         "known to fit it"
     )
-    raise ConfigError(where, "controller.gains", whose, allowed)
+    raise ConfigError(where, "controller.gains", f"gains of {name}", allowed)
 
 
 def _check_platform(scene: Scene, platform: PlatformBase, robot: Robot) -> None:

@@ -5,15 +5,15 @@ What several nodes must agree on (robot, mode, rate, limits) stands in `soro_cor
 
 from __future__ import annotations
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from soro_core.config import Floats, changed
+from soro_core.config import changed
 from soro_core.control.actuation import complete_pressures, contradictions
 from soro_core.control.config import ControllerConfig
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, Priority
+from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority
 
 
 class RegulatorNodeConfig(NodeKeys, LimitKeys):
@@ -36,21 +36,15 @@ class RegulatorNodeConfig(NodeKeys, LimitKeys):
     )
 
 
-class EstimatorNodeConfig(ArmNodeKeys):
+class EstimatorNodeConfig(ArmNodeKeys, PlaceKeys):
     """Parameters of the estimator node."""
 
-    pose_location: float = Field(
-        1.0, ge=0, le=1, description="place of sensors/pose0, part of the arm's length"
-    )
-    imu_location: float = Field(
-        1.0, ge=0, le=1, description="place of sensors/imu0, part of the arm's length"
-    )
     pose_rate_hz: float = Field(
-        0.0, ge=0, le=1000, description="lockstep: samples of sensors/pose0; 0 for none"
+        0.0, ge=0, le=1000, description="lockstep: samples of each pose sensor a second; 0 for none"
     )
     pose_delay_s: float = Field(0.0, ge=0, le=1, description="lockstep: their delay")
     imu_rate_hz: float = Field(
-        0.0, ge=0, le=1000, description="lockstep: samples of sensors/imu0; 0 for none"
+        0.0, ge=0, le=1000, description="lockstep: samples of each IMU a second; 0 for none"
     )
     imu_delay_s: float = Field(0.0, ge=0, le=1, description="lockstep: their delay")
     priority: Priority = 20
@@ -62,7 +56,7 @@ class EstimatorNodeConfig(ArmNodeKeys):
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
 
 
-class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
+class ControllerNodeConfig(ArmNodeKeys, LimitKeys, PlaceKeys):
     """Parameters of the controller node."""
 
     enabled: bool = Field(False, description="start control at the first arm/state, without ~/enable")
@@ -79,12 +73,6 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
         0.1, gt=0, le=1, description="longest age of a state; the controller ignores older ones"
     )
     control: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
-    pose_locations: Floats = Field(
-        (1.0,), description="places of sensors/pose0, pose1, ..., part of the arm's length; for ~/enable"
-    )
-    imu_locations: Floats = Field(
-        (1.0,), description="places of sensors/imu0, imu1, ..., part of the arm's length; for ~/enable"
-    )
     reach: float = Field(
         0.0,
         ge=0,
@@ -92,13 +80,6 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
         description="refuse a configured reference if the best pressures leave the tip further away from it, "
         "part of the arm's length; 0: no check",
     )
-
-    @model_validator(mode="after")
-    def _on_the_arm(self) -> ControllerNodeConfig:
-        for name in ("pose_locations", "imu_locations"):
-            if any(not 0.0 <= place <= 1.0 for place in getattr(self, name)):
-                raise ValueError(f"{name} from 0 (base) to 1 (tip)")
-        return self
 
     def known_control(self, platform: PlatformBase | None = None) -> tuple[ControllerConfig, list[str]]:
         """Complete the law's section from limits and regulators.
@@ -127,6 +108,7 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys):
             low, high = max(limits.minimum_pa, allowed.minimum_pa), min(limits.maximum_pa, allowed.maximum_pa)
             limits = changed(limits, minimum_pa=low, maximum_pa=high)
         pressures = self.control.pressures
-        complete = complete_pressures(pressures, limits, response, self.rate_hz)
+        # A set point that answers a tick reaches the regulators with the next one.
+        complete = complete_pressures(pressures, limits, response, self.rate_hz, 1.0 / self.rate_hz)
         control = changed(self.control, pressures=complete)
         return control, contradictions(pressures, limits, response)

@@ -131,8 +131,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         values = self.model_dump(mode="json")
         if self.platform:  # its emulation.regulator counts
             del values["twin"]["regulator"]
-        # The file states all gains, so it must name their robot.
-        values["controller"]["robot"] = self.gains_robot
+        if self.controller.gains.stated:  # the file must say whose they are
+            values["controller"]["robot"] = self.gains_robot
         return values
 
     @cached_property
@@ -154,8 +154,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
     @property
     def gains_robot(self) -> str:
         """Name or file of the robot that the gains are for."""
-        stated = self.controller.gains.model_fields_set and "robot" not in self.controller.model_fields_set
-        return self.robot if stated else self.controller.robot
+        return self.controller.robot or self.robot
 
     @property
     def discretisation(self) -> Discretisation:
@@ -234,8 +233,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
         return EstimatorNodeConfig(
             **self._shared(EstimatorNodeConfig),
             model=self.discretisation,
-            pose_location=pose.location,
-            imu_location=imu.location,
+            pose_locations=pose.locations,
+            imu_locations=imu.locations,
             pose_rate_hz=pose.rate_hz if pose.enabled else 0.0,
             pose_delay_s=pose.delay_s,
             imu_rate_hz=imu.rate_hz if imu.enabled else 0.0,
@@ -252,8 +251,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
             regulator=self.twin.regulator,
             model=self.discretisation,
             control=self.controller,
-            pose_locations=(self.twin.pose.location,),
-            imu_locations=(self.twin.imu.location,),
+            pose_locations=self.twin.pose.locations,
+            imu_locations=self.twin.imu.locations,
             reach=self.verdict.tip_error_part,
         )
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from soro_core.config import Strict
+from soro_core.config import Floats, Strict
 from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.robot import Robot
 from soro_core.robot.discretisation import Integrator
-from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys
+from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys, check_places
 
 
 class SensorConfig(Strict):
@@ -20,7 +21,11 @@ class SensorConfig(Strict):
     enabled: bool = Field(True, description="whether it exists")
     rate_hz: float = Field(100.0, gt=0, le=1000, description="samples a second; must divide the twin's rate")
     delay_s: float = Field(0.005, ge=0, le=1, description="time from sampling to publication")
-    location: float = Field(1.0, ge=0, le=1, description="place on the backbone as a part of its length")
+    locations: Floats = Field(
+        (1.0,),
+        min_length=1,
+        description="places on the backbone as parts of its length, of sensors/pose0, pose1, ... (imu0, ...)",
+    )
     drop: float = Field(
         0.0, ge=0, lt=1, description="probability that a sample is lost: the last one is repeated"
     )
@@ -36,6 +41,22 @@ class SensorConfig(Strict):
         5e-2, ge=0, description="standard deviation of the acceleration (IMU)"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_one_place(cls, value: Any) -> Any:
+        """Take `location`, as the key was called when there was one place."""
+        if isinstance(value, Mapping) and "location" in value:
+            if "locations" in value:
+                raise ValueError("location or locations, not both")
+            value = dict(value)
+            value["locations"] = (value.pop("location"),)
+        return value
+
+    @field_validator("locations")
+    @classmethod
+    def _places(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        return check_places(values)
+
 
 class TwinSection(Strict):
     """The simulated arm as a scene states it: what differs in truth, its air and its sensors."""
@@ -47,9 +68,9 @@ class TwinSection(Strict):
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
     damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
     gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")
-    pose: SensorConfig = Field(SensorConfig(), description="pose sensor at sensors/pose0")
+    pose: SensorConfig = Field(SensorConfig(), description="pose sensors at sensors/pose0, pose1, ...")
     imu: SensorConfig = Field(
-        SensorConfig(enabled=False, rate_hz=200.0, delay_s=0.0), description="IMU at sensors/imu0"
+        SensorConfig(enabled=False, rate_hz=200.0, delay_s=0.0), description="IMUs at sensors/imu0, imu1, ..."
     )
     regulator: RegulatorModel = Field(RegulatorModel(), description="regulators, for pressures: regulators")
     air: Literal["lag", "states"] = Field(

@@ -108,7 +108,7 @@ class Shadow:
     def __init__(self, robot: Robot, config: ShadowConfig) -> None:
         self.twin, self._config = Twin(robot, config), config
         self._period_ns = round(1e9 / config.rate_hz)
-        self._place = config.pose.location * robot.length
+        self._place = config.pose.locations[0] * robot.length
         self._axis = matrix_from_quaternion(np.array(robot.base_quaternion))[:, 2]
 
     def pose(self, state: TwinState) -> Array:

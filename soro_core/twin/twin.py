@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -14,9 +15,17 @@ from soro_core.errors import ModelError
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot
-from soro_core.twin.config import TwinConfig
+from soro_core.twin.config import SensorConfig, TwinConfig
 from soro_core.twin.plant import Plant
-from soro_core.twin.sensors import Motion, SensorClock, SensorState, measure_imu, measure_pose, sample
+from soro_core.twin.sensors import (
+    Motion,
+    Sample,
+    SensorClock,
+    SensorState,
+    measure_imu,
+    measure_pose,
+    sample,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -26,13 +35,13 @@ SHORTEST_S = 1e-9
 
 @dataclass(frozen=True)
 class TwinState:
-    """State of arm, air and sensors; `tick` counts from 0."""
+    """State of arm, air and sensors, these by place; `tick` counts from 0."""
 
     tick: int
     arm: State
     air: pneumatics.RegulatorState
-    pose: SensorState[PoseSample]
-    imu: SensorState[ImuSample]
+    poses: tuple[SensorState[PoseSample], ...]
+    imus: tuple[SensorState[ImuSample], ...]
     status: Status
 
 
@@ -75,8 +84,10 @@ class Twin:
         self._pose_clock = SensorClock.of(config.pose, config.rate_hz)
         self._imu_clock = SensorClock.of(config.imu, config.rate_hz)
         # A generator a source: a sensor that is switched off does not change what the others measure.
-        seeds = np.random.SeedSequence(config.seed).spawn(3)
-        self._air_rng, self._pose_rng, self._imu_rng = (np.random.default_rng(seed) for seed in seeds)
+        air, pose, imu = np.random.SeedSequence(config.seed).spawn(3)
+        self._air_rng = np.random.default_rng(air)
+        self._pose_rngs = _generators(pose, len(config.pose.locations))
+        self._imu_rngs = _generators(imu, len(config.imu.locations))
 
     @property
     def length(self) -> float:
@@ -88,44 +99,52 @@ class Twin:
         pressure = np.zeros(self.plant.arm.n_u) if pressure_pa is None else pressure_pa
         arm = self.plant.rest(pressure)
         air = pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure)
-        return TwinState(0, arm, air, SensorState(), SensorState(), OK)
+        poses = tuple(SensorState[PoseSample]() for _ in self.config.pose.locations)
+        imus = tuple(SensorState[ImuSample]() for _ in self.config.imu.locations)
+        return TwinState(0, arm, air, poses, imus, OK)
 
     def observe(self, state: TwinState) -> tuple[TwinState, Observation]:
         """Sample every sensor at the tick of `state`; to be called once a tick."""
         arm, config, t = self.plant.arm, self.config, state.tick * self.dt
-        pose, imu = state.pose, state.imu
-        poses: tuple[PoseSample, ...] = ()
-        imus: tuple[ImuSample, ...] = ()
-        if config.pose.enabled:
-            at = config.pose.location * self._length
-            pose, poses = sample(
-                config.pose,
-                self._pose_clock,
-                pose,
-                state.tick,
-                lambda: measure_pose(config.pose, arm.pose(state.arm.q, at), t, at, self._pose_rng),
-                self._pose_rng,
-            )
-        if config.imu.enabled:
-            at_imu = config.imu.location * self._length
-            imu, imus = sample(
-                config.imu,
-                self._imu_clock,
-                imu,
-                state.tick,
-                lambda: measure_imu(
-                    config.imu,
-                    self._motion(state, at_imu),
-                    np.array(arm.robot.gravity),
-                    t,
-                    at_imu,
-                    self._imu_rng,
-                ),
-                self._imu_rng,
-            )
+
+        def pose(at: float, rng: np.random.Generator) -> PoseSample:
+            return measure_pose(config.pose, arm.pose(state.arm.q, at), t, at, rng)
+
+        def imu(at: float, rng: np.random.Generator) -> ImuSample:
+            gravity = np.array(arm.robot.gravity)
+            return measure_imu(config.imu, self._motion(state, at), gravity, t, at, rng)
+
+        poses, seen_poses = self._sampled(
+            config.pose, self._pose_clock, state.poses, state.tick, pose, self._pose_rngs
+        )
+        imus, seen_imus = self._sampled(
+            config.imu, self._imu_clock, state.imus, state.tick, imu, self._imu_rngs
+        )
         reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
-        seen = Observation(reading, poses, imus, np.asarray(arm.pose(state.arm.q, self._length)))
-        return TwinState(state.tick, state.arm, state.air, pose, imu, state.status), seen
+        seen = Observation(reading, seen_poses, seen_imus, np.asarray(arm.pose(state.arm.q, self._length)))
+        return replace(state, poses=poses, imus=imus), seen
+
+    def _sampled(
+        self,
+        config: SensorConfig,
+        clock: SensorClock,
+        states: tuple[SensorState[Sample], ...],
+        tick: int,
+        measure: Callable[[float, np.random.Generator], Sample],
+        rngs: list[np.random.Generator],
+    ) -> tuple[tuple[SensorState[Sample], ...], tuple[Sample, ...]]:
+        """Advance the sensors of one kind by one tick; return their states and the samples that are due."""
+        if not config.enabled:
+            return states, ()
+        after: list[SensorState[Sample]] = []
+        due: list[Sample] = []
+        for place, state, rng in zip(config.locations, states, rngs, strict=True):
+            state, samples = sample(
+                config, clock, state, tick, partial(measure, place * self._length, rng), rng
+            )
+            after.append(state)
+            due += samples
+        return tuple(after), tuple(due)
 
     def step_setpoints(self, state: TwinState, setpoint_pa: Array) -> TwinState:
         """Advance one tick with the twin's own regulators following set points (n_u,) [Pa gauge]."""
@@ -167,7 +186,7 @@ class Twin:
 
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
         arm, status = self.plant.advance(state.arm, state.air.pressure_pa, air.pressure_pa, self.dt)
-        return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
+        return TwinState(state.tick + 1, arm, air, state.poses, state.imus, status)
 
     def _breathe(
         self,
@@ -182,7 +201,7 @@ class Twin:
             if status.ok and span > SHORTEST_S:
                 arm, status = self.plant.advance(arm, target, target, span, condition)
         air = replace(air, pressure_pa=self.plant.pressures(arm))
-        return TwinState(state.tick + 1, arm, air, state.pose, state.imu, status)
+        return TwinState(state.tick + 1, arm, air, state.poses, state.imus, status)
 
     def _motion(self, state: TwinState, s: float) -> Motion:
         """Pose, twist and acceleration of the cross-section at `s`."""
@@ -195,3 +214,8 @@ class Twin:
         h = 1e-6
         drift = (arm.jacobian(q + h * qd, s) - arm.jacobian(q - h * qd, s)) @ qd / (2 * h)
         return Motion(arm.pose(q, s), jacobian @ qd, jacobian @ qdd + drift)
+
+
+def _generators(seed: np.random.SeedSequence, places: int) -> list[np.random.Generator]:
+    """Return a generator for each place; that of the first one does not depend on their number."""
+    return [np.random.default_rng(one) for one in (seed, *seed.spawn(places - 1))]

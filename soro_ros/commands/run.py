@@ -95,16 +95,22 @@ def run(
 
 def _changes(given: list[str], valves: str | None, device: str | None, arm: str | None) -> dict[str, Any]:
     """Keys of the scene that the options change, with their values."""
+    changes = given_keys(given)
+    if device == "":  # of a shell variable that is not set: the run would be on emulated valves
+        raise ConfigError("soro run", "--device", device, "the path or address of the valves")
+    options = {"valves": valves or ("real" if device else None), "device": device, "arm": arm}
+    return changes | {key: value for key, value in options.items() if value is not None}
+
+
+def given_keys(given: list[str]) -> dict[str, Any]:
+    """Return the keys of a scene that KEY=VALUE change, with their values."""
     changes: dict[str, Any] = {}
     for item in given:
         key, equals, value = item.partition("=")
         if not key or not equals:
             raise ConfigError("--set", "", item, "KEY=VALUE, for example controller.adapt=false")
         changes[key] = read_value(value, f"--set {key}") if value else ""
-    if device == "":  # of a shell variable that is not set: the run would be on emulated valves
-        raise ConfigError("soro run", "--device", device, "the path or address of the valves")
-    options = {"valves": valves or ("real" if device else None), "device": device, "arm": arm}
-    return changes | {key: value for key, value in options.items() if value is not None}
+    return changes
 
 
 def _check_devices(scene: Scene) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
@@ -38,13 +39,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._epoch_ns = 0
         self._malformed = 0
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
-        self._samples: dict[str, deque] = {"pose": deque(maxlen=1000), "imu": deque(maxlen=1000)}
-        self._taken = {"pose": 0, "imu": 0}
-        self._received = {"pose": 0, "imu": 0}
-        self._expected = {
-            "pose": _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz),
-            "imu": _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz),
-        }
+        poses = [f"pose{k}" for k in range(len(config.pose_locations))]
+        imus = [f"imu{k}" for k in range(len(config.imu_locations))]
+        self._samples: dict[str, deque] = {name: deque(maxlen=1000) for name in (*poses, *imus)}
+        self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
+        pose = _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz)
+        imu = _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz)
+        self._expected = dict.fromkeys(poses, pose) | dict.fromkeys(imus, imu)
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
         self._learned: Learned | None = None
         self._awaited_ns: int | None = None  # in lockstep: the tick whose learned model has not come yet
@@ -54,8 +55,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._tip = self.create_publisher(PoseWithCovarianceStamped, "arm/tip", loop)
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
         self.create_subscription(JointState, "chambers/state", self._on_pressures, sensor)
-        self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, sensor)
-        self.create_subscription(Imu, "sensors/imu0", self._on_imu, sensor)
+        for kind, names, places, callback in (
+            (PoseStamped, poses, config.pose_locations, self._on_pose),
+            (Imu, imus, config.imu_locations, self._on_imu),
+        ):
+            for name, place in zip(names, places, strict=True):
+                take = partial(callback, name, place * self._estimator.length)
+                self.create_subscription(kind, f"sensors/{name}", take, sensor)
         self.compile(self._warm_up)
 
     def start(self) -> None:
@@ -72,21 +78,19 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._estimator.step(state, zero, [], [], 0.005, nothing)
 
     # Samples ---------------------------------------------------------------------------------------
-    def _on_pose(self, message: PoseStamped) -> None:
-        self._received["pose"] += 1
+    def _on_pose(self, name: str, s: float, message: PoseStamped) -> None:
         position, quaternion = messages.pose_arrays(message.pose)
-        s = self._config.pose_location * self._estimator.length
-        self._samples["pose"].append(
-            PoseSample(self._seconds(messages.to_ns(message.header.stamp)), position, quaternion, s)
-        )
-        self._process()
-
-    def _on_imu(self, message: Imu) -> None:
-        self._received["imu"] += 1
-        omega, force, quaternion = messages.imu_arrays(message)
-        s = self._config.imu_location * self._estimator.length
         stamp_s = self._seconds(messages.to_ns(message.header.stamp))
-        self._samples["imu"].append(ImuSample(stamp_s, omega, force, quaternion, s))
+        self._take(name, PoseSample(stamp_s, position, quaternion, s))
+
+    def _on_imu(self, name: str, s: float, message: Imu) -> None:
+        omega, force, quaternion = messages.imu_arrays(message)
+        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
+        self._take(name, ImuSample(stamp_s, omega, force, quaternion, s))
+
+    def _take(self, name: str, sample: PoseSample | ImuSample) -> None:
+        self._received[name] += 1
+        self._samples[name].append(sample)
         self._process()
 
     def _on_learned(self, message: Float64MultiArray) -> None:
@@ -115,7 +119,10 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             if self._lockstep and (self._awaited_ns is not None or not self._complete(tick)):
                 return
             self._pressures.popleft()
-            self._step(stamp_ns, pressure, self._due("pose", tick), self._due("imu", tick))
+            due = [sample for name in self._samples for sample in self._due(name, tick)]
+            poses = [sample for sample in due if isinstance(sample, PoseSample)]
+            imus = [sample for sample in due if isinstance(sample, ImuSample)]
+            self._step(stamp_ns, pressure, poses, imus)
 
     def _complete(self, tick: int) -> bool:
         """Whether every sample that must have been published by `tick` has come."""

@@ -9,6 +9,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.adaptation import Learned, LearnedForce, Learner, Sample
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.config import find_config
+from soro_core.robot.parts import fields
 
 ROBOT = load_robot(find_config("tue_three_bellow", "robots"))
 ARM = SoftArm(ROBOT)
@@ -57,33 +58,6 @@ def test_the_force_of_the_mass_is_that_of_a_heavier_arm():
     expected = heavier.inverse_dynamics(q, qd, qd, a) - ARM.inverse_dynamics(q, qd, qd, a)
     learned = Learned(np.concatenate([[0.02], np.zeros(N * (N + 1))]))
     np.testing.assert_allclose(LearnedForce(ARM).force(learned, q, qd, a), expected, rtol=1e-9, atol=1e-15)
-
-
-def test_a_learned_mass_bends_like_a_heavier_arm():
-    """Weighed and accelerated; along the arm it is weighed alone."""
-    heavier = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + 0.02))
-    q, qd, p = np.array([0.05, 4.0, -6.0]), np.array([0.1, 5.0, -3.0]), np.array([3e4, 5e4, 1e4])
-    learned = Learned(np.concatenate([[0.02], np.zeros(N * (N + 1))]))
-    alone = ARM.forward_dynamics(q, qd, p)
-    found = alone + LearnedForce(ARM).acceleration(learned, q, qd, alone)
-    wanted = heavier.forward_dynamics(q, qd, p)
-    assert np.abs(found - wanted)[1:].max() < 0.1 * np.abs(alone - wanted)[1:].max()
-
-
-def test_the_linearisation_is_the_derivative_of_the_acceleration_but_for_the_inertia():
-    force, learned, qd = LearnedForce(ARM), Learned(true_model()), np.array([0.1, 5.0, -3.0])
-    q, zero = np.array([0.05, 4.0, -6.0]), np.zeros(N)
-    jacobian = ARM.jacobian(q, ARM.length)[3:] * [0.0, 1.0, 1.0]
-    loaded = ARM.inertia_matrix(q) + learned.mass_kg * jacobian.T @ jacobian
-    steps = 1e-5 * np.diag(force.scales.q)
-    rows = [
-        (force.force(learned, q + e, qd, zero) - force.force(learned, q - e, qd, zero)) / (2 * e.sum())
-        for e in steps
-    ]
-    factor, slope = force.linearise(learned, q, qd)
-    expected = -np.linalg.solve(loaded, np.array(rows).T)
-    assert np.abs(slope - expected).max() < 1e-3 * np.abs(expected).max()
-    np.testing.assert_allclose(factor, np.linalg.solve(loaded, ARM.inertia_matrix(q)), rtol=1e-9, atol=1e-12)
 
 
 def test_it_learns_the_force_that_acts():
@@ -155,6 +129,36 @@ def test_an_estimate_at_its_bound_for_a_second_restores_the_prior():
     assert peaks[first] == 0.0
     held = int(np.argmax(np.array(peaks) == 0.01))
     assert first - held == pytest.approx(1.0 / DT, abs=2)
+
+
+def test_masses_that_are_not_stated_are_parts_of_the_arm():
+    links = ROBOT.replace(links=[{**fields(ROBOT.links[0]), "mass": 0.17}])
+    light, heavy = (Learner(SoftArm(robot), config()).config for robot in (ROBOT, links))
+    assert light.mass_upper_kg == pytest.approx(0.102)  # 100 g is what the arm was tuned with
+    assert heavy.mass_upper_kg == pytest.approx(10.0 * light.mass_upper_kg)
+    assert heavy.mass_std_kg == pytest.approx(10.0 * light.mass_std_kg)
+    assert heavy.mass_lower_kg == pytest.approx(10.0 * light.mass_lower_kg)
+    stated = Learner(ARM, config(mass_upper_kg=0.05)).config
+    assert (stated.mass_upper_kg, stated.mass_std_kg) == (0.05, light.mass_std_kg)
+
+
+def test_the_noise_is_that_of_a_pressure():
+    assert Learner(ARM, config()).config.noise == pytest.approx(0.3, rel=0.02)
+    weak = SoftArm(ROBOT.scaled(stiffness=1.0, damping=1.0, gain=0.5))
+    assert Learner(weak, config()).config.noise == pytest.approx(0.15, rel=0.02)
+    assert Learner(weak, config(noise=0.2)).config.noise == 0.2
+
+
+def test_a_residual_that_the_doubt_about_q_explains_is_no_reason_to_forget():
+    learner, theta = Learner(ARM, config()), true_model()
+    known = learn(learner, theta, 400)
+    other = theta.copy()
+    other[1 + 2 * (N + 1)] += 5.0  # of bending_y, at once
+    sure = learn(learner, other, 40, known)
+    doubt = np.diag([1e-4, 0.04, 20.0]) ** 2  # bending_y is not known at all
+    unsure = learn(learner, other, 40, known, covariance=doubt)
+    kept = slice(1, 1 + 2 * (N + 1))  # of the other rows
+    assert np.trace(unsure.information[kept, kept]) > 1.2 * np.trace(sure.information[kept, kept])
 
 
 def test_singular_information_restores_the_prior():

@@ -23,28 +23,33 @@ def values(pressures, names):
 
 
 def test_what_a_file_leaves_out_is_that_of_limits_and_regulators():
-    found = complete_pressures(Pressures(), NARROW, SLOW, 100.0)
+    found = complete_pressures(Pressures(), NARROW, SLOW, 100.0, 0.010)
     assert values(found, FROM_LIMITS) == values(NARROW, FROM_LIMITS)
     assert found.lag_s == 0.2
-    # A tick of 10 ms, 30 ms dead time, a tenth of lag and half a hold that the inverse leaves.
+    # 10 ms of transport, 30 ms dead time, a tenth of lag and half a hold that the inverse leaves.
     assert found.preview_s == pytest.approx(0.010 + 0.030 + (0.200 + 0.005) / 10)
+    assert found.dead_time_s == pytest.approx(0.010 + 0.030)
     assert complete_pressures(found, Limits()) is found
 
 
-def time_from_wish_to_pressure(found, response, rate_hz):
-    """How late [s] a regulator is behind a wish that rises evenly, sent a tick after it was computed."""
+def time_from_wish_to_pressure(found, response, rate_hz, ticks):
+    """How late [s] a regulator is behind a wish that rises evenly, sent `ticks` after it was computed."""
     tick_s, slope, parts = 1.0 / rate_hz, 10e3, 50
-    air, model, sent, late = initial_state(response, 1), np.zeros(1), np.zeros(1), []
+    air, model, late = initial_state(response, 1), np.zeros(1), []
+    sent = [np.zeros(1)] * ticks
     for tick in range(100):
         wish = np.array([slope * tick * tick_s])
         command = compensate(wish, model, found.lag_s, found.lag_filter_s, np.array([-1e9]), np.array([1e9]))
+        sent.append(command)
+        acting = sent.pop(0)
         for part in range(parts):
-            air = step(response, air, sent, tick_s / parts)
+            air = step(response, air, acting, tick_s / parts)
             late.append(tick * tick_s + (part + 0.5) * tick_s / parts - air.pressure_pa[0] / slope)
-        model, sent = follow(model, command, tick_s, found.lag_s), command
+        model = follow(model, command, tick_s, found.lag_s)
     return float(np.mean(late[-parts * 40 :]))
 
 
+@pytest.mark.parametrize("ticks", [0, 1])
 @pytest.mark.parametrize(
     ("lag_s", "delay_s", "rate_hz"),
     [
@@ -55,11 +60,12 @@ def time_from_wish_to_pressure(found, response, rate_hz):
         (0.0, 0.0, 50.0),
     ],
 )
-def test_the_preview_is_the_time_from_a_wish_to_its_pressure(lag_s, delay_s, rate_hz):
+def test_the_preview_is_the_time_from_a_wish_to_its_pressure(lag_s, delay_s, rate_hz, ticks):
     exact = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -100e3, "maximum_pa": 1e9}
     response = RegulatorModel(tau_s=lag_s, delay_s=delay_s, **exact)
-    found = complete_pressures(Pressures(), Limits(), response, rate_hz)
-    assert found.preview_s == pytest.approx(time_from_wish_to_pressure(found, response, rate_hz), abs=3e-4)
+    found = complete_pressures(Pressures(), Limits(), response, rate_hz, ticks / rate_hz)
+    late_s = time_from_wish_to_pressure(found, response, rate_hz, ticks)
+    assert found.preview_s == pytest.approx(late_s, abs=3e-4)
     assert complete_pressures(Pressures(preview_s=0.0), Limits(), SLOW, rate_hz).preview_s == 0.0
 
 

@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
+from soro_core import SoftArm, load_robot
+from soro_core.config import find_config
 from soro_core.control.allocation import allocate
 from soro_core.control.allocation import balanced_weight as weight_of_fields
 from soro_core.robot import robot_from_dict
@@ -128,6 +130,32 @@ def test_without_actuation_the_preferred_pressure_is_kept():
     found = allocate(np.zeros((3, 2)), np.ones(3), low, high, np.eye(3), 1e-6, np.full(2, 30e3), low)
     assert found.ok
     assert found.pressure_pa == pytest.approx([30e3, 30e3])
+
+
+def test_the_round_off_of_an_angle_takes_nothing_from_a_bending_that_chambers_make():
+    """A chamber at angle pi leaves 1e-22 in the row of the other bending, which no chamber makes."""
+    arm = SoftArm(load_robot(find_config("asu_two_segment", "robots")))
+    actuation, fields = arm.actuation_matrix(np.zeros(6)), strain_fields(arm.robot)
+    assert 0.0 < np.abs(actuation[2]).max() < 1e-12 * np.abs(actuation[1]).max()
+    weight = weight_of_fields(actuation, fields)
+    assert not weight[[2, 5]].any()
+    # The moment of 50 kPa, and one about the other axis that cannot be made.
+    wished = actuation @ np.array([0.0, 50e3, 20e3, 30e3, 0.0, 10e3])
+    wished[[2, 5]] = wished[1]
+    low, high = np.zeros(6), np.full(6, 110e3)
+    found = allocate(actuation, wished, low, high, weight, 1e-8, np.full(6, 55e3), low)
+    assert found.force[[0, 1, 3, 4]] == pytest.approx(wished[[0, 1, 3, 4]], rel=1e-4)
+
+
+def test_a_weak_chamber_is_used_for_what_it_alone_makes():
+    """Chambers of a thousandth of the strongest force and of the strongest moment."""
+    fields = strain_fields(load_robot(find_config("asu_two_segment", "robots")))
+    actuation = np.diag([2e-6, 1.6e-8, 1.6e-11, 2e-9, 1.6e-8, 1.6e-11])
+    wanted = np.array([20e3, 60e3, 70e3, 40e3, 30e3, 10e3])
+    low, high = np.zeros(6), np.full(6, 90e3)
+    weight = weight_of_fields(actuation, fields)
+    found = allocate(actuation, actuation @ wanted, low, high, weight, 1e-8, np.full(6, 45e3), low)
+    assert found.pressure_pa == pytest.approx(wanted, rel=1e-4)
 
 
 def test_it_is_quick_from_the_last_answer():

@@ -155,8 +155,12 @@ def test_it_is_consistent(robot):
 
 def test_an_unknown_steady_force_is_found(robot):
     push = (200.0, 4000.0, -2000.0)  # accelerations: an unknown load
-    world, estimate, _ = final(robot, config(), 4.0, World(robot, 1, push=push))
-    assert estimate.disturbance == pytest.approx(push, rel=0.15, abs=300.0)
+    found = []
+    world = World(robot, 1, push=push)
+    for _, estimate, _ in track(robot, config(), 4.0, world):
+        found.append(estimate.disturbance)
+    # Of the last second: one value has the noise of the poses, 350 in the curvatures.
+    assert np.mean(found[-200:], axis=0) == pytest.approx(push, rel=0.05, abs=100.0)
     assert tip_error(world, estimate) < 5e-4
     without = final(robot, config(disturbance=False), 4.0, World(robot, 1, push=push))
     assert tip_error(without[0], without[1]) > tip_error(world, estimate)

@@ -83,19 +83,6 @@ def test_a_filter_that_knows_the_load_needs_no_poses_for_half_a_second():
     assert errors[True] < 0.5 * errors[False]
 
 
-def test_the_learned_force_is_in_the_linearisation():
-    run = Run()
-    run.ticks(250, model=learned())
-    belief, filter_ = run.state.belief, run.estimator.filter
-    assert run.state.known.share == 1.0
-    plain = filter_.transition(belief, pressures(1.0)).over(DT)[0]
-    loaded = filter_.transition(belief, pressures(1.0), run.state.known).over(DT)[0]
-    heavier = Estimator(ROBOT.replace(tip_mass=ROBOT.tip_mass + LOAD_KG), dt=DT).filter
-    expected = heavier.transition(belief, pressures(1.0)).over(DT)[0]
-    found, wanted = (np.abs((one - expected)[4:6, [1, 2, 4, 5]]).max() for one in (loaded, plain))
-    assert found < 0.1 * wanted
-
-
 @pytest.mark.parametrize("last", [None, learned(np.nan), Learned(np.zeros(4))], ids=["none", "nan", "size"])
 def test_a_force_that_is_not_renewed_fades_out_and_the_status_says_so(last):
     run = Run()

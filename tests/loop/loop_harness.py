@@ -14,6 +14,7 @@ from soro_core.estimation import Estimator, EstimatorConfig, ImuSample, PoseSamp
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel, RegulatorState, initial_state, reading, step
+from soro_core.robot import Discretisation
 from soro_core.twin import Observation, SensorConfig
 from soro_core.twin.sensors import Motion, measure_imu
 
@@ -46,6 +47,7 @@ class Setup:
     regulator: RegulatorModel = field(default_factory=RegulatorModel)
     control: ControllerConfig = field(default_factory=ControllerConfig)
     estimation: EstimatorConfig = field(default_factory=EstimatorConfig)
+    model: Discretisation = field(default_factory=Discretisation)  # of estimator and controller
 
 
 @dataclass
@@ -203,7 +205,10 @@ class Harness:
 
 
 def run(robot, setup: Setup) -> Record:
-    loop = Loop(Estimator(robot, setup.estimation, setup.dt), Controller(robot, setup.control))
+    loop = Loop(
+        Estimator(robot, setup.estimation, setup.dt, setup.model),
+        Controller(robot, setup.control, setup.model),
+    )
     n = round(setup.duration_s / setup.dt)
     given = None if setup.reference is None else lambda t, state: setup.reference
     ticks = list(loop.run(Harness(robot, setup), n, setup.dt, delay=setup.command_delay, reference=given))

@@ -51,8 +51,8 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
         stamp_ns = tick * period_ns
         if answer.setpoint_pa is not None:
             assert limiter.offer(answer.setpoint_pa, answer.stamp_ns, stamp_ns) is None
-        poses = [_received(one, scene.twin.pose.location * robot.length) for one in seen.poses]
-        imus = [_received(one, scene.twin.imu.location * robot.length) for one in seen.imus]
+        poses = [_received(one) for one in seen.poses]
+        imus = [_received(one) for one in seen.imus]
         dt = stamp_ns * 1e-9 - estimator.t_s
         estimator, estimate = loop.estimator.step(estimator, seen.reading_pa, poses, imus, dt, learned)
         assert estimate.status.ok
@@ -74,6 +74,6 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
         yield answer
 
 
-def _received(sample: Any, s: float) -> Any:
+def _received(sample: Any) -> Any:
     """A sample as the estimator node receives it: its stamp has whole nanoseconds."""
-    return replace(sample, stamp_s=round(sample.stamp_s * 1e9) * 1e-9, s=s)
+    return replace(sample, stamp_s=round(sample.stamp_s * 1e9) * 1e-9)

@@ -6,6 +6,7 @@ from unittest.mock import ANY
 
 import pytest
 import typer
+import yaml
 
 from soro_ros.commands.run import End, run
 from soro_ros.processes import Child
@@ -22,6 +23,21 @@ def test_every_command_explains_itself(soro, arguments):
     status, out, _ = soro(*arguments, "--help")
     assert status == 0
     assert "Usage" in out
+
+
+def test_the_automatic_numbers_of_a_scene_are_printed(soro):
+    status, out, _ = soro("gains", "track_circle", "--set", "controller.gains={k_d: [0.0, 2e-7, 3e-7]}")
+    assert status == 0
+    used = yaml.safe_load(out)
+    assert used["gains"]["k_d"] == {
+        "link0/elongation": 0.0,
+        "link0/bending_x": 2e-7,
+        "link0/bending_y": 3e-7,
+    }
+    assert used["gains"]["k_p"]["link0/bending_x"] == pytest.approx(1e-6, rel=0.05)
+    assert used["pressures"]["lag_s"] == 0.052  # of the platform
+    assert used["law_options"]["mass_upper_kg"] == pytest.approx(0.102)
+    assert used["estimator"]["process"]["stretch_acceleration"] == 2.0
 
 
 @pytest.mark.parametrize(

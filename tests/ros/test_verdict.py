@@ -61,9 +61,6 @@ def gains_of(changes, **keys):
 def test_gains_of_another_robot_are_refused(tmp_path):
     other = {"robot": "asu_two_segment"}
     with refused("controller.gains", names=("asu_two_segment",)) as caught:
-        gains_of(other)
-    assert "tue_three_bellow" in caught.value.got
-    with refused("controller.gains") as caught:
         gains_of(other, controller="adaptive_three_bellow")
     assert "tue_three_bellow" in caught.value.got
     file = tmp_path / "mine.yaml"
@@ -91,11 +88,14 @@ def test_gains_that_are_stated_or_of_this_robot_are_accepted(tmp_path):
     file = tmp_path / "old.yaml"
     file.write_text(yaml.safe_dump(old))
     assert gains_of(other, controller=str(file))[0] == line
-    # The same robot in another folder, and another one that the built-in gains are known to fit.
+    # The same robot in another folder, another one that the gains are known to fit, and automatic ones.
     copy = tmp_path / "tue_three_bellow.yaml"
     copy.write_text(find_config("tue_three_bellow", "robots").read_text())
     assert gains_of({"robot": str(copy)})[0] == ""
-    assert gains_of(other, **{"controller.robot": "asu_two_segment"})[0] == ""
+    theirs = {"controller": "adaptive_three_bellow"}
+    assert gains_of(other, **theirs, **{"controller.robot": "asu_two_segment"})[0] == ""
+    assert gains_of(other, **theirs, **{"controller.gains": "auto"})[0] == ""
+    assert gains_of(other)[0] == ""
     assert (
         gains_of(
             {"robot": "tue_three_bellow", "controller": "adaptive_three_bellow"},
@@ -106,7 +106,9 @@ def test_gains_that_are_stated_or_of_this_robot_are_accepted(tmp_path):
 
 
 def test_a_run_with_the_gains_of_another_robot_does_not_start(domain, tmp_path):
-    status, output, folder = run(tmp_path, "robot=asu_two_segment", "platform=", "mode=lockstep")
+    status, output, folder = run(
+        tmp_path, "robot=asu_two_segment", "platform=", "mode=lockstep", "controller=adaptive_three_bellow"
+    )
     assert status == 2, output
     assert summary(folder)["verdict"] == "refused"
     assert summary(folder)["reason"] in output

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from soro_core import load_robot
-from soro_core.config import find_config
+from soro_core.config import find_config, parse
 from soro_core.twin import SensorConfig, Twin, TwinConfig
 from soro_core.twin.plant import true_robot
+from tests.refused import refused
 
 PRESSURE = np.array([10e3, 20e3, 15e3])
 
@@ -47,14 +48,17 @@ def test_a_step_of_pressure_settles_in_its_equilibrium(robot):
     assert tip == pytest.approx(twin.plant.arm.pose(wanted, twin.length)[:3, 3], abs=2e-4)
 
 
-def run(robot, seed: int, imu: bool = False) -> list[np.ndarray]:
-    config = TwinConfig(seed=seed, payload_kg=0.02, imu=SensorConfig(enabled=imu, rate_hz=200.0))
+def run(robot, seed: int, imu: bool = False, places: tuple[float, ...] = (1.0,)) -> list[np.ndarray]:
+    """Readings, and poses of the sensor at the tip."""
+    pose, imus = SensorConfig(locations=places), SensorConfig(enabled=imu, rate_hz=200.0)
+    config = TwinConfig(seed=seed, payload_kg=0.02, pose=pose, imu=imus)
     twin = Twin(robot, config)
     state = twin.initial()
     rows = []
     for k in range(60):
         state, seen = twin.observe(state)
-        rows.append(np.concatenate([seen.reading_pa, seen.tip.ravel(), *(p.position for p in seen.poses)]))
+        at_tip = (p.position for p in seen.poses if p.s == twin.length)
+        rows.append(np.concatenate([seen.reading_pa, seen.tip.ravel(), *at_tip]))
         state = twin.step_setpoints(state, PRESSURE * (1 + 0.1 * np.sin(k)))
     return rows
 
@@ -66,5 +70,35 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not(robot):
 
 
 def test_a_further_sensor_does_not_change_what_the_others_measure(robot):
-    with_imu, without = run(robot, 3, imu=True), run(robot, 3)
-    assert all(np.array_equal(a, b) for a, b in zip(with_imu, without, strict=True))
+    without = run(robot, 3)
+    for more in (run(robot, 3, imu=True), run(robot, 3, places=(1.0, 0.5))):
+        assert all(np.array_equal(a, b) for a, b in zip(more, without, strict=True))
+
+
+def test_poses_come_from_each_place_of_its_own_noise(robot):
+    places = (1.0, 0.25, 0.5)
+    twin = Twin(robot, TwinConfig(pose=SensorConfig(rate_hz=200.0, delay_s=0.0, locations=places)))
+    state, seen = twin.observe(twin.initial(PRESSURE))
+    assert [pose.s for pose in seen.poses] == [place * twin.length for place in places]
+    truth = [twin.plant.arm.pose(state.arm.q, pose.s)[:3, 3] for pose in seen.poses]
+    errors = np.array([pose.position for pose in seen.poses]) - truth
+    assert 1e-5 < np.abs(errors).max() < 2e-3
+    assert len(np.unique(errors)) == errors.size
+
+
+def test_one_place_can_be_called_location():
+    assert parse({"location": 0.5}, SensorConfig, "test") == SensorConfig(locations=(0.5,))
+
+
+@pytest.mark.parametrize(
+    ("keys", "key"),
+    [
+        ({"locations": [1.0, 1.2]}, "locations"),
+        ({"locations": [0.5, 0.5]}, "locations"),
+        ({"locations": []}, "locations"),
+        ({"locations": [1.0], "location": 0.5}, ""),
+    ],
+)
+def test_places_that_cannot_be_are_refused(keys, key):
+    with refused(key):
+        parse(keys, SensorConfig, "test")

@@ -58,10 +58,10 @@ class Composite(Law[CompositeState]):
     ) -> tuple[CompositeState, Array, Terms]:
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, gains, wanted = self.setting.arm, self.setting.gains, reference.ahead
-        learner = self._learned(state.learner, belief, reference, dt)
         q = self.setting.moved(belief, reference.ahead_s)
         error = q - wanted.q
         s = belief.qd - wanted.qd + gains.rate * error
+        learner = self._learned(state.learner, belief, reference, s, dt)
         model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
         internal = arm.internal_force(wanted.q, state.creep)
         learned = self.learner.force.force(learner.learned, wanted.q, wanted.qd, wanted.qdd)
@@ -110,9 +110,17 @@ class Composite(Law[CompositeState]):
         """Return what the learner has to say."""
         return state.learner.note
 
-    def _learned(self, state: LearnerState, belief: ArmBelief, reference: Preview, dt: float) -> LearnerState:
+    def _learned(
+        self, state: LearnerState, belief: ArmBelief, reference: Preview, s: Array, dt: float
+    ) -> LearnerState:
         if not self.adapts or belief.covariance is None:
             return replace(state, note="")
+        if not belief.positions:
+            if belief.saturated.any():  # more force would not come
+                return replace(state, note="")
+            wanted = reference.ahead
+            by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
+            return self.learner.follow(state, float(by_mass @ s), dt)
         n = belief.q.size
         sample = Sample(
             q=belief.q,

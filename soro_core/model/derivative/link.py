@@ -106,7 +106,7 @@ def pass_constant(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: 
     k, f = d.factor, d.twists[FORCE]
     s = 0.0
     for n in range(t.nodes.shape[0]):
-        s, dm, k2 = node(t, i, n, t.mass, t.tip_mass)
+        s, dm, k2 = node(t, i, n, t.mass, t.tip_mass[0])
         coefficients(y * s * s, d.stumpff, d.tangent)
         along(s, y1, y2, d.tangent, k)
         combine(m, k, powers, d.rates, d.node)
@@ -217,6 +217,6 @@ def pass_varying(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: A
                 for r in range(6):
                     d.node[order, j, r] += f1 * d.pieces[order, g, r] + f2 * d.pieces[order, g + 1, r]
         _place_slice(d, omega[0], 1.0, SECTION)
-        _, dm, k2 = node(t, i, k, t.mass, t.tip_mass)
+        _, dm, k2 = node(t, i, k, t.mass, t.tip_mass[0])
         add_slice(d, i, first, m, dm, k2, qd, a)
     _finish(d, first, m)

@@ -1,0 +1,96 @@
+"""How an arm moves by itself: its first bending and its first stretching, and what accelerates it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.adaptation.scales import FORCE_PART, scales_of
+from soro_core.robot.coordinates import strain_fields
+
+if TYPE_CHECKING:
+    from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Strains and rates for difference quotients of the losses, which are linear in them but for hysteresis.
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The slowest motion of one kind about the straight arm, without gravity.
+
+    Attributes
+    ----------
+    rate_per_s : float
+        Angular frequency without losses [rad/s].
+    damping : float
+        Part of the critical damping, creep and hysteresis included.
+    acceleration : float
+        Acceleration of a strain of the kind by one unit of force on each, geometric mean of the strains
+        [1/s^2 or 1/(m s^2)].
+    """
+
+    rate_per_s: float
+    damping: float
+    acceleration: float
+
+
+def first_mode(arm: SoftArm, stretch: bool) -> Mode | None:
+    """Return the first mode of elongation and shears, or of bending and torsion.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        With stiffness in each coordinate.
+    stretch : bool
+        True for elongation and shears.
+
+    Returns
+    -------
+    Mode or None
+        None where the arm has no such strain.
+
+    Raises
+    ------
+    ConfigError
+        If a coordinate has no stiffness.
+    """
+    from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
+
+    fields = strain_fields(arm.robot)
+    of_kind = fields.stretch == stretch
+    if not of_kind.any():
+        return None
+    zero = np.zeros(arm.n_q)
+    unit = scales_of(arm).q[fields.first]
+    stiffness, inertia = arm.stiffness_matrix(zero), arm.inertia_matrix(zero)
+    square, shapes = eigh(stiffness, inertia)
+    energy = shapes * (stiffness @ shapes)
+    share = energy[of_kind].sum(axis=0) / energy.sum(axis=0)
+    # The first that is mostly of the kind; coupled ones may be half of each.
+    index = int(np.argmax(share >= min(0.5, float(share.max()))))
+    rate, shape = float(np.sqrt(square[index])), shapes[:, index]
+    # Strains that are uniform along their links alone: what is pushed then does not depend on the basis.
+    uniform = np.where(np.arange(len(fields.first)) == fields.index[:, None], fields.uniform[:, None], 0.0)
+    force = FORCE_PART * np.diag(uniform.T @ stiffness @ uniform) * unit
+    pushed = np.linalg.norm(np.linalg.solve(uniform.T @ inertia @ uniform, np.diag(force)), axis=1)
+    acceleration = float(np.exp(np.mean(np.log(pushed[of_kind[fields.first]]))))
+    return Mode(rate, float(shape @ losses(arm, rate) @ shape) / (2.0 * rate), acceleration)
+
+
+def losses(arm: SoftArm, rate_per_s: float) -> Array:
+    """Return the damping (n_q, n_q) of the straight arm at a rate [rad/s], creep and hysteresis included."""
+    if arm.n_internal == 0:
+        return np.asarray(arm.damping_matrix())
+    zero, still = np.zeros(arm.n_q), np.zeros(arm.n_internal)
+    steps, moves = _STEP * np.eye(arm.n_internal), _STEP * np.eye(arm.n_q)
+    back = np.stack([arm.internal_rate(zero, zero, step) for step in steps], axis=1) / _STEP
+    driven = np.stack([arm.internal_rate(zero, move, still) for move in moves], axis=1) / _STEP
+    made = np.stack([arm.internal_force(zero, step) for step in steps], axis=1) / _STEP
+    state = np.linalg.solve(1j * rate_per_s * np.eye(arm.n_internal) - back, driven)
+    return np.asarray(arm.damping_matrix() + np.real(made @ state))

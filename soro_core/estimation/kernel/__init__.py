@@ -1,0 +1,1 @@
+"""Kernels of the filter: prediction and update of mean and covariance, compiled."""

@@ -1,0 +1,121 @@
+"""Entry points of the filter from Python: short compiled functions that take an arm with its filter."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._box import Box, view
+from soro_core._jit import entry, kernel
+from soro_core.estimation.kernel import motion, update
+from soro_core.estimation.kernel import predict as prediction
+from soro_core.estimation.kernel.parts import FilterArm, NoRoom, Settings, make_scratch
+from soro_core.model.chambers import add_pressure_force
+from soro_core.model.derivative.work import derivative_workspace
+from soro_core.model.linear import clear
+from soro_core.model.method import kinematics, make_work
+from soro_core.model.tables import Site, Tables
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@kernel
+def make_exact(t: Tables, s: Settings, n_wrench: int) -> Box:
+    """Return an arm that has derivatives, with its filter."""
+    return Box(FilterArm(t, make_work(t), derivative_workspace(t), s, make_scratch(t, s, n_wrench)))
+
+
+@kernel
+def make_differenced(t: Tables, s: Settings, n_wrench: int) -> Box:
+    """Return an arm without derivatives: differences replace them."""
+    return Box(FilterArm(t, make_work(t), NoRoom(np.zeros(1)), s, make_scratch(t, s, n_wrench)))  # type: ignore[arg-type]
+
+
+@entry
+def predict(
+    box: Box,
+    theta: Array,
+    share: float,
+    mean: Array,
+    internal: Array,
+    covariance: Array,
+    pressure: Array,
+    dt: float,
+    mean1: Array,
+    internal1: Array,
+    covariance1: Array,
+) -> int:
+    """`predict.predict` with `share` of the learned model theta."""
+    arm = view(box)
+    motion.load(arm, theta, share)
+    return prediction.predict(
+        arm, share, mean, internal, covariance, pressure, dt, mean1, internal1, covariance1
+    )
+
+
+@entry
+def fuse(
+    box: Box,
+    site: Site,
+    kind: int,
+    first: Array,
+    second: Array,
+    quaternion: Array,
+    gated: bool,
+    mean: Array,
+    covariance: Array,
+    mean1: Array,
+    covariance1: Array,
+    reported: Array,
+) -> int:
+    """`update.fuse`."""
+    return update.fuse(
+        view(box),
+        site,
+        kind,
+        first,
+        second,
+        quaternion,
+        gated,
+        mean,
+        covariance,
+        mean1,
+        covariance1,
+        reported,
+    )
+
+
+@entry
+def tip(
+    box: Box, mean: Array, covariance: Array, pressure: Array, pose: Array, of_tip: Array, force: Array
+) -> None:
+    """pose, of_tip <- pose of the tip (4, 4) and its covariance (6, 6) in the world; force <- H p."""
+    arm = view(box)
+    t, s, w = arm.tables, arm.settings, arm.scratch
+    n, R = s.limit.shape[0], w.rotation
+    q = mean[:n]
+    kinematics(t, arm.work, s.tip, q, R, w.position, w.columns)
+    for r in range(3):
+        for c in range(3):
+            pose[r, c] = R[r, c]
+        pose[r, 3], pose[3, r] = w.position[r], 0.0
+        for i in range(n):
+            J = w.columns[i]
+            w.rows[r, i] = R[r, 0] * J[3] + R[r, 1] * J[4] + R[r, 2] * J[5]
+            w.rows[3 + r, i] = R[r, 0] * J[0] + R[r, 1] * J[1] + R[r, 2] * J[2]
+    pose[3, 3] = 1.0
+    for r in range(6):
+        for i in range(n):
+            x = 0.0
+            for j in range(n):
+                x += covariance[i, j] * w.rows[r, j]
+            w.added[i] = x
+        for e in range(r + 1):
+            x = s.kinematic_variance[r] if e == r else 0.0
+            for i in range(n):
+                x += w.rows[e, i] * w.added[i]
+            of_tip[r, e] = of_tip[e, r] = x
+    clear(force)
+    add_pressure_force(t, q, pressure, force)

@@ -57,7 +57,7 @@ def run(robot: Robot, options: Options) -> str:
     lost = int(np.sum(~(found < 1e2 * robot.length)))  # a tenth of the length, in mm
     middle, most, worst = np.quantile(found, [0.5, 0.95, 1.0], method="lower")
     text = (
-        "Arms drawn evenly, the loop as before: 0 to 30 g; stiffness, gain and damping +-30, 10, 30 %; lag 30 "
+        "Arms drawn evenly, the loop as before: 0 to 30 g; stiffness, gain, damping +-30, 10, 30 %; lag 30 "
         "to 90 ms. `composite`, tip error RMS of the last 5 of 20 s; lost: above a tenth of the length."
     )
     head = ["arms", "median, mm", "95 % below, mm", "worst, mm", "lost"]

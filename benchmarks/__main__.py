@@ -10,11 +10,13 @@ from rich.console import Console
 
 from benchmarks import (
     air_fit,
+    arms,
     board,
     can_rates,
     control,
     derivatives,
     discovery,
+    estimation,
     forward,
     kills,
     motions,
@@ -44,6 +46,8 @@ SECTIONS = {
     "air_fit": air_fit,
     "references": references,
     "control": control,
+    "estimation": estimation,
+    "arms": arms,
     "motions": motions,
     "can_rates": can_rates,
     "serial_rates": serial_rates,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -39,7 +40,7 @@ class Learned:
 
     def usable(self, n_q: int) -> bool:
         """Whether it is one of `n_q` coordinates, and finite."""
-        return self.theta.shape == (size_of(n_q),) and bool(np.isfinite(self.theta).all())
+        return self.theta.shape == (size_of(n_q),) and all(map(math.isfinite, self.theta.tolist()))
 
     def scaled(self, share: float) -> Learned:
         """Return this part of it."""

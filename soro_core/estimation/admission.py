@@ -13,6 +13,8 @@ from soro_core.estimation.status import Counts
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16
+# Times that differ by less [s] are equal: ticks and stamps are sums of periods.
+SAME_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def admit(
             counts = replace(counts, invalid=counts.invalid + 1)
         elif sample.stamp_s > state.t_s + config.future_s:
             counts = replace(counts, early=counts.early + 1)
-        elif sample.stamp_s > state.t_s:
+        elif sample.stamp_s > state.t_s + SAME_S:
             waiting.append(sample)
         elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(sample.sensor, -math.inf):
             counts = replace(counts, stale=counts.stale + 1)

@@ -161,7 +161,7 @@ class Estimator:
         return np.where(good, measured, state.pressure_pa), counts
 
     def _extended(self, state: EstimatorState, dt: float, pressure_pa: Array) -> EstimatorState:
-        """Append the new step to the history; its prediction follows in `_fuse`."""
+        """Append the new step to the history; its prediction follows in `Replay`."""
         measured, counts = self._pressure(state, pressure_pa)
         mean = 0.5 * (state.pressure_pa + measured)
         parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from soro_core.estimation.admission import Admitted
+from soro_core.estimation.admission import SAME_S, Admitted
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter, Fused
 from soro_core.estimation.frozen import next_pose
@@ -66,7 +66,7 @@ class Replay:
         first = last = len(history) - 1
         for sample in self.admitted.fresh:
             i = last
-            while i > 0 and sample.stamp_s <= history[i - 1].end_s:
+            while i > 0 and sample.stamp_s <= history[i - 1].end_s + SAME_S:
                 i -= 1
             new.setdefault(i, []).append(sample)
             first = min(first, i)
@@ -91,6 +91,8 @@ class Replay:
         return replace(part, belief=begun, samples=tuple(kept))
 
     def _predict(self, part: Segment, dt: float) -> None:
+        if dt <= SAME_S:
+            return
         self.belief, ok = self.filter.predict(self.belief, part.pressure_pa, dt, part.known)
         if not ok:
             if not self.belief.finite():  # a covariance that outliers have inflated beyond all bounds

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -40,8 +41,8 @@ class PoseSample:
     def finite(self) -> bool:
         """Whether all numbers are finite and the quaternion is a rotation."""
         return (
-            np.isfinite(self.stamp_s)
-            and np.isfinite(self.s)
+            math.isfinite(self.stamp_s)
+            and math.isfinite(self.s)
             and _finite(self.position, 3)
             and _is_rotation(self.quaternion)
         )
@@ -91,7 +92,7 @@ Sample: TypeAlias = PoseSample | ImuSample
 
 
 def _finite(value: Array, n: int) -> bool:
-    return np.shape(value) == (n,) and bool(np.all(np.isfinite(value)))
+    return np.shape(value) == (n,) and all(map(math.isfinite, np.asarray(value).tolist()))
 
 
 def _is_rotation(quaternion: Array) -> bool:

@@ -63,6 +63,8 @@ def bench(
     out: Annotated[Path, typer.Option(help="folder of RESULTS.md and the pictures")] = Path(__file__).parent,
     with_peer: Annotated[bool, typer.Option("--peer/--no-peer", help="measure soromox too")] = True,
     quick: Annotated[bool, typer.Option(help="smallest settings: for tests, not for figures")] = False,
+    seeds: Annotated[int, typer.Option(min=1, help="control: seeds of each case")] = 5,
+    arms: Annotated[int, typer.Option(min=1, help="control: random arms")] = 100,
 ) -> None:
     """Measure, and write RESULTS.md."""
     names = running.chosen(only, SECTIONS)
@@ -70,7 +72,7 @@ def bench(
     if with_peer and not measured:
         Console().print(peer.MISSING)
     with one_core():
-        running.write(SECTIONS, names, Options(measured, quick, out), report.HEAD)
+        running.write(SECTIONS, names, Options(measured, quick, out, seeds=seeds, arms=arms), report.HEAD)
 
 
 if __name__ == "__main__":

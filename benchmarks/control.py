@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import random_arms
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core import load_robot
@@ -21,7 +22,6 @@ from tests.loop.loop_harness import run as run_loop
 
 TITLE = "Control: tip error of both laws"
 LAWS = ("composite", "adaptive")
-SEEDS = (1, 2, 3, 4, 5)
 # Set points (elongation, bending about x and y [1/m]), way between them and time from one to the next [s].
 SET_POINTS = ((0.05, 6.0, 0.0), (0.05, 6.0, 0.0), (0.06, -4.0, 8.0), (0.03, -8.0, -4.0), (0.07, 3.0, -9.0))
 WAY_S, EVERY_S, HELD_S = 0.5, 4.0, 1.5
@@ -98,12 +98,12 @@ def setup_of(case: Case, law: str, seed: int, quick: bool = False) -> Setup:
 def run(options: Options) -> str:
     """Measure and write."""
     robot = load_robot(find_config("tue_three_bellow", "robots"))
-    rows = []
+    rows, seeds = [], range(1, options.pick(options.seeds, 1) + 1)
     for case in options.pick(CASES, CASES[:1]):
         row: list[object] = [case.name]
         for law in LAWS:
             records = []
-            for seed in options.pick(SEEDS, SEEDS[:1]):
+            for seed in seeds:
                 options.say(f"{case.name}, {law}, seed {seed}")
                 try:
                     records.append(run_loop(robot, setup_of(case, law, seed, options.quick)))
@@ -119,8 +119,9 @@ def run(options: Options) -> str:
             "behind lagging regulators, 20 s (`tests/loop/loop_harness.py`): tip error RMS of the last 5 s "
             f"(set points: of the last {HELD_S:g} s of each), largest after 3 s, time after which the RMS "
             "over 0.25 s stays below 2 mm (from a step of the load on), RMS rate of the commands. Means of "
-            f"seeds {', '.join(map(str, options.pick(SEEDS, SEEDS[:1])))}; lost: the plant has no next step.",
+            f"seeds {', '.join(map(str, seeds))}; lost: the plant has no next step.",
             table(head, rows),
+            random_arms.run(robot, options),
         ]
     )
 

@@ -22,6 +22,10 @@ class Options:
     """Where the results and pictures go."""
     say: Callable[[str], None] = lambda text: None
     """Progress."""
+    seeds: int = 5
+    """Seeds of the closed loop, from 1 on."""
+    arms: int = 100
+    """Random arms in the closed loop."""
 
     @property
     def repeats(self) -> int:

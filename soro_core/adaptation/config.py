@@ -52,7 +52,7 @@ class LearnerConfig(Strict):
         description="deviation of the residual, in units of force; default: that of 500 Pa in the chambers",
     )
     low_pass_per_s: float = Field(5.0, gt=0, le=1e3, description="low-pass of both sides [rad/s]")
-    forget_s: float = Field(5.0, gt=0, le=1e4, description="time after which samples are forgotten")
+    forget_s: float = Field(4.0, gt=0, le=1e4, description="time after which samples are forgotten")
     forget_factor: float = Field(
         30.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
     )

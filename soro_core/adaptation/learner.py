@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from soro_core.adaptation.config import LearnerConfig, complete_learner
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
-from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -52,8 +51,6 @@ class Sample:
         Creep and hysteresis states.
     covariance : ndarray (n_q, n_q)
         Covariance of q.
-    positions : bool
-        Whether q comes from positions; without them only the mass is learned.
     """
 
     q: Array
@@ -62,7 +59,6 @@ class Sample:
     pressure_pa: Array
     creep: Array
     covariance: Array
-    positions: bool
 
     def finite(self) -> bool:
         """Whether all numbers are finite."""
@@ -121,7 +117,6 @@ class Learner:
     def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
         self.arm, self.force = arm, LearnedForce(arm, pieces)
         self.config = config = complete_learner(config, arm, self.force.scales.force)
-        self._stretch = strain_fields(arm.robot).stretch
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.prior = np.diag(deviation**-2)
@@ -214,12 +209,6 @@ class Learner:
         model = arm.inverse_dynamics(q, qd, qd, sample.qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
         missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
         regressor = self.force.regressor(q, qd, sample.qdd)
-        if not sample.positions:
-            # A bend from orientations alone is biased: W would learn the bias. Elongation is then what the
-            # filter predicts with the learned mass itself, which says nothing of it.
-            regressor[:, 1:] = 0.0
-            regressor[self._stretch] = 0.0
-            missing[self._stretch] = 0.0
         return missing / self.force.scales.force, regressor
 
     def _gained(

@@ -67,14 +67,22 @@ class Controller(GivenReferences):
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.fields = strain_fields(robot)
-        self.gains = gains_of(self.arm, self.fields, self.config.gains, model.links, self.pressures.preview_s)
+        law = find_law(self.config.law)
+        self.gains = gains_of(
+            self.arm,
+            self.fields,
+            self.config.gains,
+            model.links,
+            self.pressures.preview_s,
+            law.feedback_factors,
+        )
         self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
         self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
         self.configured = configured_reference(self.arm, self.fields, self.config)
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
-        self.law = find_law(self.config.law)(
+        self.law = law(
             Setting(
                 self.arm,
                 self.fields,

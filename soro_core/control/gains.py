@@ -36,7 +36,12 @@ LEAST_S = 0.01
 
 
 def gains_of(
-    arm: SoftArm, fields: StrainFields, gains: Gains, pieces: int, preview_s: float
+    arm: SoftArm,
+    fields: StrainFields,
+    gains: Gains,
+    pieces: int,
+    preview_s: float,
+    factors: tuple[float, float] = (1.0, 1.0),
 ) -> FeedbackGains:
     """Return the feedback gains in the coordinates of the arm.
 
@@ -52,6 +57,8 @@ def gains_of(
         Number of pieces of each link; each piece gets its share of K_p and K_d.
     preview_s : float
         Time until a set point acts [s].
+    factors : tuple of float
+        Of the law, on automatic K_p and K_d of elongation and shear, and of bending and torsion.
 
     Raises
     ------
@@ -62,7 +69,7 @@ def gains_of(
     k_p = None if gains.k_p is None else gain_matrix(fields, gains.k_p, "gains.k_p") / pieces
     k_d = None if gains.k_d is None else gain_matrix(fields, gains.k_d, "gains.k_d") / pieces
     if k_p is None or k_d is None:
-        found = _proportional(arm, fields, delay)
+        found = np.where(fields.stretch, *factors)[:, None] * _proportional(arm, fields, delay)
         k_p = found if k_p is None else k_p
         k_d = np.where(fields.stretch, 0.0, RATE_TIMES * delay)[:, None] * found if k_d is None else k_d
     if gains.lambda_per_s is None:

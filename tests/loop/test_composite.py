@@ -1,9 +1,9 @@
 """The law `composite` in closed loop, in lockstep, on the plant of tests/loop that it does not know.
 
-The goals are those of 20 s and five seeds, which `python -m benchmarks --only control` measures; these
-here are shorter, and have learned less.
+The bounds of the circle are the goals; `python -m benchmarks --only control` measures them as means of seeds.
 """
 
+import numpy as np
 import pytest
 from loop_harness import Setup, run
 
@@ -30,12 +30,12 @@ def report(name, record):
 
 
 def test_the_circle_with_a_load_that_is_not_known(robot):
-    record = run(robot, setup(duration_s=11.0))
+    record = run(robot, setup())
     report("20 g", record)
-    assert record.rms() <= 0.18e-3
-    assert record.peak() <= 0.5e-3
-    assert record.settled_s() <= 1.5
-    assert record.command_rate() <= 70e3  # 55 kPa/s is asked for
+    assert record.rms() <= 0.10e-3
+    assert record.peak() <= 0.3e-3
+    assert record.settled_s() <= 0.9
+    assert record.command_rate() <= 55e3
     assert record.estimation_rms() <= 0.4e-3
     assert record.command.max() <= 90e3
     assert (
@@ -50,7 +50,37 @@ def test_the_load_falls_off_and_poses_freeze(robot):
     report("load off", record)
     after = record.settled_s(5.0)
     print(f"below 2 mm {after:.2f} s after the load is gone; {record.counts.frozen} frozen poses refused")
-    assert after <= 2.0
+    assert after <= 2.0  # 1.2 s is the goal
     assert record.counts.frozen > 80
     assert record.error()[record.t > 8.0].max() < 1.5e-3  # 32 mm if they are followed
     assert abs(record.estimates[-1, record.names.index("tip_mass")]) < 5e-3
+
+
+def test_a_load_that_is_too_much_is_named_and_the_arm_comes_back(robot):
+    """Hanging: 80 g for 1.2 s on an arm that carries 20 g, and whose pressures end there."""
+    hanging = robot.replace(base_quaternion=(1.0, 0.0, 0.0, 0.0))
+    circle = {"curvature_per_m": 7.0, "mean_pressure_pa": 40e3}
+    control = parse({"law": "composite", "reference": circle}, ControllerConfig, "test")
+    heavy, light = 4.0, 5.2
+    record = run(
+        hanging,
+        Setup(control=control, load_steps=((heavy, 0.08), (light, 0.02)), duration_s=light + 2.0),
+    )
+    report("80 g", record)
+    said = [text for t, text in zip(record.t, record.statuses, strict=True) if heavy + 0.5 < t < light]
+    assert any("too much load: link0/chamber" in text for text in said)
+    assert not any("fallen" in text for text in record.statuses)
+    assert record.settled_s(light) <= 1.5
+    assert record.statuses[-1] == ""
+
+
+def test_an_arm_that_falls_over_is_vented(robot):
+    """Standing: 100 g bend it over whatever its pressures are."""
+    record = run(robot, setup(payload_kg=0.1, duration_s=7.0))
+    report("100 g", record)
+    fallen = np.array(["fallen over" in text for text in record.statuses])
+    assert fallen[-1]
+    assert not fallen[record.t < 5.0].any()  # the start of the reference, and time to get up
+    assert record.command[~fallen].max() > 50e3
+    assert record.command[-1].max() == 0.0
+    assert record.pressure[-1].max() < 1e3  # the play of the regulators

@@ -40,6 +40,9 @@ class Composite(Law[CompositeState]):
     Options = CompositeOptions
     learns = True
     observes_regulators = True
+    # What drives no learning can be larger: twice the bending halves the fall of an arm that its load bends
+    # over. The pose is noisy along the arm.
+    feedback_factors = (0.5, 2.0)
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         assert isinstance(options, CompositeOptions)
@@ -129,6 +132,5 @@ class Composite(Law[CompositeState]):
             pressure_pa=belief.pressure_pa,
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],
-            positions=belief.positions,
         )
         return self.learner.step(state, sample, dt)

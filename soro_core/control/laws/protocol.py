@@ -164,6 +164,8 @@ class Law(ABC, Generic[State]):
     learns: ClassVar[bool] = False
     # Whether the bias of each regulator is observed and taken off its command.
     observes_regulators: ClassVar[bool] = False
+    # Factors on automatic K_p and K_d: of elongation and shear, of bending and torsion.
+    feedback_factors: ClassVar[tuple[float, float]] = (1.0, 1.0)
 
     setting: Setting
 

@@ -40,9 +40,9 @@ class Composite(Law[CompositeState]):
     Options = CompositeOptions
     learns = True
     observes_regulators = True
-    # What drives no learning can be larger: twice the bending halves the fall of an arm that its load bends
-    # over. The pose is noisy along the arm.
-    feedback_factors = (0.5, 2.0)
+    # What drives no learning can be larger; twice the bending oscillates on two links that hang. The pose is
+    # noisy along the arm.
+    feedback_factors = (0.5, 1.5)
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         assert isinstance(options, CompositeOptions)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from functools import partial
 
@@ -13,6 +14,8 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learned import size_of
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
+from soro_core.estimation.monitor import SensorMonitor
+from soro_core.estimation.samples import imu_sensor, pose_sensor
 from soro_core.loop import certainty_of, estimator_of
 from soro_core.robot import load_robot
 from soro_core.scene import EstimatorNodeConfig
@@ -37,10 +40,15 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._names, self._coordinates = robot.chamber_names, self._estimator.arm.robot.coordinate_names
         self._state: EstimatorState | None = None
         self._epoch_ns = 0
-        self._malformed = 0
+        self._malformed, self._trouble = 0, ""
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
         poses = [f"pose{k}" for k in range(len(config.pose_locations))]
         imus = [f"imu{k}" for k in range(len(config.imu_locations))]
+        length = self._estimator.length
+        self._sensors = {
+            **{n: pose_sensor(at * length) for n, at in zip(poses, config.pose_locations, strict=True)},
+            **{n: imu_sensor(at * length) for n, at in zip(imus, config.imu_locations, strict=True)},
+        }
         self._samples: dict[str, deque] = {name: deque(maxlen=1000) for name in (*poses, *imus)}
         self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
         pose = _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz)
@@ -196,13 +204,39 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._backbone.publish(message)
 
     def _report(self, trouble: str) -> None:
-        if bool(trouble) != (self.diagnostics.status.level == WARN):
+        """Report at once what is new; where only its numbers change, once a second is enough."""
+        warns = self.diagnostics.status.level == WARN
+        is_new = bool(trouble) != warns or _without_numbers(trouble) != _without_numbers(self._trouble)
+        self._trouble = trouble
+        if is_new:
             self.diagnostics.update(WARN if trouble else OK, trouble or "active")
 
     def diagnose(self) -> None:
-        if self._state is not None:
-            values = {**vars(self._state.counts), "malformed": self._malformed}
-            self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, values)
+        if self._state is None:
+            return
+        values = {**vars(self._state.counts), "malformed": self._malformed}
+        for name, sensor in self._sensors.items():
+            values |= _values_of(name, self._state.monitors.get(sensor))
+        status = self.diagnostics.status
+        text = self._trouble if status.level == WARN and self._trouble else status.message
+        self.diagnostics.update(status.level, text, values)
+
+
+def _without_numbers(text: str) -> str:
+    return "".join(c for c in text if c not in "0123456789.")
+
+
+def _values_of(name: str, monitor: SensorMonitor | None) -> dict[str, object]:
+    """Return what is known of one sensor, by the name of its topic; nothing before its first sample."""
+    if monitor is None:
+        return {}
+    values: dict[str, object] = {f"{name}/nis": monitor.nis}
+    if not math.isnan(monitor.position_nis):
+        values[f"{name}/position_nis"] = monitor.position_nis
+    if monitor.delay is not None:
+        values[f"{name}/delay_s"] = monitor.delay.delay_s
+        values[f"{name}/delay_deviation_s"] = monitor.delay.deviation_s
+    return values
 
 
 def _clock(sensor_rate_hz: float, delay_s: float, rate_hz: float) -> SensorClock | None:

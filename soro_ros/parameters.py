@@ -25,6 +25,8 @@ _BOUNDS = {
     "min_length": "entries: at least",
     "max_length": "entries: at most",
 }
+# Parameters of one place, which are lists of places now, with an "s" at the end of their names.
+_ONE_PLACE = ("pose_location", "imu_location", "pose.location", "imu.location")
 # Parameters that rclpy declares by itself.
 _OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
@@ -56,6 +58,9 @@ def declare(node: Node, model: type[Strict]) -> None:
         If an override is no field of the model.
     """
     fields, free = dict(_flatten(model)), tuple(f"{name}." for name in _mappings(model))
+    for former in _ONE_PLACE:
+        if f"{former}s" in fields and node.has_parameter(former):
+            _take_as_list(node, former, f"{former}s")
     for given in node.get_parameters_by_prefix(""):
         # What is allowed in a mapping depends on other values: `read` checks it.
         if given not in fields and not given.startswith((*_OWN, *free)):
@@ -68,6 +73,16 @@ def declare(node: Node, model: type[Strict]) -> None:
         else:
             node.declare_parameter(name, default, descriptor, ignore_override=True)
     node.add_on_set_parameters_callback(lambda changes: _check(node, model, changes))
+
+
+def _take_as_list(node: Node, former: str, name: str) -> None:
+    """Read a parameter that was renamed as it became a list."""
+    if node.has_parameter(name):
+        raise ConfigError(_where(node), former, f"beside {name}", f"{name} alone")
+    value = node.get_parameter(former).value
+    node.undeclare_parameter(former)
+    node.declare_parameter(name, [value], ParameterDescriptor(dynamic_typing=True), ignore_override=True)
+    node.get_logger().warning(f"parameter {former} is called {name} now: [{value}]")
 
 
 def read(node: Node, model: type[Model]) -> Model:

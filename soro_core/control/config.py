@@ -43,8 +43,7 @@ class Gains(Strict):
 
     A value of a strain weighs the mean square of the strain along the link (K_p = k_p W with W of
     docs/model.md (4)), so that the law is the same in every basis. Values of coordinates are the diagonal.
-    What is not stated comes from the model of the arm and the delay of the platform; ``gains: auto`` states
-    nothing.
+    What is not stated comes from the model and the delay of the platform; ``gains: auto`` states nothing.
     """
 
     k_p: Floats | None = Field(
@@ -168,8 +167,7 @@ class Pressures(Strict):
         None,
         ge=0,
         le=1,
-        description="time until a set point begins to act; default: one tick between nodes, and the "
-        "platform's dead time",
+        description="time until a set point begins to act; default: a tick between nodes, and dead time",
     )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
@@ -242,13 +240,12 @@ class ReferenceConfig(Strict):
     )
 
 
-# The defaults below are tuned for this robot.
 class ControllerConfig(Strict):
     """Parameters of the controller."""
 
     robot: str = Field(
         "",
-        description="robot that the stated gains are for, a file or a name; default: the controlled robot",
+        description="robot of the stated gains, a file or a name; default: the controlled robot",
     )
     law: str = Field("adaptive", description="control law, a name of the registry (docs/adding_a_law.md)")
     law_options: Mapping[str, Any] = Field({}, description="keys of the law")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from soro_core.config import Strict
+from soro_core.estimation.watch_config import WatchConfig
+from soro_core.robot.discretisation import Integrator
 
 
 class PoseNoise(Strict):
@@ -114,9 +116,13 @@ class EstimatorConfig(Strict):
     initial: InitialNoise = Field(InitialNoise(), description="initial uncertainty")
     pose: PoseNoise = Field(PoseNoise(), description="pose samples")
     imu: ImuNoise = Field(ImuNoise(), description="IMU samples")
-    integrator: str = Field(
+    integrator: Integrator = Field(
         "trapezoidal",
-        description="accepted and without effect: the filter has a step of its own (docs/estimation.md)",
+        description="no effect any more, read for old files: the filter has a step of its own "
+        "(docs/estimation.md)",
+    )
+    watch: WatchConfig = Field(
+        WatchConfig(), description="from when on a residual or a delay of a sensor is named"
     )
     gate_probability: float = Field(
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"

@@ -25,6 +25,7 @@ from soro_core.estimation.scaled import scaled_noise
 from soro_core.estimation.state import EstimatorState, Segment
 from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
 from soro_core.estimation.unseen import unseen_covariance
+from soro_core.estimation.watch import Watch
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 
@@ -56,6 +57,7 @@ class Estimator:
         self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links)
+        self._watch = Watch(self.arm, self.config)
         self._q_scale = q_scale_of(self.arm, model.links)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
@@ -127,7 +129,8 @@ class Estimator:
         else:
             state = self._extended(state, dt, chamber_pressure_pa)
         admitted = admit(state, [*state.waiting, *poses, *imus], self.config, self.length)
-        state = Replay(self.filter, self.config, state, admitted).result()
+        replay = Replay(self.filter, self.config, state, admitted)
+        state = self._watch.step(replay.result(), replay.innovations)
         return state, self._estimate(state)
 
     def _known(self, state: EstimatorState, learned: Learned | None, dt: float) -> EstimatorState:
@@ -189,6 +192,8 @@ class Estimator:
             trouble = (
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
+        notes = (state.known.note, self._watch.note(state.monitors, state.t_s))
+        note = "; ".join(text for text in notes if text)
         return Estimate(
             t_s=state.t_s,
             q=belief.q,
@@ -200,5 +205,5 @@ class Estimator:
             disturbance=belief.disturbance if self.filter.n_d else np.zeros(n),
             positions=state.t_s - state.position_s <= self.config.lost_after_s,
             unseen=self._unseen(state),
-            status=EstimatorStatus(not trouble, trouble, state.counts, age, state.known.note),
+            status=EstimatorStatus(not trouble, trouble, state.counts, age, note),
         )

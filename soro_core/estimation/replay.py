@@ -14,6 +14,7 @@ from soro_core.estimation.admission import SAME_S, Admitted
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter, Fused
 from soro_core.estimation.frozen import next_pose
+from soro_core.estimation.monitor import Innovation
 from soro_core.estimation.samples import PoseSample, Sample
 from soro_core.estimation.state import EstimatorState, Segment
 
@@ -38,6 +39,7 @@ class Replay:
         self.belief, self.counts, self.admitted = state.belief, admitted.counts, admitted
         self.refused, self.poses = dict(state.refused), dict(state.poses)
         self.last_s, self.position_s = state.last_s, state.position_s
+        self.innovations: list[Innovation] = []  # of the new samples
 
     def result(self) -> EstimatorState:
         """Pass over the history and return the state."""
@@ -112,6 +114,12 @@ class Replay:
             if record.is_frozen(self.config.pose.position_std_m):
                 self.counts = replace(self.counts, frozen=self.counts.frozen + 1)
                 return False
+        residual = None
+        if isinstance(sample, PoseSample) and fused.belief is not None:
+            residual = sample.position - fused.after
+        self.innovations.append(
+            Innovation(sample.sensor, sample.stamp_s, fused.nis, fused.position_nis, residual)
+        )
         if fused.outlier:
             if not self._is_lost(sample):
                 return False

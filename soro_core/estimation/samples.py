@@ -36,7 +36,7 @@ class PoseSample:
     @property
     def sensor(self) -> str:
         """Name under which stamps and outliers are counted."""
-        return f"pose@{self.s:.9g}"
+        return pose_sensor(self.s)
 
     def finite(self) -> bool:
         """Whether all numbers are finite and the quaternion is a rotation."""
@@ -75,7 +75,7 @@ class ImuSample:
     @property
     def sensor(self) -> str:
         """Name under which stamps and outliers are counted."""
-        return f"imu@{self.s:.9g}"
+        return imu_sensor(self.s)
 
     def finite(self) -> bool:
         """Whether all numbers are finite and the orientation, if any, is a rotation."""
@@ -89,6 +89,16 @@ class ImuSample:
 
 
 Sample: TypeAlias = PoseSample | ImuSample
+
+
+def pose_sensor(s: float) -> str:
+    """Return the name of the pose sensor at a place [m]."""
+    return f"pose@{s:.9g}"
+
+
+def imu_sensor(s: float) -> str:
+    """Return the name of the IMU at a place [m]."""
+    return f"imu@{s:.9g}"
 
 
 def _finite(value: Array, n: int) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.frozen import LastPose
 from soro_core.estimation.known import Known
+from soro_core.estimation.monitor import SensorMonitor
 from soro_core.estimation.samples import Sample
 from soro_core.estimation.status import Counts
 
@@ -73,6 +74,8 @@ class EstimatorState:
         Last new pose of each sensor.
     known : Known
         Learned force in force.
+    monitors : mapping of str to SensorMonitor
+        How well the samples of each sensor fit, and its delay.
     counts : Counts
         Counts since the start.
     """
@@ -88,4 +91,5 @@ class EstimatorState:
     position_s: float = -math.inf
     poses: Mapping[str, LastPose] = field(default_factory=dict)
     known: Known = field(default_factory=Known)
+    monitors: Mapping[str, SensorMonitor] = field(default_factory=dict)
     counts: Counts = field(default_factory=Counts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from functools import partial
 
@@ -13,6 +14,8 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learned import size_of
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
+from soro_core.estimation.monitor import SensorMonitor
+from soro_core.estimation.samples import imu_sensor, pose_sensor
 from soro_core.loop import certainty_of, estimator_of
 from soro_core.robot import load_robot
 from soro_core.scene import EstimatorNodeConfig
@@ -33,14 +36,19 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def setup(self, config: EstimatorNodeConfig) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._estimator = estimator_of(config, robot)
-        self._names, self._coordinates = robot.chamber_names, self._estimator.arm.robot.coordinate_names
-        self._state: EstimatorState | None = None
+        self.estimator = estimator_of(config, robot)
+        self._names, self._coordinates = robot.chamber_names, self.estimator.arm.robot.coordinate_names
+        self.state: EstimatorState | None = None
         self._epoch_ns = 0
-        self._malformed = 0
+        self._malformed, self._trouble = 0, ""
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
         poses = [f"pose{k}" for k in range(len(config.pose_locations))]
         imus = [f"imu{k}" for k in range(len(config.imu_locations))]
+        length = self.estimator.length
+        self._sensors = {
+            **{n: pose_sensor(at * length) for n, at in zip(poses, config.pose_locations, strict=True)},
+            **{n: imu_sensor(at * length) for n, at in zip(imus, config.imu_locations, strict=True)},
+        }
         self._samples: dict[str, deque] = {name: deque(maxlen=1000) for name in (*poses, *imus)}
         self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
         pose = _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz)
@@ -60,7 +68,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             (Imu, imus, config.imu_locations, self._on_imu),
         ):
             for name, place in zip(names, places, strict=True):
-                take = partial(callback, name, place * self._estimator.length)
+                take = partial(callback, name, place * self.estimator.length)
                 self.create_subscription(kind, f"sensors/{name}", take, sensor)
         self.compile(self._warm_up)
 
@@ -71,11 +79,11 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def _warm_up(self) -> None:
         """Run ticks without output, with a learned force too, which compiles their kernels."""
         zero = np.zeros(len(self._names))
-        pose = self._estimator.arm.pose(np.zeros(self._estimator.arm.n_q), self._estimator.length)
-        sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self._estimator.length)
-        state, _ = self._estimator.step(self._estimator.initial_state(), zero, [sample], [], 0.005)
-        nothing = Learned(np.zeros(size_of(self._estimator.arm.n_q)))
-        self._estimator.step(state, zero, [], [], 0.005, nothing)
+        pose = self.estimator.arm.pose(np.zeros(self.estimator.arm.n_q), self.estimator.length)
+        sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self.estimator.length)
+        state, _ = self.estimator.step(self.estimator.initial_state(), zero, [sample], [], 0.005)
+        nothing = Learned(np.zeros(size_of(self.estimator.arm.n_q)))
+        self.estimator.step(state, zero, [], [], 0.005, nothing)
 
     # Samples ---------------------------------------------------------------------------------------
     def _on_pose(self, name: str, s: float, message: PoseStamped) -> None:
@@ -143,16 +151,16 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def _step(
         self, stamp_ns: int, pressure: np.ndarray, poses: list[PoseSample], imus: list[ImuSample]
     ) -> None:
-        if self._state is None:
+        if self.state is None:
             self._epoch_ns = 0 if self._lockstep else stamp_ns
-            self._state = self._estimator.initial_state(self._seconds(stamp_ns), pressure_pa=pressure)
+            self.state = self.estimator.initial_state(self._seconds(stamp_ns), pressure_pa=pressure)
             self._await(stamp_ns)
             self._covariance.publish(learning.covariance(None, stamp_ns))
             self._publish_nothing(stamp_ns)
             return
-        dt = self._seconds(stamp_ns) - self._state.t_s
+        dt = self._seconds(stamp_ns) - self.state.t_s
         learned, self._learned = self._learned, None
-        self._state, estimate = self._estimator.step(self._state, pressure, poses, imus, dt, learned)
+        self.state, estimate = self.estimator.step(self.state, pressure, poses, imus, dt, learned)
         self._report(estimate.status.message or estimate.status.note)
         self._await(stamp_ns)
         self._covariance.publish(learning.covariance(certainty_of(estimate), stamp_ns))
@@ -182,27 +190,53 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         return (stamp_ns - self._epoch_ns) * 1e-9
 
     def _publish_backbone(self) -> None:
-        if self._state is None:
+        if self.state is None:
             return
-        arm, q = self._estimator.arm, self._state.belief.q
+        arm, q = self.estimator.arm, self.state.belief.q
         message = PoseArray(
             poses=[
                 messages.pose_of(arm.pose(q, s))
-                for s in np.linspace(0.0, self._estimator.length, self._config.backbone_points)
+                for s in np.linspace(0.0, self.estimator.length, self._config.backbone_points)
             ]
         )
         message.header.frame_id = "world"
-        message.header.stamp = messages.to_time(self._epoch_ns + round(self._state.t_s * 1e9))
+        message.header.stamp = messages.to_time(self._epoch_ns + round(self.state.t_s * 1e9))
         self._backbone.publish(message)
 
     def _report(self, trouble: str) -> None:
-        if bool(trouble) != (self.diagnostics.status.level == WARN):
+        """Report at once what is new; where only its numbers change, once a second is enough."""
+        warns = self.diagnostics.status.level == WARN
+        is_new = bool(trouble) != warns or _without_numbers(trouble) != _without_numbers(self._trouble)
+        self._trouble = trouble
+        if is_new:
             self.diagnostics.update(WARN if trouble else OK, trouble or "active")
 
     def diagnose(self) -> None:
-        if self._state is not None:
-            values = {**vars(self._state.counts), "malformed": self._malformed}
-            self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, values)
+        if self.state is None:
+            return
+        values = {**vars(self.state.counts), "malformed": self._malformed}
+        for name, sensor in self._sensors.items():
+            values |= _values_of(name, self.state.monitors.get(sensor))
+        status = self.diagnostics.status
+        text = self._trouble if status.level == WARN and self._trouble else status.message
+        self.diagnostics.update(status.level, text, values)
+
+
+def _without_numbers(text: str) -> str:
+    return "".join(c for c in text if c not in "0123456789.")
+
+
+def _values_of(name: str, monitor: SensorMonitor | None) -> dict[str, object]:
+    """Return what is known of one sensor, by the name of its topic; nothing before its first sample."""
+    if monitor is None:
+        return {}
+    values: dict[str, object] = {f"{name}/nis": monitor.nis}
+    if not math.isnan(monitor.position_nis):
+        values[f"{name}/position_nis"] = monitor.position_nis
+    if monitor.delay is not None:
+        values[f"{name}/delay_s"] = monitor.delay.delay_s
+        values[f"{name}/delay_deviation_s"] = monitor.delay.deviation_s
+    return values
 
 
 def _clock(sensor_rate_hz: float, delay_s: float, rate_hz: float) -> SensorClock | None:

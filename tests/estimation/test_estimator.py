@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from soro_core import SoftArm, robot_from_dict
 from soro_core.config import parse
 from soro_core.estimation import Estimator, EstimatorConfig, EstimatorState, ImuSample, PoseSample
-from soro_core.integrate import State, make_stepper
+from soro_core.integrate import STEPPERS, State, make_stepper
 from tests.refused import refused
 
 DT = 0.005
@@ -453,6 +453,14 @@ def test_it_repeats_bit_by_bit(robot):
     one, two = (final(robot, config(), 0.5, World(robot, 15))[1] for _ in range(2))
     assert one.q.tobytes() == two.q.tobytes()
     assert one.covariance.tobytes() == two.covariance.tobytes()
+
+
+def test_the_integrator_of_old_files_is_still_one_of_the_names():
+    """The filter has a step of its own; an old file may name any stepper, and a typing error stays one."""
+    for name in STEPPERS:
+        assert config(integrator=name).integrator == name
+    with refused("integrator", "eulr", names=STEPPERS):
+        config(integrator="eulr")
 
 
 def test_wrong_parameters_are_refused_by_name():

@@ -34,8 +34,8 @@ def test_the_automatic_numbers_of_a_scene_are_printed(soro):
         "link0/bending_x": 2e-7,
         "link0/bending_y": 3e-7,
     }
-    # Near that of config/controllers/adaptive_three_bellow.yaml, docs/gains.md.
-    assert used["gains"]["k_p"]["link0/bending_x"] == pytest.approx(1e-6, rel=0.13)
+    # The one tuned by hand within 13 %, times the factor of composite (docs/gains.md).
+    assert used["gains"]["k_p"]["link0/bending_x"] == pytest.approx(1.5e-6, rel=0.13)
     assert used["pressures"]["lag_s"] == 0.052  # of the platform
     assert used["law_options"]["mass_upper_kg"] == pytest.approx(0.102)
     assert used["estimator"]["process"]["stretch_acceleration"] == 2.0

@@ -5,6 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 import rclpy
+from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
@@ -13,7 +14,7 @@ from soro_ros import learning, messages
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
-from tests.ros.direct import captured, receive, request
+from tests.ros.direct import captured, fire, receive, request, values
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
@@ -91,6 +92,59 @@ def test_a_learned_force_that_stops_is_reported(domain):
             levels.append(node.diagnostics.status.level)
     assert set(levels[2:60]) == {OK}  # the learned force of the last message still counts for 0.1 s
     assert levels[-1] == WARN
+
+
+def upright(node, k):
+    """A pose of the straight arm."""
+    message = PoseStamped()
+    message.header.stamp = messages.to_time(k * TICK_NS)
+    true = node.estimator.arm.pose(np.zeros(3), node.estimator.length)
+    message.pose = messages.pose_of(true)
+    return message
+
+
+def test_trouble_that_follows_other_trouble_is_shown(domain):
+    """Learned force and poses stop at once: first one is missed, then the other; the level stays."""
+    with active(EstimatorNode) as node:
+        shown = []
+        for k in range(1, 120):
+            if k < 40:
+                receive(node, "sensors/pose0", upright(node, k))
+                receive(node, "arm/learned", learning.learned(Learned(THETA), k * TICK_NS))
+            receive(node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), k * TICK_NS))
+            shown.append((node.diagnostics.status.level, node.diagnostics.status.message))
+        (active_at,) = {one for one in shown[10:35] if one[0] == OK}
+        first, second = (one for one in dict.fromkeys(shown[40:]) if one != active_at)
+        assert first[0] == second[0] == WARN
+        assert "learned" in first[1]
+        assert "sample" in second[1]
+        # Their numbers follow once a second, not at each tick.
+        fire(node, 1.0)
+        assert node.diagnostics.status.message != second[1]
+        assert "sample" in node.diagnostics.status.message
+
+
+def test_nis_and_delay_of_each_sensor_are_live(domain):
+    with active(EstimatorNode, "pose_locations:=[0.5, 1.0]", "imu_locations:=[1.0]") as node:
+        fire(node, 1.0)
+        assert not any("nis" in name for name in values(node))
+        for k in range(1, 60):
+            receive(node, "sensors/pose1", upright(node, k))
+            receive(node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), k * TICK_NS))
+        fire(node, 1.0)
+        found = {name: float(value) for name, value in values(node).items() if name.startswith("pose1/")}
+        (monitor,) = node.state.monitors.values()
+        assert found == pytest.approx(
+            {
+                "pose1/nis": monitor.nis,
+                "pose1/position_nis": monitor.position_nis,
+                "pose1/delay_s": monitor.delay.delay_s,
+                "pose1/delay_deviation_s": monitor.delay.deviation_s,
+            },
+            rel=1e-5,
+        )
+        # A sensor without samples has no values.
+        assert not any(name.startswith(("pose0/", "imu0/")) for name in values(node))
 
 
 def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):

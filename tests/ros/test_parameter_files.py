@@ -4,6 +4,7 @@ import pytest
 import rclpy
 from pydantic import BaseModel
 
+from soro_core.errors import ConfigError
 from soro_core.scene import load_scene
 from soro_ros import middleware, parameters, processes
 from soro_ros.nodes.controller import ControllerNode
@@ -13,6 +14,7 @@ from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
+from tests.refused import fails
 
 NODES = (RegulatorNode, EstimatorNode, ControllerNode, TwinNode, ShadowNode, Recorder, Player)
 
@@ -66,3 +68,26 @@ def test_keys_of_a_law_arrive_as_they_are(domain, tmp_path):
     found = through_a_file(ControllerNode, config, tmp_path)
     assert found == config
     assert found.control.law_options == keys
+
+
+@pytest.mark.parametrize(
+    ("node_class", "former"), [(EstimatorNode, "imu_location"), (TwinNode, "pose.location")]
+)
+def test_a_place_under_its_former_name_is_read_as_a_list(domain, node_class, former):
+    middleware.init(["--ros-args", "-p", f"{former}:=0.5"])
+    try:
+        node = node_class()
+        found = parameters.overrides(parameters.read(node, node_class.config_model))
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert found[f"{former}s"] == [0.5]
+
+
+def test_a_place_under_both_names_is_refused(domain):
+    middleware.init(["--ros-args", "-p", "pose_location:=0.5", "-p", "pose_locations:=[0.5]"])
+    try:
+        with fails(ConfigError, key="pose_location"):
+            EstimatorNode()
+    finally:
+        rclpy.shutdown()

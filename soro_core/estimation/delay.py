@@ -1,0 +1,217 @@
+"""The delay of a sensor that its stamps do not declare, from what the model alone expects of its position.
+
+A filter and a learner follow a delayed sensor: the innovation does not show the delay, and the force that
+they find does. What the model lacks, r = H p - [M q'' + C q' + G + f_e + R q' + creep], moves the place of
+the sensor by J K^-1 r against the model. A delay d leaves J K^-1 K_t q' d there, K_t the stiffness with the
+weight; a load, a soft arm and a shifted frame leave a displacement that the pose explains. All are fitted at
+once:
+
+    position - J K^-1 r = d (-J K^-1 K_t q') + m (-J K^-1 Y_m) + shift + soft J q
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from soro_core.estimation.belief import Belief
+    from soro_core.estimation.config import EstimatorConfig
+    from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Deviations of the prior: a delay of 0.1 s, a load of twice the arm's own mass, which is also its bound, and
+# an arm 30 % softer or stiffer.
+_DELAY_S, _LOAD, _SOFT = 0.1, 2.0, 0.3
+# The stiffness along the motion is that over this time of it [s].
+_AHEAD_S = 0.01
+# An arm moves whose speed is above that many of its deviations.
+_MOVES = 3.0
+# Delay, mass, shift (3), softness.
+_SIZE = 6
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the fit, without the acceleration.
+
+    Attributes
+    ----------
+    rate : ndarray (n_q,)
+        Rate of q.
+    regressor : ndarray (3, 6)
+    value : ndarray (3,)
+        Position less that of the model [m].
+    """
+
+    rate: Array
+    regressor: Array
+    value: Array
+
+
+@dataclass(frozen=True)
+class DelayFit:
+    """Recursive least squares of one sensor.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the last row [s].
+    information, moment : ndarray (6, 6), (6,)
+        A and b of A x = b, x = (delay [s], mass [kg], shift (3) [m], softness).
+    solution : ndarray (6,)
+        x.
+    deviation_s : float
+        Deviation of the delay [s].
+    residual_m : ndarray (3,)
+        Sum of position less estimate since the last row [m].
+    samples : int
+        Samples in this sum.
+    last : Row or None
+        The last row.
+    """
+
+    t_s: float
+    information: Array
+    moment: Array
+    solution: Array
+    deviation_s: float
+    residual_m: Array
+    samples: int = 0
+    last: Row | None = None
+
+    @property
+    def delay_s(self) -> float:
+        """The delay [s]; positive where the stamps are later than the truth."""
+        return float(self.solution[0])
+
+
+class DelayModel:
+    """What the model of one arm expects of a position sensor.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model of the filter.
+    config : EstimatorConfig
+        Noise of positions, and the watch's keys.
+    """
+
+    def __init__(self, arm: SoftArm, config: EstimatorConfig) -> None:
+        self.arm, self.config, pose = arm, config.watch, config.pose
+        self._none = np.zeros(arm.n_q)
+        stiffness = arm.stiffness_matrix(self._none)
+        # Without stiffness a force moves a place by no known way, and no delay is estimated.
+        self.usable = bool(np.linalg.matrix_rank(stiffness) == arm.n_q)
+        self._compliance = np.linalg.inv(stiffness) if self.usable else stiffness
+        robot = arm.robot
+        heaviest = _LOAD * (robot.tip_mass + sum(link.mass for link in robot.links))
+        shift = max(pose.position_model_std_m, 0.1 * pose.position_std_m)
+        deviations = np.array([_DELAY_S, heaviest, shift, shift, shift, _SOFT])
+        self._heaviest_kg = heaviest
+        self._prior = np.diag(deviations**-2)
+        self._noise = pose.position_std_m**2 + pose.position_model_std_m**2
+
+    def start(self, t_s: float) -> DelayFit:
+        """Return the prior at a time [s]."""
+        return DelayFit(t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
+
+    def step(self, state: DelayFit, belief: Belief, pressure_pa: Array, s: float, t_s: float) -> DelayFit:
+        """Return the fit with one more row.
+
+        Parameters
+        ----------
+        state : DelayFit
+            With the residuals since the last row.
+        belief : Belief
+            At the time of the row.
+        pressure_pa : ndarray (n_u,)
+            Pressures [Pa gauge] at the same time.
+        s : float
+            Place of the sensor [m].
+        t_s : float
+            Time of the row [s].
+        """
+        n, rows = belief.n, self.arm.jacobian(belief.q, s)[3:]
+        place, speed = (rows @ belief.covariance[k : k + n, k : k + n] @ rows.T for k in (0, n))
+        if np.trace(place) > 3.0 * self._noise:  # the filter has not found the arm yet, or lost it
+            return self.start(t_s)
+        load = float(min(max(state.solution[1], -self._heaviest_kg), self._heaviest_kg))
+        row = Row(belief.qd, *self._sides(belief, pressure_pa, rows, load))
+        if state.last is None:
+            return replace(self.start(t_s), last=row)
+        # Both at the middle of the interval, as the acceleration is: else the noise of the rates, which is in
+        # the regressor too, is a delay.
+        regressor = 0.5 * (row.regressor + state.last.regressor)
+        value = 0.5 * (row.value + state.last.value)
+        acceleration = (row.rate - state.last.rate) / (t_s - state.t_s)
+        inertia, none = rows @ self._compliance, self._none
+        heavier = self.arm.tip_mass_force(belief.q, none, acceleration)
+        regressor[:, 1] -= inertia @ (heavier - self.arm.tip_mass_force(belief.q, none, none))
+        value += inertia @ self.arm.inertia_matrix(belief.q) @ acceleration
+        if np.sum((rows @ belief.qd) ** 2) < _MOVES**2 * np.trace(speed):
+            regressor[:, 0] = 0.0  # an arm at rest shows no delay, and the noise of its rates none either
+        return replace(self._fitted(state, regressor, value, t_s), last=row)
+
+    def _sides(self, belief: Belief, pressure_pa: Array, rows: Array, mass_kg: float) -> tuple[Array, Array]:
+        """Return regressor (3, 6) and position less that of the model (3,) [m], without the acceleration.
+
+        Parameters
+        ----------
+        belief : Belief
+        pressure_pa : ndarray (n_u,)
+            Pressures [Pa gauge].
+        rows : ndarray (3, n_q)
+            Jacobian of the place.
+        mass_kg : float
+            Load whose weight is part of the stiffness [kg].
+        """
+        arm, q, qd, none = self.arm, belief.q, belief.qd, self._none
+        ahead = q + _AHEAD_S * qd
+        here, weight = self._static(q, pressure_pa), arm.tip_mass_force(q, none, none)
+        missing = -here - arm.damping_force(q, qd) - arm.internal_force(q, belief.internal)
+        heavier = arm.tip_mass_force(ahead, none, none) - weight
+        along = (self._static(ahead, pressure_pa) - here + mass_kg * heavier) / _AHEAD_S
+        moved = rows @ self._compliance
+        return np.column_stack([moved @ -along, moved @ -weight, np.eye(3), rows @ q]), moved @ -missing
+
+    def _static(self, q: Array, pressure_pa: Array) -> Array:
+        """Return the forces of the arm at rest (n_q,), on the left-hand side."""
+        arm = self.arm
+        return arm.elastic_force(q) + arm.gravity_force(q) - arm.actuation_matrix(q) @ pressure_pa
+
+    def _fitted(self, state: DelayFit, regressor: Array, moved: Array, t_s: float) -> DelayFit:
+        """Return the fit with one more row.
+
+        Parameters
+        ----------
+        state : DelayFit
+            With the residuals since the last row.
+        regressor : ndarray (3, 6)
+        moved : ndarray (3,)
+            Position less that of the model [m], without the residual.
+        t_s : float
+            Time of the row [s].
+        """
+        dt = min(t_s - state.t_s, self.config.delay_time_s)
+        value = moved + state.residual_m / max(state.samples, 1)
+        weight, forgotten = (
+            dt / (self._noise * self.config.delay_correlation_s),
+            dt / self.config.delay_time_s,
+        )
+        information = (
+            state.information
+            + weight * regressor.T @ regressor
+            - forgotten * (state.information - self._prior)
+        )
+        moment = (1.0 - forgotten) * state.moment + weight * regressor.T @ value
+        covariance = np.linalg.inv(information)
+        solution = covariance @ moment
+        if not np.isfinite(solution).all():
+            return self.start(t_s)
+        deviation = float(np.sqrt(max(covariance[0, 0], 0.0)))
+        return DelayFit(t_s, information, moment, solution, deviation, np.zeros(3))

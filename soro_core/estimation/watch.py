@@ -1,0 +1,108 @@
+"""The watch over the sensors at each tick: their means, their delays, and what the user must know of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soro_core.estimation.delay import DelayFit, DelayModel
+from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
+
+if TYPE_CHECKING:
+    from soro_core.estimation.config import EstimatorConfig
+    from soro_core.estimation.state import EstimatorState
+    from soro_core.model import SoftArm
+
+# Rows of the delay come at most so often [s]: the filter's errors last longer, and a row costs as much as a
+# step of the filter.
+_ROW_S = 0.04
+# Round-off of times [s].
+_SAME_S = 1e-9
+
+
+class Watch:
+    """The watch of one estimator.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model of the filter.
+    config : EstimatorConfig
+    """
+
+    def __init__(self, arm: SoftArm, config: EstimatorConfig) -> None:
+        self.config, self.delay = config, DelayModel(arm, config)
+
+    def step(self, state: EstimatorState, innovations: Sequence[Innovation]) -> EstimatorState:
+        """Return the state with the monitors of its sensors.
+
+        Parameters
+        ----------
+        state : EstimatorState
+            At the new time, the samples fused.
+        innovations : sequence of Innovation
+            Of the samples that are new, in the order of their stamps.
+        """
+        if not innovations:
+            return state
+        monitors = dict(state.monitors)
+        for seen in innovations:
+            old = monitors.get(seen.sensor)
+            dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
+            new = monitored(old, seen, dt, self.config.watch)
+            monitors[seen.sensor] = self._with_delay(new, seen, state)
+        return replace(state, monitors=monitors)
+
+    def _with_delay(self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState) -> SensorMonitor:
+        """Return the monitor with the residual of one sample and, where it is time, a row of its delay."""
+        if seen.residual is None or not self.delay.usable:
+            return monitor
+        fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
+        fit = replace(fit, residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
+        if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
+            s = state.poses[seen.sensor].sample.s
+            fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
+        return replace(monitor, delay=fit)
+
+    def note(self, monitors: Mapping[str, SensorMonitor], t_s: float) -> str:
+        """Return what the user must know of the sensors, or an empty string.
+
+        Parameters
+        ----------
+        monitors : mapping of str to SensorMonitor
+        t_s : float
+            Time; a sensor that is silent for longer than the estimate may be old is not judged [s].
+        """
+        said = (
+            text
+            for sensor, monitor in monitors.items()
+            if t_s - monitor.stamp_s <= self.config.lost_after_s
+            for text in (self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor))
+        )
+        return "; ".join(text for text in said if text)
+
+    def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
+        config = self.config.watch
+        if fit is None:
+            return ""
+        doubt_s = config.delay_deviations * fit.deviation_s
+        if abs(fit.delay_s) - doubt_s <= config.delay_allowed_s:
+            return ""
+        return (
+            f"{sensor}: stamps {1e3 * abs(fit.delay_s):.0f} ms {'late' if fit.delay_s > 0.0 else 'early'} "
+            f"(+-{1e3 * fit.deviation_s:.0f}), allowed {1e3 * config.delay_allowed_s:.0f}: "
+            "stamp samples when they are taken"
+        )
+
+    def _nis_note(self, sensor: str, monitor: SensorMonitor) -> str:
+        config = self.config.watch
+        allowed = monitor.allowed(config)
+        if monitor.watched <= allowed:
+            return ""
+        key = "imu" if math.isnan(monitor.position_nis) else "pose"
+        return (
+            f"{sensor}: NIS {monitor.watched:.1f}, allowed {allowed:.1f}: check its noise ({key}), its place "
+            "and the robot file"
+        )

@@ -1,0 +1,152 @@
+"""What the watch over the sensors names: a delay that is not declared, a residual that grows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from soro_core import load_robot
+from soro_core.config import find_config, parse
+from soro_core.control import ControllerConfig
+from soro_core.estimation.monitor import Innovation, monitored
+from soro_core.estimation.samples import pose_sensor
+from soro_core.estimation.watch_config import WatchConfig
+from soro_core.loop import Loop
+from soro_core.pneumatics import RegulatorModel
+from tests.estimation.test_learned_force import DT, LENGTH, Run, learned
+from tests.loop.loop_harness import Controller, Estimator, Harness, Setup
+
+SENSOR = pose_sensor(LENGTH)
+CONFIG = WatchConfig()
+
+
+class Shifted(Harness):
+    """Poses are stamped later than they were taken, from a time on."""
+
+    shift_s, from_s = 0.0, 0.0
+
+    def observe(self, world):
+        t = world.tick * self.setup.dt
+        world, seen = super().observe(world)
+        shift = self.shift_s if t >= self.from_s else 0.0
+        late = tuple(replace(pose, stamp_s=pose.stamp_s + shift) for pose in seen.poses)
+        return world, replace(seen, poses=late)
+
+
+def notes_of(duration_s, shift_s=0.0, from_s=0.0, **changes):
+    """Notes of the estimator in closed loop with 20 g, and the last fit of the delay."""
+    robot = load_robot(find_config("tue_three_bellow", "robots"))
+    control = parse({"law": "composite"}, ControllerConfig, "test")
+    setup = Setup(control=control, **changes)
+    plant = Shifted(robot, setup)
+    plant.shift_s, plant.from_s = shift_s, from_s
+    loop = Loop(Estimator(robot, setup.estimation, setup.dt), Controller(robot, control))
+    notes, delays = [], []
+    step = loop.estimator.step
+
+    def watched(*arguments):
+        state, estimate = step(*arguments)
+        if SENSOR in state.monitors:
+            delays.append(state.monitors[SENSOR].delay)
+        return state, estimate
+
+    loop.estimator.step = watched
+    for tick in loop.run(plant, round(duration_s / setup.dt), setup.dt, delay=0):
+        assert tick.estimate.status.ok or tick.t_s < 0.1
+        notes.append((tick.t_s, tick.estimate.status.note))
+    return [(t, note) for t, note in notes if note], delays[-1]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_delay_that_begins_is_named_within_two_seconds(seed):
+    notes, fit = notes_of(7.0, 0.02, from_s=4.0, seed=seed)
+    first_s, note = notes[0]
+    print(f"named {first_s - 4.0:.2f} s after it begins: {note}; in the end {1e3 * fit.delay_s:.1f} ms")
+    assert 0.0 <= first_s - 4.0 <= 2.0
+    assert SENSOR in note
+    assert fit.delay_s == pytest.approx(0.02, abs=0.007)
+    assert f"{1e3 * fit.delay_s:.0f} ms" in notes[-1][1]
+
+
+def test_a_delay_from_the_start_is_named_once_the_load_is_known():
+    """The fit separates load and delay when the arm has moved some way."""
+    notes, _ = notes_of(3.0, 0.02)
+    print(f"named after {notes[0][0]:.2f} s: {notes[0][1]}")
+    assert notes[0][0] <= 2.5
+    assert SENSOR in notes[0][1]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_good_sensors_give_no_note(seed):
+    """Neither a load, nor lag, outliers and lost poses look like a delay or a residual that grows."""
+    lag = RegulatorModel(tau_s=0.104)
+    notes, fit = notes_of(20.0, seed=seed, regulator=lag, outlier=0.02, drop=0.2)
+    print(f"seed {seed}: {1e3 * fit.delay_s:.1f} +- {1e3 * fit.deviation_s:.1f} ms")
+    assert notes == []
+    assert abs(fit.delay_s) < 0.005
+
+
+def test_a_residual_that_grows_is_named_within_two_seconds():
+    run = Run()
+    model = learned()
+    for _ in range(400):
+        assert run.tick(model=model)[0].status.note == ""
+    run.noise_m *= 3.0
+    silent = 0
+    while run.tick(model=model)[0].status.note == "":
+        silent += 1
+        assert silent * DT <= 2.0
+    estimate, _ = run.tick(model=model)
+    monitor = run.state.monitors[SENSOR]
+    assert monitor.watched > monitor.allowed(CONFIG)
+    assert estimate.status.ok
+    assert SENSOR in estimate.status.note
+    assert f"{monitor.watched:.1f}" in estimate.status.note
+    # It goes when the sensor is good again.
+    run.noise_m /= 3.0
+    estimate, _ = run.ticks(800, model=model)
+    assert estimate.status.note == ""
+
+
+def test_the_delay_of_an_arm_at_rest_is_not_known():
+    run = Run(moving=False)
+    run.ticks(600, model=learned())
+    fit = run.state.monitors[SENSOR].delay
+    assert fit.deviation_s > 0.05
+    assert abs(fit.delay_s) < fit.deviation_s
+
+
+def test_a_sensor_that_is_silent_is_not_judged():
+    run = Run(noise_m=1.5e-3)
+    estimate, _ = run.ticks(400)
+    assert SENSOR in estimate.status.note
+    estimate, _ = run.ticks(60, pose=False)
+    assert SENSOR not in estimate.status.note
+
+
+def watched(values, dt=0.01, config=CONFIG):
+    state = None
+    for k, value in enumerate(values):
+        state = monitored(state, Innovation(SENSOR, k * dt, value, value, None), dt, config)
+    return state
+
+
+def test_the_mean_follows_its_time_constant_and_one_outlier_counts_little():
+    state = watched(np.concatenate([np.full(1000, 3.0), np.full(100, 5.0)]))
+    assert state.position_nis == pytest.approx(5.0 - 2.0 * np.exp(-1.0), rel=1e-6)
+    assert 1.0 / state.squares == pytest.approx(2.0 / 0.01, rel=0.01)
+    outlier = watched([*np.full(1000, 3.0), 1e6])
+    assert outlier.position_nis < outlier.allowed(CONFIG)
+
+
+@pytest.mark.parametrize("probability", [0.1, 0.01])
+def test_a_good_sensor_exceeds_the_bound_with_the_stated_probability(probability):
+    config = WatchConfig(nis_false_alarm=probability, nis_time_s=0.1)
+    drawn = np.random.default_rng(7).chisquare(3, (1500, 60))
+    above = np.mean(
+        [state.watched > state.allowed(config) for state in (watched(row, config=config) for row in drawn)]
+    )
+    print(f"{above:.4f} of good sensors above the bound of {probability}")
+    # The largest 1 % count less than they are, so that the rate lies below; four deviations of the draw.
+    assert above <= probability + 4.0 * np.sqrt(probability / len(drawn))
+    assert above > 0.1 * probability

@@ -79,11 +79,15 @@ class SensorMonitor:
         """
         return self.nis if math.isnan(self.position_nis) else self.position_nis
 
+    @property
+    def components(self) -> int:
+        """Components of the watched statistic, the mean of a good sensor."""
+        return _WHOLE if math.isnan(self.position_nis) else _POSITION
+
     def allowed(self, config: WatchConfig) -> float:
         """Return the mean that a good sensor exceeds with the configured probability at most."""
-        components = _WHOLE if math.isnan(self.position_nis) else _POSITION
         count = 1.0 / self.squares
-        return float(chdtri(components * count, config.nis_false_alarm)) / count
+        return float(chdtri(self.components * count, config.nis_false_alarm)) / count
 
 
 def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: WatchConfig) -> SensorMonitor:

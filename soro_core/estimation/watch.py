@@ -97,8 +97,9 @@ class Watch:
         )
 
     def _nis_note(self, sensor: str, monitor: SensorMonitor) -> str:
-        config = self.config.watch
-        allowed = monitor.allowed(config)
+        if monitor.watched <= monitor.components:  # below every bound, whose quantile takes time
+            return ""
+        allowed = monitor.allowed(self.config.watch)
         if monitor.watched <= allowed:
             return ""
         key = "imu" if math.isnan(monitor.position_nis) else "pose"

@@ -16,7 +16,7 @@ class WatchConfig(Strict):
     nis_false_alarm: float = Field(
         1e-6,
         gt=1e-15,
-        lt=0.5,
+        lt=0.3,
         description="probability with which the mean of a good sensor, whose innovations are white, is named",
     )
     delay_time_s: float = Field(

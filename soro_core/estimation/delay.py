@@ -33,6 +33,8 @@ _AHEAD_S = 0.01
 _MOVES = 3.0
 # Delay, mass, shift (3), softness.
 _SIZE = 6
+# Components of a position.
+_POSITION = 3
 
 
 @dataclass(frozen=True)
@@ -105,9 +107,11 @@ class DelayModel:
         self.arm, self.config, pose = arm, config.watch, config.pose
         self._none = np.zeros(arm.n_q)
         stiffness = arm.stiffness_matrix(self._none)
-        # Without stiffness a force moves a place by no known way, and no delay is estimated.
-        self.usable = bool(np.linalg.matrix_rank(stiffness) == arm.n_q)
-        self._compliance = np.linalg.inv(stiffness) if self.usable else stiffness
+        # Without stiffness a force moves a place by no known way; and what a position does not show of more
+        # coordinates looks like a delay (20 to 100 ms on arms of two links). No delay is then estimated.
+        stiff = bool(np.linalg.matrix_rank(stiffness) == arm.n_q)
+        self.usable = stiff and arm.n_q <= _POSITION
+        self._compliance = np.linalg.inv(stiffness) if stiff else stiffness
         robot = arm.robot
         heaviest = _LOAD * (robot.tip_mass + sum(link.mass for link in robot.links))
         shift = max(pose.position_model_std_m, 0.1 * pose.position_std_m)

@@ -87,13 +87,12 @@ class Watch:
         config = self.config.watch
         if fit is None:
             return ""
-        doubt_s = config.delay_deviations * fit.deviation_s
-        if abs(fit.delay_s) - doubt_s <= config.delay_allowed_s:
+        # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
+        if fit.delay_s - config.delay_deviations * fit.deviation_s <= config.delay_allowed_s:
             return ""
         return (
-            f"{sensor}: stamps {1e3 * abs(fit.delay_s):.0f} ms {'late' if fit.delay_s > 0.0 else 'early'} "
-            f"(+-{1e3 * fit.deviation_s:.0f}), allowed {1e3 * config.delay_allowed_s:.0f}: "
-            "stamp samples when they are taken"
+            f"{sensor}: stamps {1e3 * fit.delay_s:.0f} ms late (+-{1e3 * fit.deviation_s:.0f}), "
+            f"allowed {1e3 * config.delay_allowed_s:.0f}: stamp samples when they are taken"
         )
 
     def _nis_note(self, sensor: str, monitor: SensorMonitor) -> str:

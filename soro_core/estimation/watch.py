@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from soro_core.errors import ModelError
 from soro_core.estimation.delay import DelayFit, DelayModel
 from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
 
@@ -63,7 +66,10 @@ class Watch:
         fit = replace(fit, residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
         if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
             s = state.poses[seen.sensor].sample.s
-            fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
+            try:
+                fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
+            except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
+                fit = self.delay.start(state.t_s)
         return replace(monitor, delay=fit)
 
     def note(self, monitors: Mapping[str, SensorMonitor], t_s: float) -> str:

@@ -78,12 +78,14 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
 
     def _warm_up(self) -> None:
         """Run ticks without output, with a learned force too, which compiles their kernels."""
-        zero = np.zeros(len(self._names))
-        pose = self.estimator.arm.pose(np.zeros(self.estimator.arm.n_q), self.estimator.length)
-        sample = PoseSample(0.001, pose[:3, 3], np.array(_quaternion(pose)), self.estimator.length)
-        state, _ = self.estimator.step(self.estimator.initial_state(), zero, [sample], [], 0.005)
-        nothing = Learned(np.zeros(size_of(self.estimator.arm.n_q)))
-        self.estimator.step(state, zero, [], [], 0.005, nothing)
+        estimator, dt = self.estimator, 0.005
+        zero, nothing = np.zeros(len(self._names)), Learned(np.zeros(size_of(estimator.arm.n_q)))
+        pose = estimator.arm.pose(np.zeros(estimator.arm.n_q), estimator.length)
+        quaternion = np.array(_quaternion(pose))
+        state = estimator.initial_state()
+        for k in range(1, 60):  # until the filter is sure of the arm, and the watch estimates the delay
+            sample = PoseSample(k * dt, pose[:3, 3], quaternion, estimator.length)
+            state, _ = estimator.step(state, zero, [sample], [], dt, nothing if k > 1 else None)
 
     # Samples ---------------------------------------------------------------------------------------
     def _on_pose(self, name: str, s: float, message: PoseStamped) -> None:

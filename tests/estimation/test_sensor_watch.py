@@ -12,6 +12,7 @@ from soro_core.estimation import EstimatorConfig
 from soro_core.estimation.delay import DelayModel
 from soro_core.estimation.monitor import Innovation, monitored
 from soro_core.estimation.samples import pose_sensor
+from soro_core.estimation.watch import Watch
 from soro_core.estimation.watch_config import WatchConfig
 from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel
@@ -98,6 +99,20 @@ def test_no_delay_is_estimated_where_a_position_does_not_show_all_coordinates():
     two = link.replace(links=(link.links[0], link.links[0]), name="two_links")
     assert DelayModel(SoftArm(link), EstimatorConfig()).usable
     assert not DelayModel(SoftArm(two), EstimatorConfig()).usable
+
+
+def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
+    """Ahead of it the arm would be shorter than nothing."""
+    run = Run()
+    run.ticks(200, model=learned())
+    belief = run.state.belief
+    mean = belief.mean.copy()
+    mean[belief.n] = -200.0
+    state = replace(run.state, belief=replace(belief, mean=mean), t_s=run.state.t_s + 0.1)
+    seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, np.zeros(3))
+    watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
+    assert state.monitors[SENSOR].delay.solution.any()
+    assert not watch.step(state, [seen]).monitors[SENSOR].delay.solution.any()
 
 
 def test_a_residual_that_grows_is_named_within_two_seconds():

@@ -10,7 +10,7 @@ from soro_core.errors import SoroError
 from tests.loop.arms import ARMS
 from tests.loop.loop_harness import run as run_loop
 
-TITLE = "Arms that nobody tuned"
+TITLE = "Arms with automatic gains"
 SEEDS = (1, 2, 3, 4, 5)
 
 

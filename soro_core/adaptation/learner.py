@@ -122,7 +122,7 @@ class Learner:
         self.prior = np.diag(deviation**-2)
         # Square of the mass's deviation by the energy of one unit of q and force.
         energy = float(self.force.scales.force @ self.force.scales.q)
-        self._mass_rate = _FOLLOW * self.config.mass_std_kg**2 / energy
+        self.mass_rate = _FOLLOW * self.config.mass_std_kg**2 / energy
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
 
@@ -180,7 +180,7 @@ class Learner:
             Time since the last sample [s].
         """
         theta = math.exp(-dt / self.config.forget_s) * state.learned.theta
-        theta[0] = state.learned.mass_kg - self._mass_rate * power * dt
+        theta[0] = state.learned.mass_kg - self.mass_rate * power * dt
         within = np.minimum(np.maximum(theta, self.lower), self.upper)
         return replace(
             self.initial_state(),

@@ -96,7 +96,7 @@ def test_without_positions_the_mass_follows_the_tracking_error_and_weights_are_f
     assert np.abs(state.learned.theta[1:]).max() < 0.1 * np.abs(taught.learned.theta[1:]).max()
     assert state.learned.mass_kg > taught.learned.mass_kg
     gained = state.learned.mass_kg - taught.learned.mass_kg
-    assert gained == pytest.approx(300 * DT * 1e-3 * learner._mass_rate)
+    assert gained == pytest.approx(300 * DT * 1e-3 * learner.mass_rate)
     for _ in range(3000):
         state = learner.follow(state, -1.0, DT)
     assert state.learned.mass_kg == learner.config.mass_upper_kg

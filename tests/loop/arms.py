@@ -1,4 +1,4 @@
-"""Arms that nobody tuned, with references that they can follow: every key is automatic or the platform's."""
+"""Arms with automatic gains, and references that they can follow: all keys automatic or of the platform."""
 
 from __future__ import annotations
 

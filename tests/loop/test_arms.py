@@ -19,7 +19,7 @@ BY_NAME = {arm.name: arm for arm in ARMS}
         "the arm hanging, 7 1/m, 20 g",
     ],
 )
-def test_an_arm_that_nobody_tuned_reaches_its_goal(figure, name):
+def test_an_arm_with_automatic_gains_reaches_its_goal(figure, name):
     arm = BY_NAME[name]
     robot, setup = arm.ready(duration_s=11.0)
     record = run(robot, setup)

@@ -54,7 +54,14 @@ class LearnerConfig(Strict):
     low_pass_per_s: float = Field(5.0, gt=0, le=1e3, description="low-pass of both sides [rad/s]")
     forget_s: float = Field(4.0, gt=0, le=1e4, description="time after which samples are forgotten")
     forget_factor: float = Field(
-        30.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
+        5.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
+    )
+    mass_walk_per_s: float = Field(
+        5e-4,
+        ge=0,
+        le=1,
+        description="variance by which the mass may move in a second while the residual is large, as a part "
+        "of its prior variance",
     )
     bound_s: float = Field(1.0, gt=0, le=100, description="time at a bound after which the prior is restored")
 

@@ -169,6 +169,12 @@ class Pressures(Strict):
         le=1,
         description="time until a set point begins to act; default: a tick between nodes, and dead time",
     )
+    play_pa: float | None = Field(
+        None,
+        ge=0,
+        le=1e5,
+        description="width of the play between set point and pressure, 0 for none; default: the platform's",
+    )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
     @model_validator(mode="after")

@@ -95,7 +95,8 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        self.observer = RegulatorObserver(self.pressures.lag_s, self.pressures.dead_time_s)
+        known = self.pressures
+        self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
         refuse_lost_arm(self)
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
@@ -202,7 +203,7 @@ class Controller(GivenReferences):
         actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
         believed = self.law.actuation(inner, actuation)
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
-        bias = 0.0 if regulators is None else regulators.bias_pa
+        bias = 0.0 if regulators is None else regulators.added_pa
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not (wish.ok and np.all(np.isfinite(made.command_pa))):
             return self._held(state, "no finite pressures for the wished force")

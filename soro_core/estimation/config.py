@@ -128,7 +128,7 @@ class EstimatorConfig(Strict):
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"
     )
     outlier_inflation: float = Field(
-        2.0,
+        4.0,
         ge=1,
         le=10,
         description="factor on the covariance for every refused sample: one outlier costs little, and the "

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from soro_core import SoftArm, load_robot
+from soro_core.adaptation.modes import losses
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.config import Gains
@@ -95,3 +97,21 @@ def test_a_strain_without_stiffness_needs_stated_gains(monkeypatch):
         Controller(robot)
     stated = {"gains": {"k_p": [0.4, 1e-6, 1e-6], "k_d": [0.0, 1e-7, 1e-7]}}
     assert Controller(robot, parse(stated, ControllerConfig, "test")).gains.k_p[1, 1] == 1e-6
+
+
+def test_feedback_on_a_fast_mode_keeps_to_the_damping_of_this_mode():
+    """Two links: their second bending turns by more than a right angle in the delay."""
+    one = shipped("tue_three_bellow")
+    robot = one.replace(links=(one.links[0], one.links[0]), name="two_links")
+    arm, of = SoftArm(robot), strain_fields(robot)
+    gains, more = (gains_of(arm, of, Gains(), 1, DELAY_S, (0.5, factor)) for factor in (2.5, 5.0))
+    assert more.k_p[1, 1] == pytest.approx(gains.k_p[1, 1])
+    square, shapes = eigh(arm.stiffness_matrix(np.zeros(6)), arm.inertia_matrix(np.zeros(6)))
+    parts = []
+    for rate, shape in zip(np.sqrt(square), shapes.T, strict=True):
+        made = abs(shape @ (gains.k_p + gains.k_d * (gains.rate + 1j * rate)) @ shape)
+        parts.append(made / (rate * shape @ losses(arm, rate) @ shape))
+    assert max(parts) == pytest.approx(2.0, rel=0.01)
+    short = SoftArm(one), strain_fields(one)
+    twice, once = (gains_of(*short, Gains(), 1, DELAY_S, (1.0, factor)).k_p[1, 1] for factor in (2.0, 1.0))
+    assert twice == pytest.approx(2.0 * once)

@@ -40,9 +40,8 @@ class Composite(Law[CompositeState]):
     Options = CompositeOptions
     learns = True
     observes_regulators = True
-    # What drives no learning can be larger; twice the bending oscillates on two links that hang. The pose is
-    # noisy along the arm.
-    feedback_factors = (0.5, 1.5)
+    # What drives no learning can be larger in bending. The pose is noisy along the arm.
+    feedback_factors = (0.5, 2.5)
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         assert isinstance(options, CompositeOptions)
@@ -128,7 +127,6 @@ class Composite(Law[CompositeState]):
         sample = Sample(
             q=belief.q,
             qd=belief.qd,
-            qdd=reference.now.qdd,
             pressure_pa=belief.pressure_pa,
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],

@@ -57,7 +57,7 @@ class LearnerConfig(Strict):
         5.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
     )
     mass_walk_per_s: float = Field(
-        5e-4,
+        1e-3,
         ge=0,
         le=1,
         description="variance by which the mass may move in a second while the residual is large, as a part "

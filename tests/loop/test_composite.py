@@ -8,8 +8,10 @@ import pytest
 from loop_harness import Setup, run
 
 from soro_core import load_robot
+from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
-from soro_core.control import ControllerConfig
+from soro_core.control import Controller, ControllerConfig
+from soro_core.control.laws.protocol import ArmBelief, Preview
 
 
 @pytest.fixture(scope="module")
@@ -27,6 +29,20 @@ def report(name, record):
         f"largest after 3 s {1e3 * record.peak():.2f} mm, below 2 mm after {record.settled_s():.2f} s, "
         f"{1e-3 * record.command_rate():.0f} kPa/s, estimator {1e3 * record.estimation_rms():.2f} mm"
     )
+
+
+def test_an_arm_on_a_fast_circle_gets_no_feedback(robot):
+    """Where it is and where it shall be are both moved on by the time until a set point acts."""
+    circle = {"law": "composite", "reference": {"period_s": 2.0}}
+    controller = Controller(robot, parse(circle, ControllerConfig, "test"))
+    law, ahead_s, t = controller.law, controller.pressures.preview_s, 10.0
+    now, ahead = (controller.configured.sample(t + later) for later in (0.0, ahead_s))
+    none = np.zeros(3)
+    belief = ArmBelief(now.q, now.qd, None, True, np.zeros(controller.arm.n_internal), none, none > 0.0)
+    terms = law.step(law.initial_state(), belief, Preview(now, ahead, ahead_s), 0.005)[2]
+    units = scales_of(controller.arm)
+    for name in ("proportional", "derivative"):
+        np.testing.assert_allclose(terms[name] / units.force, 0.0, atol=1e-9)
 
 
 def test_the_circle_with_a_load_that_is_not_known(robot):

@@ -33,7 +33,7 @@ STRETCH_PART = 0.3
 RATE_TIMES, LAMBDA_TIMES = 3.5, 9.0
 # Force of the feedback on a bending mode, at most, in that of the mode's own damping: more oscillates in the
 # second mode of two links that hang. Modes that turn by more than pi in the delay are faster than the loop.
-MODE_PART = 2.0
+MODE_PART = 1.4
 # Time until a set point acts where the regulators act at once [s].
 LEAST_S = 0.01
 

@@ -195,7 +195,7 @@ def test_a_load_that_falls_off_is_found_at_once_and_w_stays():
     masses, weights = [], []
     for walk in (LearnerConfig().mass_walk_per_s, 0.0):
         learner = Learner(ARM, config(mass_walk_per_s=walk))
-        known = learn(learner, true, 3000)
+        known = learn(learner, true, 1200)
         after = learn(learner, fallen, 160, known)
         masses.append(abs(after.learned.mass_kg))
         weights.append(np.abs(after.learned.theta - known.learned.theta)[1:].max())

@@ -164,16 +164,10 @@ class Pressures(Strict):
         description="time constant of the regulators, inverted, 0 for none; default: the platform's",
     )
     dead_time_s: float | None = Field(
-        None,
-        ge=0,
-        le=1,
-        description="time until a set point begins to act; default: a tick between nodes, and dead time",
+        None, ge=0, le=1, description="time until a set point acts; default: a tick between nodes, dead time"
     )
     play_pa: float | None = Field(
-        None,
-        ge=0,
-        le=1e5,
-        description="width of the play between set point and pressure, 0 for none; default: the platform's",
+        None, ge=0, le=1e5, description="play of set point and pressure, its width; default: the platform's"
     )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 

@@ -15,7 +15,11 @@ class PoseNoise(Strict):
     position_std_m: float = Field(3e-4, gt=0, le=1, description="sensor noise of each coordinate")
     orientation_std_rad: float = Field(6e-3, gt=0, le=3, description="sensor noise of each rotation")
     position_model_std_m: float = Field(
-        1e-4, ge=0, le=1, description="error of the arm's kinematics in position, beyond the sensor's"
+        0.0,
+        ge=0,
+        le=1,
+        description="error of the arm's kinematics in position, beyond the sensor's; a link that stretches and "
+        "bends reaches every position of its tip",
     )
     orientation_model_std_rad: float = Field(
         0.2,
@@ -73,16 +77,16 @@ class LearnedProcessNoise(ProcessNoise):
     """The same where a learned force is part of the model: less is left for noise to explain."""
 
     stretch_acceleration: float = Field(
-        0.1, ge=0, le=1e6, description="spectral density of the acceleration's error of elongation and shears"
+        0.0, ge=0, le=1e6, description="spectral density of the acceleration's error of elongation and shears"
     )
-    curvature_acceleration_per_m: float = Field(2.0, ge=0, le=1e6, description="the same of curvatures")
+    curvature_acceleration_per_m: float = Field(0.0, ge=0, le=1e6, description="the same of curvatures")
     stretch_disturbance: float = Field(
-        300.0,
+        120.0,
         ge=0,
         le=1e9,
         description="the same of the second derivative of the disturbance of elongation and shears",
     )
-    curvature_disturbance_per_m: float = Field(1e3, ge=0, le=1e9, description="the same of curvatures")
+    curvature_disturbance_per_m: float = Field(350.0, ge=0, le=1e9, description="the same of curvatures")
 
 
 class InitialNoise(Strict):
@@ -114,6 +118,12 @@ class EstimatorConfig(Strict):
         LearnedProcessNoise(), description="process noise while a learned force is in force"
     )
     initial: InitialNoise = Field(InitialNoise(), description="initial uncertainty")
+    pressure_std_pa: float = Field(
+        100.0,
+        ge=0,
+        le=1e6,
+        description="noise of each measured pressure, independent from reading to reading; of the platform",
+    )
     pose: PoseNoise = Field(PoseNoise(), description="pose samples")
     imu: ImuNoise = Field(ImuNoise(), description="IMU samples")
     integrator: Integrator = Field(

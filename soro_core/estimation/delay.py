@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Deviations of the prior: a delay of 0.1 s, a load of twice the arm's own mass, which is also its bound, and
-# an arm 30 % softer or stiffer.
-_DELAY_S, _LOAD, _SOFT = 0.1, 2.0, 0.3
+# Deviations of the prior: a delay of 0.1 s, a load of twice the arm's own mass, which is also its bound, a
+# shift of the frame by 0.1 mm, and an arm 30 % softer or stiffer.
+_DELAY_S, _LOAD, _SHIFT_M, _SOFT = 0.1, 2.0, 1e-4, 0.3
 # The stiffness along the motion is that over this time of it [s].
 _AHEAD_S = 0.01
 # An arm moves whose speed is above that many of its deviations.
@@ -61,8 +61,8 @@ class DelayFit:
 
     Attributes
     ----------
-    t_s : float
-        Time of the last row [s].
+    t_s, begun_s : float
+        Time of the last row, and of the prior [s].
     information, moment : ndarray (6, 6), (6,)
         A and b of A x = b, x = (delay [s], mass [kg], shift (3) [m], softness).
     solution : ndarray (6,)
@@ -78,6 +78,7 @@ class DelayFit:
     """
 
     t_s: float
+    begun_s: float
     information: Array
     moment: Array
     solution: Array
@@ -114,15 +115,14 @@ class DelayModel:
         self._compliance = np.linalg.inv(stiffness) if stiff else stiffness
         robot = arm.robot
         heaviest = _LOAD * (robot.tip_mass + sum(link.mass for link in robot.links))
-        shift = max(pose.position_model_std_m, 0.1 * pose.position_std_m)
-        deviations = np.array([_DELAY_S, heaviest, shift, shift, shift, _SOFT])
+        deviations = np.array([_DELAY_S, heaviest, _SHIFT_M, _SHIFT_M, _SHIFT_M, _SOFT])
         self._heaviest_kg = heaviest
         self._prior = np.diag(deviations**-2)
         self._noise = pose.position_std_m**2 + pose.position_model_std_m**2
 
     def start(self, t_s: float) -> DelayFit:
         """Return the prior at a time [s]."""
-        return DelayFit(t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
+        return DelayFit(t_s, t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
 
     def step(self, state: DelayFit, belief: Belief, pressure_pa: Array, s: float, t_s: float) -> DelayFit:
         """Return the fit with one more row.
@@ -218,4 +218,4 @@ class DelayModel:
         if not np.isfinite(solution).all():
             return self.start(t_s)
         deviation = float(np.sqrt(max(covariance[0, 0], 0.0)))
-        return DelayFit(t_s, information, moment, solution, deviation, np.zeros(3))
+        return DelayFit(t_s, state.begun_s, information, moment, solution, deviation, np.zeros(3))

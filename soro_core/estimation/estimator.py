@@ -56,7 +56,7 @@ class Estimator:
     ) -> None:
         self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
-        self.filter = Filter(self.arm, self.config, model.links)
+        self.filter = Filter(self.arm, self.config, model.links, dt)
         self._watch = Watch(self.arm, self.config)
         self._q_scale = q_scale_of(self.arm, model.links)
         self.length = float(sum(link.length for link in robot.links))

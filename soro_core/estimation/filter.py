@@ -84,11 +84,13 @@ class Filter:
         Noise and limits.
     pieces : int
         Number of pieces into which each link is discretised.
+    dt : float
+        Time between two readings of the pressures [s].
     """
 
-    def __init__(self, arm: SoftArm, config: EstimatorConfig, pieces: int = 1) -> None:
+    def __init__(self, arm: SoftArm, config: EstimatorConfig, pieces: int = 1, dt: float = 0.005) -> None:
         self.arm, self.n = arm, arm.n_q
-        self.settings = settings_of(arm, config, pieces)
+        self.settings = settings_of(arm, config, pieces, dt)
         self.n_d = self.settings.n_d
         self._box = _box_of(arm, self.settings)
         self._nothing = np.zeros(size_of(self.n))

@@ -27,7 +27,7 @@ from soro_core.robot.coordinates import StrainFields, strain_fields
 Array: TypeAlias = NDArray[np.float64]
 
 
-def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
+def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -> Settings:
     """Return the settings of the filter of one arm.
 
     Parameters
@@ -38,6 +38,8 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         Noise and limits.
     pieces : int
         Number of pieces into which each link is discretised.
+    dt : float
+        Time between two readings of the pressures [s].
     """
     fields, n = strain_fields(arm.robot), arm.n_q
     angle = np.where(fields.stretch, 1.0, fields.length)
@@ -52,6 +54,7 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         time=float(config.process.disturbance_time_s),
         process=_process(config.process, fields),
         learned_process=_process(config.learned_process, fields),
+        pressure_process=config.pressure_std_pa**2 * dt,
         initial=_initial(config, fields),
         first=np.append(fields.first, n).astype(np.int64),
         samples=np.ascontiguousarray(fields.samples),

@@ -91,7 +91,7 @@ class Watch:
 
     def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
         config = self.config.watch
-        if fit is None:
+        if fit is None or fit.t_s - fit.begun_s < config.delay_time_s:  # too few rows to tell load and delay
             return ""
         # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
         if fit.delay_s - config.delay_deviations * fit.deviation_s <= config.delay_allowed_s:

@@ -37,6 +37,8 @@ class Settings(NamedTuple):
     """Spectral density of the noise of rate and drift, (2, n, n)."""
     learned_process: Array
     """The same with a learned force."""
+    pressure_process: float
+    """Spectral density of the error of each measured pressure [Pa^2 s]."""
     initial: Array
     """Initial covariance, (m, m)."""
     first: Integers
@@ -88,7 +90,7 @@ class Scratch(NamedTuple):
     internal: Array
     tangent: Array
     by_q: Array
-    """Derivatives of the acceleration by q, qd and pressure."""
+    """Derivatives of the acceleration by q, qd and pressure; the last are what noise of pressures does."""
     by_v: Array
     by_p: Array
     change: Array
@@ -98,6 +100,8 @@ class Scratch(NamedTuple):
     pivots: Integers
     response: Array
     """Change of the rates by q, qd and by an impulse, (n, 3 n)."""
+    noise: Array
+    """Spectral density of the noise of the rates, (n, n)."""
     spread: Array
     """Covariance under way, (m, m), its rows carried, and these transposed."""
     carried: Array
@@ -169,6 +173,7 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros((n, n)),  # system
         np.zeros(max(n, MOST_ROWS), dtype=np.int64),  # pivots
         np.zeros((n, 3 * n)),  # response
+        np.zeros((n, n)),  # noise
         np.zeros((m, m)),  # spread
         np.zeros((m, m)),  # carried
         np.zeros((m, m)),  # turned

@@ -87,6 +87,12 @@ class LearnedProcessNoise(ProcessNoise):
         description="the same of the second derivative of the disturbance of elongation and shears",
     )
     curvature_disturbance_per_m: float = Field(350.0, ge=0, le=1e9, description="the same of curvatures")
+    disturbance_time_s: float = Field(
+        1.0,
+        gt=0,
+        le=1e4,
+        description="time constant with which a disturbance decays: what lasts longer is learned",
+    )
 
 
 class InitialNoise(Strict):

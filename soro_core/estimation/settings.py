@@ -52,6 +52,7 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -
     return Settings(
         n_d=n if config.disturbance else 0,
         time=float(config.process.disturbance_time_s),
+        learned_time=float(config.learned_process.disturbance_time_s),
         process=_process(config.process, fields),
         learned_process=_process(config.learned_process, fields),
         pressure_process=config.pressure_std_pa**2 * dt,

@@ -41,10 +41,12 @@ def load(arm: FilterArm, theta: Array, share: float) -> None:
     """Put `share` of the learned model theta into the arm.
 
     A mass below that of the robot file's tip has weight, but no inertia: the inertia matrix stays positive
-    definite, and the arm at rest is where the learner has it.
+    definite, and the arm at rest is where the learner has it. What lasts is the learner's, and a disturbance
+    beside it fades sooner.
     """
     t, s, w = arm.tables, arm.settings, arm.scratch
     n = s.limit.shape[0]
+    w.fading[0] = 1.0 / ((1.0 - share) / s.time + share / s.learned_time)
     total = s.tip_mass + share * theta[0]
     t.tip_mass[0] = max(total, 0.0)
     w.lost[0] = min(total, 0.0)

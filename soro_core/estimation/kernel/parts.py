@@ -32,7 +32,8 @@ class Settings(NamedTuple):
 
     n_d: int
     time: float
-    """Time constant with which a disturbance decays [s]."""
+    """Time constant with which a disturbance decays [s], and that with a learned force."""
+    learned_time: float
     process: Array
     """Spectral density of the noise of rate and drift, (2, n, n)."""
     learned_process: Array
@@ -78,6 +79,8 @@ class Scratch(NamedTuple):
 
     wrench: Array
     """At the tip, and none at other places."""
+    fading: Array
+    """Time constant with which a disturbance decays in this step [s], (1,)."""
     lost: Array
     """Learned mass that the arm does not have to lose [kg], (1,), 0 or less."""
     constant: Array
@@ -158,6 +161,7 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
     m = 2 * n + 2 * s.n_d
     return Scratch(
         np.zeros(n_wrench),  # wrench
+        np.zeros(1),  # fading
         np.zeros(1),  # lost
         np.zeros(n),  # constant
         np.zeros((n, n)),  # slope

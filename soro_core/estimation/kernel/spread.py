@@ -41,8 +41,8 @@ def _carry_rows(arm: FilterArm, h: float, P: Array, out: Array) -> None:
     """out <- Phi P."""
     s, w = arm.settings, arm.scratch
     X, n, m = w.response, s.limit.shape[0], P.shape[0]
-    keep = (1.0 - h / s.time) / (1.0 + h / s.time)
-    drift = h * (1.0 + keep) / (1.0 + h / s.time)
+    keep = (1.0 - h / w.fading[0]) / (1.0 + h / w.fading[0])
+    drift = h * (1.0 + keep) / (1.0 + h / w.fading[0])
     u = w.added
     for i in range(n):
         clear(u)

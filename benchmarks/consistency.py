@@ -1,4 +1,4 @@
-"""Whether the filter's covariance is that of its error: in closed loop, and on a plant that is its own model."""
+"""Whether the filter's covariance is that of its error: in closed loop, and on a plant of its own model."""
 
 from __future__ import annotations
 
@@ -80,9 +80,9 @@ def run(options: Options) -> str:
     head = ["case", "NIS of the position", "NEES of the tip", "NEES of (q, qd)", "tip error, mm"]
     return "\n\n".join(
         [
-            f"The covariance of the filter against its error: the circle of `tests/loop/loop_harness.py` with "
-            f"`law: composite`, from {AFTER_S:g} s on, means of seeds 1 to {len(seeds)} (smallest and largest "
-            "of a seed). The position and the tip have 3 components, (q, qd) has 6. The NIS is that of "
+            "The covariance of the filter against its error: the circle of `tests/loop/loop_harness.py` with "
+            f"`law: composite`, from {AFTER_S:g} s on, means of seeds 1 to {len(seeds)} (smallest and "
+            "largest of a seed). Position and tip have 3 components, (q, qd) has 6. The NIS is that of "
             "/diagnostics. A matched plant is the model of the filter, without a load; its sensors have the "
             "noise that is declared.",
             table(head, rows),

@@ -18,8 +18,8 @@ class PoseNoise(Strict):
         0.0,
         ge=0,
         le=1,
-        description="error of the arm's kinematics in position, beyond the sensor's; a link that stretches and "
-        "bends reaches every position of its tip",
+        description="error of the arm's kinematics in position, beyond the sensor's; a link that stretches "
+        "and bends reaches every position of its tip",
     )
     orientation_model_std_rad: float = Field(
         0.2,

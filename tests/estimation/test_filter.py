@@ -201,6 +201,29 @@ def test_one_update_is_that_of_the_textbook():
     )
 
 
+@pytest.mark.parametrize("mass", [0.0, 0.02])
+def test_noise_of_the_pressures_accelerates_what_the_arm_carries(mass):
+    """M^-1 H of the loaded arm times the noise of a reading."""
+    filter_, reading_s = Filter(SoftArm(ROBOT), EstimatorConfig(), dt=0.004), 0.004
+    begun = belief_of(filter_)
+    begun = replace(begun, covariance=np.zeros_like(begun.covariance))
+    dt = 1e-6
+    covariance = filter_.predict(begun, P, dt, model(mass))[0].covariance[N : 2 * N, N : 2 * N]
+    arm = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + mass))
+    by_p = np.linalg.solve(arm.inertia_matrix(Q), arm.actuation_matrix(Q))
+    density = EstimatorConfig().pressure_std_pa ** 2 * reading_s
+    np.testing.assert_allclose(covariance / dt, density * by_p @ by_p.T, rtol=1e-2)
+
+
+def test_a_disturbance_beside_a_learned_force_fades_sooner():
+    filter_ = Filter(SoftArm(ROBOT), EstimatorConfig())
+    begun = belief_of(filter_)
+    begun.mean[3 * N :] = 0.0
+    for known, time_s in ((Known(), 5.0), (replace(model(0.0), share=0.5), 1.0 / 0.6), (model(0.0), 1.0)):
+        end = filter_.predict(begun, P, DT, known)[0].mean
+        np.testing.assert_allclose(end[2 * N : 3 * N], np.exp(-DT / time_s) * begun.mean[2 * N : 3 * N])
+
+
 def test_nothing_of_a_call_stays_behind():
     """The same input gives the same bits, whatever was computed in between."""
     filter_ = Filter(SoftArm(ROBOT), CONFIG)

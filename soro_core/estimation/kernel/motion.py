@@ -26,7 +26,7 @@ from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, applied_force, check, finite
 from soro_core.model.internal import advance_internal
-from soro_core.model.linear import clear, lu_factor, lu_solve
+from soro_core.model.linear import assign, clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
 from soro_core.model.tables import CREEP
 
@@ -34,6 +34,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Corrections of a step, of which a running filter needs one; and the change of q in the last, as a strain.
 _CORRECTIONS, _SAME = 6, 3e-5
+# Increment of a pressure where differences replace derivatives [Pa]; forces are linear in it.
+_MOVED_PA = 1e3
 
 
 @inner
@@ -133,12 +135,21 @@ def _differences(room: NoRoom, arm: FilterArm, q: Array, v: Array, z: Array, pre
             return code
         for j in range(n):
             w.by_v[j, i] = (a[j] - w.acceleration[j]) / h
+    for i in range(pressure.shape[0]):
+        assign(pressure, w.pressure)
+        w.pressure[i] += _MOVED_PA
+        code = loaded_acceleration(arm, q, v, z, w.pressure, a)
+        if code != GOOD:
+            return code
+        for j in range(n):
+            w.by_p[j, i] = (a[j] - w.acceleration[j]) / _MOVED_PA
     return GOOD
 
 
 slopes = select_by_type(DerivativeWork, _exact, _differences)
 """slopes(room, arm, q, v, z, pressure), after `loaded_acceleration` into scratch.acceleration and
-`advance_internal`: scratch.by_q and .by_v <- its derivatives, exact where the arm has them; gives a code."""
+`advance_internal`: scratch.by_q, .by_v and .by_p <- its derivatives, exact where the arm has them; gives
+a code."""
 
 
 @inner

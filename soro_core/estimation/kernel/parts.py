@@ -90,6 +90,8 @@ class Scratch(NamedTuple):
     moved: Array
     """Coordinates or rates with one moved, (n,), and the acceleration there, (n,)."""
     moved_acceleration: Array
+    pressure: Array
+    """One of the pressures moved, (n_u,)."""
     internal: Array
     tangent: Array
     by_q: Array
@@ -168,6 +170,7 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros(n),  # acceleration
         np.zeros(n),  # moved
         np.zeros(n),  # moved_acceleration
+        np.zeros(n_u),  # pressure
         np.zeros(n_z),  # internal
         np.zeros(n_z),  # tangent
         np.zeros((n, n)),  # by_q

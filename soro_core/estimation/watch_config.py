@@ -26,7 +26,7 @@ class WatchConfig(Strict):
         description="time constant of the estimated delay: one that begins is then named within 2 s",
     )
     delay_correlation_s: float = Field(
-        0.05,
+        0.1,
         gt=0,
         le=10,
         description="time after which the filter's errors are independent: it counts how much samples say",

@@ -26,6 +26,7 @@ from soro_core.control.motion import Planner
 from soro_core.control.references import bounds_of, check_configured, configured_reference
 from soro_core.control.setpoints import SetpointMaker
 from soro_core.control.trajectory import Point, Reference
+from soro_core.control.undriven import DrivenMotions, Shape, Undriven
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
 from soro_core.model.discretised import discretised
@@ -82,6 +83,7 @@ class Controller(GivenReferences):
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
+        self.undriven = Undriven(self.arm, self.fields, self.limit, model.links)
         self.law = law(
             Setting(
                 self.arm,
@@ -108,6 +110,7 @@ class Controller(GivenReferences):
             model_pa=start,
             wish_pa=start,
             creep=np.zeros(self.arm.n_internal),
+            shape=self.undriven.initial_state(),
             saturated=np.zeros(self.arm.n_u, dtype=bool),
             regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
         )
@@ -185,7 +188,8 @@ class Controller(GivenReferences):
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
         point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
-        ahead = Preview(point, future, preview_s)
+        shape, future, motions = self._with_undriven(state, future)
+        ahead = Preview(point, future, preview_s, motions)
         belief = ArmBelief(
             q=q,
             qd=qd,
@@ -220,6 +224,7 @@ class Controller(GivenReferences):
             saturated=made.at_bound,
             regulators=regulators and self.observer.commanded(regulators, made.command_pa),
             following=following,
+            shape=shape,
             point=point,
         )
         return after, Command(
@@ -235,6 +240,22 @@ class Controller(GivenReferences):
             terms=terms,
             status=ControllerStatus(True, "", after.watch.note),
         )
+
+    def _with_undriven(
+        self, state: ControllerState, future: Point
+    ) -> tuple[Shape, Point, DrivenMotions | None]:
+        """Return the reference ahead with the shape of what no chamber moves."""
+        if not self.undriven.exist:
+            return state.shape, future, None
+
+        def force(q: Array) -> Array:
+            known = self.law.reference_force(state.law, q, future.qd, future.qdd)
+            return np.asarray(known + self.arm.internal_force(q, state.creep))
+
+        def actuation(q: Array) -> Array:
+            return self.law.actuation(state.law, self.arm.actuation_matrix(q))
+
+        return self.undriven.step(state.shape, future, force, actuation)
 
     def _judged(
         self, state: ControllerState, q: Array, point: Point, missing: Array, event: str, dt: float

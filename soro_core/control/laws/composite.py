@@ -61,9 +61,9 @@ class Composite(Law[CompositeState]):
     ) -> tuple[CompositeState, Array, Terms]:
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, gains, wanted = self.setting.arm, self.setting.gains, reference.ahead
-        q = self.setting.moved(belief, reference.ahead_s)
+        q, qd = self.setting.moved(belief, reference)
         error = q - wanted.q
-        s = belief.qd - wanted.qd + gains.rate * error
+        s = qd - wanted.qd + gains.rate * error
         learner = self._learned(state.learner, belief, reference, s, dt)
         model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
         internal = arm.internal_force(wanted.q, state.creep)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.adaptation.config import LearnerConfig, complete_learner
+from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 
@@ -31,8 +31,6 @@ _SINGULAR = 1e14
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
-# Gain of the mass on the tracking error, in units of the model: that of `adaptive` on the three-bellow arm.
-_FOLLOW = 0.01
 
 
 @dataclass(frozen=True)
@@ -120,9 +118,7 @@ class Learner:
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.prior = np.diag(deviation**-2)
-        # Square of the mass's deviation by the energy of one unit of q and force.
-        energy = float(self.force.scales.force @ self.force.scales.q)
-        self.mass_rate = _FOLLOW * self.config.mass_std_kg**2 / energy
+        self.mass_rate = follow_rate(config.mass_std_kg, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
 

@@ -39,6 +39,18 @@ def test_the_automatic_numbers_of_a_scene_are_printed(soro):
     assert used["pressures"]["lag_s"] == 0.052  # of the platform
     assert used["law_options"]["mass_upper_kg"] == pytest.approx(0.102)
     assert used["estimator"]["process"]["stretch_acceleration"] == 2.0
+    assert "adaptation" not in used  # of another law
+
+
+def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
+    status, out, _ = soro("gains", "track_circle", "--set", "controller={law: adaptive}")
+    used = yaml.safe_load(out)
+    assert (status, used["law"]) == (0, "adaptive")
+    assert "law_options" not in used
+    adaptation = used["adaptation"]
+    assert adaptation["parameters"] == ["tip_mass"]
+    assert adaptation["gain"] == [pytest.approx(0.05, rel=0.03)]
+    assert adaptation["upper"] == [pytest.approx(0.102)]
 
 
 @pytest.mark.parametrize(

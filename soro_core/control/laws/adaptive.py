@@ -31,7 +31,7 @@ class Adaptive(Law[AdaptiveState]):
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         self.setting, self.config = setting, setting.config
-        self.parameters = ParameterSet(setting.arm, self.config.adaptation)
+        self.parameters = ParameterSet(setting.arm, self.config.adaptation, pieces=setting.pieces)
         self._desired = self.config.compensation == "reference"
         adaptation, fields = self.config.adaptation, setting.fields
         # For a strain with several coefficients, the dead zone is that of the root mean square along the

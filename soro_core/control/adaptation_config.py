@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from pydantic import Field, model_validator
 
 from soro_core.config import Floats, Strict, Strings
@@ -50,6 +53,14 @@ class Adaptation(Strict):
         True,
         description="hold estimates whose change would enlarge the force that saturated pressures lack",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_none(cls, value: Any) -> Any:
+        # Nothing adapted: a parameter file cannot tell an empty list from one that is not stated.
+        if isinstance(value, Mapping) and not value.get("parameters", ("tip_mass",)):
+            return {**value, **{key: [] for key in ("gain", "lower", "upper") if value.get(key) is None}}
+        return value
 
     @model_validator(mode="after")
     def _consistent(self) -> Adaptation:

@@ -28,6 +28,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Information whose condition is worse than this is singular.
 _SINGULAR = 1e14
+# Part of a unit of q for the difference quotient of the force.
+_STEP = 1e-6
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
@@ -117,6 +119,7 @@ class Learner:
         self.config = config = complete_learner(config, arm, self.force.scales.force)
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
+        self.slope = self._slope()
         self.prior = np.diag(deviation**-2)
         self.mass_rate = follow_rate(config.mass_std_kg, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
@@ -186,6 +189,19 @@ class Learner:
             restored=state.restored,
         )
 
+    def _slope(self) -> Array:
+        """Return the slope of the static force, in units of force, by q where the arm is straight.
+
+        Weight counts: a shape that no position shows would else leak into what they show.
+        """
+        arm, scales = self.arm, self.force.scales
+        steps = np.diag(_STEP * scales.q)
+        forces = [
+            arm.gravity_force(x) + arm.elastic_force(x) - arm.gravity_force(-x) - arm.elastic_force(-x)
+            for x in steps
+        ]
+        return np.asarray(np.stack(forces, axis=1) / (2.0 * _STEP * scales.force[:, None] * scales.q))
+
     def _doubtful(self, covariance: Array) -> bool:
         """Whether the filter's doubt about q, as a force, is above the noise."""
         variance = np.diag(covariance) * self.force.scales.stiffness**2
@@ -211,8 +227,8 @@ class Learner:
         self, state: LearnerState, residual: Array, regressor: Array, covariance: Array, dt: float
     ) -> tuple[Array, Array]:
         """Return information and moment after a sample; the arrays are those of the low-pass."""
-        config, stiffness = self.config, self.force.scales.stiffness
-        noise = config.noise**2 * np.eye(len(residual)) + covariance * np.outer(stiffness, stiffness)
+        config = self.config
+        noise = config.noise**2 * np.eye(len(residual)) + self.slope @ covariance @ self.slope.T
         # Samples of a low-pass repeat each other for 2 / its rate.
         weighed = 0.5 * config.low_pass_per_s * np.linalg.solve(noise, regressor).T
         missed = residual - regressor @ state.learned.theta

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict, parse
+from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.adaptation.scales import Scales
@@ -85,9 +86,19 @@ def mass_prior(arm: SoftArm) -> tuple[float, float, float]:
     return MASS_PART * mass, LEAST_PART * mass, MASS_PART * mass
 
 
-def follow_rate(mass_std_kg: float, scales: Scales) -> float:
-    """Return g of m' = -g Y_m' s [kg^2/J]: the mass's variance by the energy of one unit of q and force."""
-    return FOLLOW * mass_std_kg**2 / float(scales.force @ scales.q)
+def follow_rate(mass_std_kg: float, arm: SoftArm, scales: Scales) -> float:
+    """Return g of m' = -g Y_m' s [kg^2/J]: the mass's variance by the energy of one unit of q and force.
+
+    Parameters
+    ----------
+    mass_std_kg : float
+        Deviation of the mass [kg].
+    arm : SoftArm
+        Strains that are uniform along its links count, whatever other coefficients there are.
+    scales : Scales
+    """
+    uniform = strain_fields(arm.robot).uniform ** 2
+    return FOLLOW * mass_std_kg**2 / float((uniform * scales.force) @ scales.q)
 
 
 def complete_learner(config: LearnerConfig, arm: SoftArm, force: Array) -> CompleteLearnerConfig:

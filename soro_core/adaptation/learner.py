@@ -121,7 +121,7 @@ class Learner:
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.slope = self._slope()
         self.prior = np.diag(deviation**-2)
-        self.mass_rate = follow_rate(config.mass_std_kg, self.force.scales)
+        self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
 

@@ -245,7 +245,8 @@ class Controller(GivenReferences):
         self, state: ControllerState, future: Point
     ) -> tuple[Shape, Point, DrivenMotions | None]:
         """Return the reference ahead with the shape of what no chamber moves."""
-        if not self.undriven.exist:
+        # A law that learns from the tracking error needs that of all coordinates.
+        if not (self.undriven.exist and self.law.learns):
             return state.shape, future, None
 
         def force(q: Array) -> Array:

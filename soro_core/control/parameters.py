@@ -229,7 +229,7 @@ def complete_adaptation(
     found: dict[str, Any] = {"lower": (0.0,), "upper": (arm.robot.tip_mass + most,)}
     if "gain" in missing:
         try:
-            found["gain"] = (follow_rate(deviation, scales_of(arm, pieces)),)
+            found["gain"] = (follow_rate(deviation, arm, scales_of(arm, pieces)),)
         except ConfigError as error:
             raise ConfigError(where, "adaptation.gain", None, f"a stated gain: {error.got}") from None
     return parse(found | stated, CompleteAdaptation, f"{where}: adaptation")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.samples import PoseSample, Sample
@@ -17,8 +17,7 @@ _MOST_WAITING = 16
 SAME_S = 1e-9
 
 
-@dataclass(frozen=True)
-class Admitted:
+class Admitted(NamedTuple):
     """Samples sorted by stamp.
 
     Attributes
@@ -55,18 +54,22 @@ def admit(
     fresh: list[Sample] = []
     waiting: list[Sample] = []
     start = state.history[0].start_s if state.history else state.t_s
-    for sample in sorted(offered, key=lambda one: one.stamp_s if math.isfinite(one.stamp_s) else -math.inf):
+    for sample in sorted(offered, key=_stamp):
         noise = config.pose if isinstance(sample, PoseSample) else config.imu
         oldest = max(state.t_s - noise.max_age_s, start)
         if not sample.finite() or not -1e-9 <= sample.s <= length_m + 1e-6:
-            counts = replace(counts, invalid=counts.invalid + 1)
+            counts = counts._replace(invalid=counts.invalid + 1)
         elif sample.stamp_s > state.t_s + config.future_s:
-            counts = replace(counts, early=counts.early + 1)
+            counts = counts._replace(early=counts.early + 1)
         elif sample.stamp_s > state.t_s + SAME_S:
             waiting.append(sample)
         elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(sample.sensor, -math.inf):
-            counts = replace(counts, stale=counts.stale + 1)
+            counts = counts._replace(stale=counts.stale + 1)
         else:
             stamps[sample.sensor] = sample.stamp_s
             fresh.append(sample)
     return Admitted(tuple(fresh), tuple(waiting[-_MOST_WAITING:]), stamps, counts)
+
+
+def _stamp(sample: Sample) -> float:
+    return sample.stamp_s if math.isfinite(sample.stamp_s) else -math.inf

@@ -11,8 +11,7 @@ once:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +36,7 @@ _SIZE = 6
 _POSITION = 3
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """One row of the fit, without the acceleration.
 
     Attributes
@@ -55,8 +53,7 @@ class Row:
     value: Array
 
 
-@dataclass(frozen=True)
-class DelayFit:
+class DelayFit(NamedTuple):
     """Recursive least squares of one sensor.
 
     Attributes
@@ -147,7 +144,7 @@ class DelayModel:
         load = float(min(max(state.solution[1], -self._heaviest_kg), self._heaviest_kg))
         row = Row(belief.qd, *self._sides(belief, pressure_pa, rows, load))
         if state.last is None:
-            return replace(self.start(t_s), last=row)
+            return self.start(t_s)._replace(last=row)
         # Both at the middle of the interval, as the acceleration is: else the noise of the rates, which is in
         # the regressor too, is a delay.
         regressor = 0.5 * (row.regressor + state.last.regressor)
@@ -159,7 +156,7 @@ class DelayModel:
         value += inertia @ self.arm.inertia_matrix(belief.q) @ acceleration
         if np.sum((rows @ belief.qd) ** 2) < _MOVES**2 * np.trace(speed):
             regressor[:, 0] = 0.0  # an arm at rest shows no delay, and the noise of its rates none either
-        return replace(self._fitted(state, regressor, value, t_s), last=row)
+        return self._fitted(state, regressor, value, t_s)._replace(last=row)
 
     def _sides(self, belief: Belief, pressure_pa: Array, rows: Array, mass_kg: float) -> tuple[Array, Array]:
         """Return regressor (3, 6) and position less that of the model (3,) [m], without the acceleration.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from soro_core.adaptation.scales import q_scale_of
 from soro_core.estimation.admission import admit
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
-from soro_core.estimation.known import updated
+from soro_core.estimation.known import Known, updated
 from soro_core.estimation.replay import Replay
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.scaled import scaled_noise
@@ -58,7 +58,7 @@ class Estimator:
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links)
         self._watch = Watch(self.arm, self.config)
-        self._q_scale = q_scale_of(self.arm, model.links)
+        self._units = np.diag(q_scale_of(self.arm, model.links) ** 2)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
 
@@ -120,27 +120,27 @@ class Estimator:
         Bad input raises nothing: the estimator refuses and counts it, and the status names it.
         """
         if not (math.isfinite(dt) and dt > 0.0):
-            counts = replace(state.counts, failed=state.counts.failed + 1)
-            state = replace(state, counts=counts)
+            counts = state.counts._replace(failed=state.counts.failed + 1)
+            state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        state = self._known(state, learned, dt)
+        known, counts = self._known(state, learned, dt)
         if dt > self.config.max_gap_s:
-            state = self._restarted(state, dt)
+            state = self._restarted(state, dt, known, counts)
         else:
-            state = self._extended(state, dt, chamber_pressure_pa)
+            state = self._extended(state, dt, chamber_pressure_pa, known, counts)
         admitted = admit(state, [*state.waiting, *poses, *imus], self.config, self.length)
         replay = Replay(self.filter, self.config, state, admitted)
         state = self._watch.step(replay.result(), replay.innovations)
         return state, self._estimate(state)
 
-    def _known(self, state: EstimatorState, learned: Learned | None, dt: float) -> EstimatorState:
-        """Return the state with the learned force that the next step uses."""
+    def _known(self, state: EstimatorState, learned: Learned | None, dt: float) -> tuple[Known, Counts]:
+        """Return the learned force that the next step uses."""
         counts = state.counts
         if learned is not None and not learned.usable(self.arm.n_q):
-            learned, counts = None, replace(counts, learned=counts.learned + 1)
+            learned, counts = None, counts._replace(learned=counts.learned + 1)
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        return replace(state, known=updated(state.known, learned, dt, self._placed(state)), counts=counts)
+        return updated(state.known, learned, dt, self._placed(state)), counts
 
     def _placed(self, state: EstimatorState) -> bool:
         """Whether what is fused has positions in it; without any sample nothing speaks against them."""
@@ -151,37 +151,66 @@ class Estimator:
         """Return the covariance of what the positions of late leave open."""
         samples = [last.sample for last in state.poses.values()]
         places = [one.s for one in samples if state.t_s - one.stamp_s <= self.config.lost_after_s]
-        return unseen_covariance(self.arm, state.belief.q, places, self._q_scale)
+        return unseen_covariance(self.filter, state.belief.q, places, self._units)
 
-    def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
-        measured = np.asarray(pressure_pa, dtype=np.float64)
-        if measured.shape != (self.arm.n_u,):
-            return state.pressure_pa, replace(state.counts, pressures=state.counts.pressures + 1)
-        good = np.isfinite(measured)
-        if good.all():
-            return measured.copy(), state.counts
-        counts = replace(state.counts, pressures=state.counts.pressures + 1)
-        return np.where(good, measured, state.pressure_pa), counts
+    def _pressure(self, last_pa: Array, pressure_pa: Array, counts: Counts) -> tuple[Array, Counts]:
+        """Return the measured pressures, with the last good one of a chamber without a finite reading."""
+        measured = np.array(pressure_pa, dtype=np.float64)
+        if measured.shape == (self.arm.n_u,):
+            if all(map(math.isfinite, measured.tolist())):
+                return measured, counts
+            last_pa = np.where(np.isfinite(measured), measured, last_pa)
+        return last_pa, counts._replace(pressures=counts.pressures + 1)
 
-    def _extended(self, state: EstimatorState, dt: float, pressure_pa: Array) -> EstimatorState:
-        """Append the new step to the history; its prediction follows in `Replay`."""
-        measured, counts = self._pressure(state, pressure_pa)
+    def _extended(
+        self, state: EstimatorState, dt: float, pressure_pa: Array, known: Known, counts: Counts
+    ) -> EstimatorState:
+        """Append the new step to the history; its prediction follows in `Replay`.
+
+        Parameters
+        ----------
+        state : EstimatorState
+            After the last step.
+        dt : float
+            Time step [s].
+        pressure_pa : ndarray (n_u,)
+            Measured pressures [Pa gauge].
+        known : Known
+            Learned force in the step.
+        counts : Counts
+        """
+        measured, counts = self._pressure(state.pressure_pa, pressure_pa, counts)
         mean = 0.5 * (state.pressure_pa + measured)
         parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
         edges = [state.t_s + dt * i / parts for i in range(parts + 1)]
-        added = [Segment(edges[i], edges[i + 1], mean, state.belief, known=state.known) for i in range(parts)]
-        return replace(
-            state,
+        added = [Segment(*ends, mean, state.belief, (), known) for ends in pairwise(edges)]
+        return state._replace(
             t_s=state.t_s + dt,
             pressure_pa=measured,
             history=(*state.history, *added)[-self._kept :],
+            known=known,
             counts=counts,
         )
 
-    def _restarted(self, state: EstimatorState, dt: float) -> EstimatorState:
-        counts = replace(state.counts, restarted=state.counts.restarted + 1)
-        return replace(
-            state, t_s=state.t_s + dt, belief=self.filter.widen(state.belief), history=(), counts=counts
+    def _restarted(self, state: EstimatorState, dt: float, known: Known, counts: Counts) -> EstimatorState:
+        """Return the state after a gap, over which nothing predicts.
+
+        Parameters
+        ----------
+        state : EstimatorState
+            Before the gap.
+        dt : float
+            Its length [s].
+        known : Known
+            Learned force after it.
+        counts : Counts
+        """
+        return state._replace(
+            t_s=state.t_s + dt,
+            belief=self.filter.widen(state.belief),
+            history=(),
+            known=known,
+            counts=counts._replace(restarted=counts.restarted + 1),
         )
 
     def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:

@@ -8,9 +8,8 @@ A learned force is part of the model. All is computed by the kernels of `soro_co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +26,6 @@ from soro_core.estimation.kernel.parts import (
     IMU,
     IMU_ORIENTED,
     N_REPORTED,
-    NIS,
-    NIS_OF_POSITION,
     POSE,
     Settings,
 )
@@ -47,8 +44,7 @@ Array: TypeAlias = NDArray[np.float64]
 _NO_ORIENTATION = np.zeros(4)
 
 
-@dataclass(frozen=True)
-class Fused:
+class Fused(NamedTuple):
     """Result of one sample.
 
     Attributes
@@ -90,9 +86,9 @@ class Filter:
         self.arm, self.n = arm, arm.n_q
         self.settings = settings_of(arm, config, pieces)
         self.n_d = self.settings.n_d
-        self._box = _box_of(arm, self.settings)
+        self.box = _box_of(arm, self.settings)
         self._nothing = np.zeros(size_of(self.n))
-        self._site = lru_cache(maxsize=64)(self._find)
+        self.site = lru_cache(maxsize=64)(self._find)
 
     def _find(self, s: float) -> Site:
         return find_site(self.arm.robot, self.arm.tables, min(max(s, 0.0), self.arm.length))
@@ -141,8 +137,8 @@ class Filter:
         if known.learned is not None:
             theta, share = known.learned.theta, known.share
         old = belief.mean, belief.internal, belief.covariance
-        new = np.empty_like(old[0]), np.empty_like(old[1]), np.empty_like(old[2])
-        code = entries.predict(self._box, theta, share, *old, pressure_pa, dt, *new)
+        new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
+        code = entries.predict(self.box, theta, share, *old, pressure_pa, dt, *new)
         return Belief(*new, self.n), code == GOOD
 
     def fuse(self, belief: Belief, sample: Sample, gated: bool = True) -> Fused:
@@ -168,11 +164,11 @@ class Filter:
             if sample.orientation is not None:
                 kind, quaternion = IMU_ORIENTED, sample.orientation
         turn = np.array(quaternion, float)
-        mean, covariance = np.empty_like(belief.mean), np.empty_like(belief.covariance)
+        mean, covariance = np.empty(belief.mean.shape), np.empty(belief.covariance.shape)
         found = np.empty(N_REPORTED)
-        code = entries.fuse(
-            self._box,
-            self._site(sample.s),
+        code, nis, position_nis = entries.fuse(
+            self.box,
+            *self.site(sample.s),
             kind,
             first,
             second,
@@ -187,8 +183,8 @@ class Filter:
         return Fused(
             Belief(mean, belief.internal, covariance, self.n) if code == FUSED else None,
             code == OUTLIER,
-            float(found[NIS]),
-            float(found[NIS_OF_POSITION]),
+            nis,
+            position_nis,
             found[BEFORE : BEFORE + 3],
             found[AFTER : AFTER + 3],
         )
@@ -196,7 +192,7 @@ class Filter:
     def tip(self, belief: Belief, pressure_pa: Array) -> tuple[Array, Array, Array]:
         """Return pose of the tip (4, 4), its covariance (6, 6) in the world, and the force H p (n,)."""
         pose, spread, force = np.empty((4, 4)), np.empty((6, 6)), np.empty(self.n)
-        entries.tip(self._box, belief.mean, belief.covariance, pressure_pa, pose, spread, force)
+        entries.tip(self.box, belief.mean, belief.covariance, pressure_pa, pose, spread, force)
         return pose, spread, force
 
 

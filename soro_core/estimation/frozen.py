@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ Array: TypeAlias = NDArray[np.float64]
 FORGET_S = 0.2
 
 
-@dataclass(frozen=True)
-class LastPose:
+class LastPose(NamedTuple):
     """The last pose of a sensor.
 
     Attributes
@@ -40,7 +38,7 @@ class LastPose:
 
     def is_frozen(self, deviation_m: float) -> bool:
         """Whether the prediction has moved by more than the sensor's own deviation [m]."""
-        return float(np.linalg.norm(self.moved)) > deviation_m
+        return math.hypot(*self.moved.tolist()) > deviation_m
 
 
 def next_pose(last: LastPose | None, sample: PoseSample, predicted: Array) -> LastPose:
@@ -63,5 +61,7 @@ def next_pose(last: LastPose | None, sample: PoseSample, predicted: Array) -> La
 
 def _is_repeated(one: PoseSample, other: PoseSample) -> bool:
     """Whether two poses are equal to the bit."""
-    same = np.array_equal(one.position, other.position)
-    return bool(same and np.array_equal(one.quaternion, other.quaternion))
+    # As lists: of a few numbers this is far faster than numpy.
+    if np.asarray(one.position).tolist() != np.asarray(other.position).tolist():
+        return False
+    return bool(np.asarray(one.quaternion).tolist() == np.asarray(other.quaternion).tolist())

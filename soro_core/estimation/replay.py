@@ -6,7 +6,7 @@ and replays the following ones.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -49,8 +49,7 @@ class Replay:
             self.belief = history[first].belief
             for i in range(first, len(history)):
                 history[i] = self._segment(history[i], new.get(i, ()))
-        return replace(
-            self.state,
+        return self.state._replace(
             belief=self.belief,
             history=tuple(history),
             waiting=self.admitted.waiting,
@@ -82,15 +81,16 @@ class Replay:
         begun, t = self.belief, part.start_s
         if not (arrivals or part.samples):
             self._predict(part, part.end_s - t)
-            return replace(part, belief=begun)
+            return part._replace(belief=begun)
         kept = []
-        for sample in sorted([*part.samples, *arrivals], key=lambda one: one.stamp_s):
+        for sample in sorted([*part.samples, *arrivals], key=attrgetter("stamp_s")):
             self._predict(part, sample.stamp_s - t)
             t = max(t, sample.stamp_s)
-            if self._use(sample, any(sample is one for one in arrivals)):
+            is_new = not part.samples or any(sample is one for one in arrivals)
+            if self._use(sample, is_new):
                 kept.append(sample)
         self._predict(part, part.end_s - t)
-        return replace(part, belief=begun, samples=tuple(kept))
+        return part._replace(belief=begun, samples=tuple(kept))
 
     def _predict(self, part: Segment, dt: float) -> None:
         if dt <= SAME_S:
@@ -99,7 +99,7 @@ class Replay:
         if not ok:
             if not self.belief.finite():  # a covariance that outliers have inflated beyond all bounds
                 self.belief = self.filter.start()
-            self.counts = replace(self.counts, failed=self.counts.failed + 1)
+            self.counts = self.counts._replace(failed=self.counts.failed + 1)
 
     def _use(self, sample: Sample, new: bool) -> bool:
         """Fuse one sample and return whether it was used; a replayed one has passed its checks before."""
@@ -112,7 +112,7 @@ class Replay:
             record = next_pose(self.poses.get(sample.sensor), sample, fused.before)
             self.poses[sample.sensor] = record
             if record.is_frozen(self.config.pose.position_std_m):
-                self.counts = replace(self.counts, frozen=self.counts.frozen + 1)
+                self.counts = self.counts._replace(frozen=self.counts.frozen + 1)
                 return False
         residual = None
         if isinstance(sample, PoseSample) and fused.belief is not None:
@@ -127,9 +127,9 @@ class Replay:
         if not self._accept(fused, sample):
             return False
         self.refused[sample.sensor] = 0
-        self.counts = replace(self.counts, accepted=self.counts.accepted + 1)
+        self.counts = self.counts._replace(accepted=self.counts.accepted + 1)
         if pose:
-            self.poses[sample.sensor] = replace(self.poses[sample.sensor], after=fused.after)
+            self.poses[sample.sensor] = self.poses[sample.sensor]._replace(after=fused.after)
         return True
 
     def _is_lost(self, sample: Sample) -> bool:
@@ -142,18 +142,18 @@ class Replay:
         if self.refused[name] < config.reacquire_after:
             with np.errstate(over="ignore"):  # the next prediction finds it
                 covariance = config.outlier_inflation * self.belief.covariance
-            self.belief = replace(self.belief, covariance=covariance)
-            self.counts = replace(self.counts, outliers=self.counts.outliers + 1)
+            self.belief = self.belief._replace(covariance=covariance)
+            self.counts = self.counts._replace(outliers=self.counts.outliers + 1)
             return False
         self.belief = self.filter.start()
-        self.counts = replace(self.counts, reacquired=self.counts.reacquired + 1)
+        self.counts = self.counts._replace(reacquired=self.counts.reacquired + 1)
         return True
 
     def _accept(self, fused: Fused, sample: Sample) -> bool:
         """Take the result of a sample; without a finite one the filter starts anew."""
         if fused.belief is None:
             self.belief = self.filter.start()
-            self.counts = replace(self.counts, failed=self.counts.failed + 1)
+            self.counts = self.counts._replace(failed=self.counts.failed + 1)
             return False
         self.belief = fused.belief
         self.last_s = max(self.last_s, sample.stamp_s)

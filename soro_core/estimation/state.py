@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,10 @@ from soro_core.estimation.status import Counts
 
 Array: TypeAlias = NDArray[np.float64]
 
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
-@dataclass(frozen=True)
-class Segment:
+
+class Segment(NamedTuple):
     """One past step.
 
     Attributes
@@ -43,11 +44,10 @@ class Segment:
     pressure_pa: Array
     belief: Belief
     samples: tuple[Sample, ...] = ()
-    known: Known = field(default_factory=Known)
+    known: Known = Known()
 
 
-@dataclass(frozen=True)
-class EstimatorState:
+class EstimatorState(NamedTuple):
     """State of the estimator.
 
     Attributes
@@ -85,11 +85,11 @@ class EstimatorState:
     pressure_pa: Array
     history: tuple[Segment, ...] = ()
     waiting: tuple[Sample, ...] = ()
-    stamps: Mapping[str, float] = field(default_factory=dict)
-    refused: Mapping[str, int] = field(default_factory=dict)
+    stamps: Mapping[str, float] = _NONE
+    refused: Mapping[str, int] = _NONE
     last_s: float = -math.inf
     position_s: float = -math.inf
-    poses: Mapping[str, LastPose] = field(default_factory=dict)
-    known: Known = field(default_factory=Known)
-    monitors: Mapping[str, SensorMonitor] = field(default_factory=dict)
-    counts: Counts = field(default_factory=Counts)
+    poses: Mapping[str, LastPose] = _NONE
+    known: Known = Known()
+    monitors: Mapping[str, SensorMonitor] = _NONE
+    counts: Counts = Counts()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,21 +55,21 @@ class Watch:
             dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
             new = monitored(old, seen, dt, self.config.watch)
             monitors[seen.sensor] = self._with_delay(new, seen, state)
-        return replace(state, monitors=monitors)
+        return state._replace(monitors=monitors)
 
     def _with_delay(self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState) -> SensorMonitor:
         """Return the monitor with the residual of one sample and, where it is time, a row of its delay."""
         if seen.residual is None or not self.delay.usable:
             return monitor
         fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
-        fit = replace(fit, residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
+        fit = fit._replace(residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
         if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
             s = state.poses[seen.sensor].sample.s
             try:
                 fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
             except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
                 fit = self.delay.start(state.t_s)
-        return replace(monitor, delay=fit)
+        return monitor._replace(delay=fit)
 
     def note(self, monitors: Mapping[str, SensorMonitor], t_s: float) -> str:
         """Return what the user must know of the sensors, or an empty string.

@@ -216,7 +216,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def diagnose(self) -> None:
         if self.state is None:
             return
-        values = {**vars(self.state.counts), "malformed": self._malformed}
+        values = {**self.state.counts._asdict(), "malformed": self._malformed}
         for name, sensor in self._sensors.items():
             values |= _values_of(name, self.state.monitors.get(sensor))
         status = self.diagnostics.status

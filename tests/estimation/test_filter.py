@@ -1,7 +1,5 @@
 """The filter's kernels: one model for mean and covariance, of second order, with and without derivatives."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -32,7 +30,7 @@ def belief_of(filter_, mean=None):
     start = filter_.start(Q)
     start.mean[N : 2 * N] = QD
     start.mean[2 * N :] = np.linspace(-200.0, 400.0, 2 * N)
-    return start if mean is None else replace(start, mean=mean)
+    return start if mean is None else start._replace(mean=mean)
 
 
 def transition(filter_, known, dt):
@@ -42,7 +40,7 @@ def transition(filter_, known, dt):
     for i in range(len(begun.mean)):
         large = np.zeros_like(begun.covariance)
         large[i, i] = 1e30
-        out = filter_.predict(replace(begun, covariance=large), P, dt, known)[0].covariance
+        out = filter_.predict(begun._replace(covariance=large), P, dt, known)[0].covariance
         columns.append(out[i] / out[i, i] * np.sqrt(out[i, i] / 1e30))
     return np.array(columns).T
 
@@ -178,7 +176,7 @@ def test_one_update_is_that_of_the_textbook():
     rng = np.random.default_rng(1)
     begun = belief_of(filter_)
     root = np.diag(np.sqrt(np.diag(begun.covariance)) * 1e-3) @ rng.normal(size=begun.covariance.shape)
-    begun = replace(begun, covariance=root @ root.T)
+    begun = begun._replace(covariance=root @ root.T)
     pose, jacobian = filter_.arm.pose_and_jacobian(Q, ROBOT.length)
     sample = PoseSample(0.0, pose[:3, 3] + 1e-4, np.array([0.0, 0.0, 0.0, 1.0]), ROBOT.length)
     far = parse({"pose": {"orientation_model_std_rad": 3.0}}, EstimatorConfig, "test")

@@ -108,7 +108,7 @@ def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
     belief = run.state.belief
     mean = belief.mean.copy()
     mean[belief.n] = -200.0
-    state = replace(run.state, belief=replace(belief, mean=mean), t_s=run.state.t_s + 0.1)
+    state = run.state._replace(belief=belief._replace(mean=mean), t_s=run.state.t_s + 0.1)
     seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, np.zeros(3))
     watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
     assert state.monitors[SENSOR].delay.solution.any()

@@ -11,7 +11,14 @@ from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
 from soro_core.estimation.kernel import motion, update
 from soro_core.estimation.kernel import predict as prediction
-from soro_core.estimation.kernel.parts import FilterArm, NoRoom, Settings, make_scratch
+from soro_core.estimation.kernel.parts import (
+    NIS,
+    NIS_OF_POSITION,
+    FilterArm,
+    NoRoom,
+    Settings,
+    make_scratch,
+)
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.derivative.work import derivative_workspace
 from soro_core.model.linear import clear
@@ -58,7 +65,11 @@ def predict(
 @entry
 def fuse(
     box: Box,
-    site: Site,
+    link: int,
+    place: float,
+    whole: int,
+    step: float,
+    shape: Array,
     kind: int,
     first: Array,
     second: Array,
@@ -69,11 +80,11 @@ def fuse(
     mean1: Array,
     covariance1: Array,
     reported: Array,
-) -> int:
-    """`update.fuse`."""
-    return update.fuse(
+) -> tuple[int, float, float]:
+    """`update.fuse` at the place of a `Site`, whose fields cost less than the tuple; gives code and NIS."""
+    code = update.fuse(
         view(box),
-        site,
+        Site(link, place, whole, step, shape),
         kind,
         first,
         second,
@@ -85,6 +96,36 @@ def fuse(
         covariance1,
         reported,
     )
+    return code, reported[NIS], reported[NIS_OF_POSITION]
+
+
+@entry
+def see(
+    box: Box,
+    link: int,
+    place: float,
+    whole: int,
+    step: float,
+    shape: Array,
+    q: Array,
+    variance: float,
+    covariance: Array,
+) -> None:
+    """covariance (n_q, n_q) <- the same with the position of a `Site` known too."""
+    arm = view(box)
+    site, w = Site(link, place, whole, step, shape), arm.scratch
+    J, x, n = w.columns, w.added, q.shape[0]
+    kinematics(arm.tables, arm.work, site, q, w.rotation, w.position, J)
+    for r in range(3, 6):  # along the axes of the section, one by one: their errors are independent
+        s = variance
+        for i in range(n):
+            x[i] = 0.0
+            for j in range(n):
+                x[i] += covariance[i, j] * J[j, r]
+            s += J[i, r] * x[i]
+        for i in range(n):
+            for j in range(n):
+                covariance[i, j] -= x[i] * x[j] / s
 
 
 @entry

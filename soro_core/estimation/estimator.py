@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -17,13 +16,14 @@ from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.estimation.admission import admit
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
-from soro_core.estimation.known import Known, updated
-from soro_core.estimation.replay import Replay
+from soro_core.estimation.known import updated
+from soro_core.estimation.replay import replay
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.scaled import scaled_noise
-from soro_core.estimation.state import EstimatorState, Segment
-from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
+from soro_core.estimation.state import EstimatorState
+from soro_core.estimation.status import Estimate, EstimatorStatus
 from soro_core.estimation.unseen import unseen_covariance
 from soro_core.estimation.watch import Watch
 from soro_core.model.discretised import discretised
@@ -123,24 +123,30 @@ class Estimator:
             counts = state.counts._replace(failed=state.counts.failed + 1)
             state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        known, counts = self._known(state, learned, dt)
+        draft = Draft(state, dt)
+        self._learn(draft, learned, self._placed(state))
         if dt > self.config.max_gap_s:
-            state = self._restarted(state, dt, known, counts)
+            draft.belief, draft.history = self.filter.widen(state.belief), ()
+            draft.count("restarted")
         else:
-            state = self._extended(state, dt, chamber_pressure_pa, known, counts)
-        admitted = admit(state, [*state.waiting, *poses, *imus], self.config, self.length)
-        replay = Replay(self.filter, self.config, state, admitted)
-        state = self._watch.step(replay.result(), replay.innovations)
+            draft.read(chamber_pressure_pa)
+            mean = 0.5 * (state.pressure_pa + draft.pressure_pa)
+            parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
+            draft.extend(mean, parts, self._kept)
+        fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length)
+        replay(self.filter, draft, fresh)
+        draft.monitors = self._watch.step(draft, draft.innovations)
+        state = draft.result()
         return state, self._estimate(state)
 
-    def _known(self, state: EstimatorState, learned: Learned | None, dt: float) -> tuple[Known, Counts]:
-        """Return the learned force that the next step uses."""
-        counts = state.counts
+    def _learn(self, draft: Draft, learned: Learned | None, placed: bool) -> None:
+        """Put the learned force that the next step uses into the draft."""
         if learned is not None and not learned.usable(self.arm.n_q):
-            learned, counts = None, counts._replace(learned=counts.learned + 1)
+            learned = None
+            draft.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        return updated(state.known, learned, dt, self._placed(state)), counts
+        draft.known = updated(draft.known, learned, draft.dt, placed)
 
     def _placed(self, state: EstimatorState) -> bool:
         """Whether what is fused has positions in it; without any sample nothing speaks against them."""
@@ -149,69 +155,9 @@ class Estimator:
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
-        samples = [last.sample for last in state.poses.values()]
+        samples = [one.sample for one in state.sensors.values() if isinstance(one.sample, PoseSample)]
         places = [one.s for one in samples if state.t_s - one.stamp_s <= self.config.lost_after_s]
         return unseen_covariance(self.filter, state.belief.q, places, self._units)
-
-    def _pressure(self, last_pa: Array, pressure_pa: Array, counts: Counts) -> tuple[Array, Counts]:
-        """Return the measured pressures, with the last good one of a chamber without a finite reading."""
-        measured = np.array(pressure_pa, dtype=np.float64)
-        if measured.shape == (self.arm.n_u,):
-            if all(map(math.isfinite, measured.tolist())):
-                return measured, counts
-            last_pa = np.where(np.isfinite(measured), measured, last_pa)
-        return last_pa, counts._replace(pressures=counts.pressures + 1)
-
-    def _extended(
-        self, state: EstimatorState, dt: float, pressure_pa: Array, known: Known, counts: Counts
-    ) -> EstimatorState:
-        """Append the new step to the history; its prediction follows in `Replay`.
-
-        Parameters
-        ----------
-        state : EstimatorState
-            After the last step.
-        dt : float
-            Time step [s].
-        pressure_pa : ndarray (n_u,)
-            Measured pressures [Pa gauge].
-        known : Known
-            Learned force in the step.
-        counts : Counts
-        """
-        measured, counts = self._pressure(state.pressure_pa, pressure_pa, counts)
-        mean = 0.5 * (state.pressure_pa + measured)
-        parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
-        edges = [state.t_s + dt * i / parts for i in range(parts + 1)]
-        added = [Segment(*ends, mean, state.belief, (), known) for ends in pairwise(edges)]
-        return state._replace(
-            t_s=state.t_s + dt,
-            pressure_pa=measured,
-            history=(*state.history, *added)[-self._kept :],
-            known=known,
-            counts=counts,
-        )
-
-    def _restarted(self, state: EstimatorState, dt: float, known: Known, counts: Counts) -> EstimatorState:
-        """Return the state after a gap, over which nothing predicts.
-
-        Parameters
-        ----------
-        state : EstimatorState
-            Before the gap.
-        dt : float
-            Its length [s].
-        known : Known
-            Learned force after it.
-        counts : Counts
-        """
-        return state._replace(
-            t_s=state.t_s + dt,
-            belief=self.filter.widen(state.belief),
-            history=(),
-            known=known,
-            counts=counts._replace(restarted=counts.restarted + 1),
-        )
 
     def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
         belief, n = state.belief, self.arm.n_q

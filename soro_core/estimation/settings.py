@@ -68,6 +68,9 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         imu_variance=np.array([imu.rate_std_rad_s**2, orientation, imu.acceleration_std_m_s2**2]),
         gravity_tolerance=float(imu.gravity_tolerance_m_s2) if imu.use_gravity else -1.0,
         gates=np.array(gates, dtype=np.float64),
+        outlier_inflation=float(config.outlier_inflation),
+        most_refused=int(config.reacquire_after),
+        frozen_m=float(pose.position_std_m),
     )
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.belief import Belief
-from soro_core.estimation.frozen import LastPose
 from soro_core.estimation.known import Known
 from soro_core.estimation.monitor import SensorMonitor
 from soro_core.estimation.samples import Sample
@@ -47,6 +46,21 @@ class Segment(NamedTuple):
     known: Known = Known()
 
 
+class Sensor(NamedTuple):
+    """What is kept of one sensor.
+
+    Attributes
+    ----------
+    sample : Sample
+        Its last one.
+    record : ndarray (N_RECORD,)
+        Its outliers in a row and its last pose, see `kernel.advance`.
+    """
+
+    sample: Sample
+    record: Array
+
+
 class EstimatorState(NamedTuple):
     """State of the estimator.
 
@@ -64,14 +78,12 @@ class EstimatorState(NamedTuple):
         Samples stamped in the future.
     stamps : mapping of str to float
         Last stamp of each sensor [s].
-    refused : mapping of str to int
-        Outliers in a row of each sensor.
     last_s : float
         Stamp of the newest fused sample [s].
     position_s : float
         Stamp of the newest fused pose [s].
-    poses : mapping of str to LastPose
-        Last new pose of each sensor.
+    sensors : mapping of str to Sensor
+        What is kept of each sensor.
     known : Known
         Learned force in force.
     monitors : mapping of str to SensorMonitor
@@ -86,10 +98,9 @@ class EstimatorState(NamedTuple):
     history: tuple[Segment, ...] = ()
     waiting: tuple[Sample, ...] = ()
     stamps: Mapping[str, float] = _NONE
-    refused: Mapping[str, int] = _NONE
     last_s: float = -math.inf
     position_s: float = -math.inf
-    poses: Mapping[str, LastPose] = _NONE
+    sensors: Mapping[str, Sensor] = _NONE
     known: Known = Known()
     monitors: Mapping[str, SensorMonitor] = _NONE
     counts: Counts = Counts()

@@ -14,6 +14,7 @@ from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
 
 if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
+    from soro_core.estimation.draft import Draft
     from soro_core.estimation.state import EstimatorState
     from soro_core.model import SoftArm
 
@@ -37,34 +38,36 @@ class Watch:
     def __init__(self, arm: SoftArm, config: EstimatorConfig) -> None:
         self.config, self.delay = config, DelayModel(arm, config)
 
-    def step(self, state: EstimatorState, innovations: Sequence[Innovation]) -> EstimatorState:
-        """Return the state with the monitors of its sensors.
+    def step(
+        self, state: EstimatorState | Draft, innovations: Sequence[Innovation]
+    ) -> dict[str, SensorMonitor]:
+        """Return the monitors of the sensors.
 
         Parameters
         ----------
-        state : EstimatorState
+        state : EstimatorState or Draft
             At the new time, the samples fused.
         innovations : sequence of Innovation
             Of the samples that are new, in the order of their stamps.
         """
-        if not innovations:
-            return state
         monitors = dict(state.monitors)
         for seen in innovations:
             old = monitors.get(seen.sensor)
             dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
             new = monitored(old, seen, dt, self.config.watch)
             monitors[seen.sensor] = self._with_delay(new, seen, state)
-        return state._replace(monitors=monitors)
+        return monitors
 
-    def _with_delay(self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState) -> SensorMonitor:
+    def _with_delay(
+        self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState | Draft
+    ) -> SensorMonitor:
         """Return the monitor with the residual of one sample and, where it is time, a row of its delay."""
         if seen.residual is None or not self.delay.usable:
             return monitor
         fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
         fit = fit._replace(residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
         if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
-            s = state.poses[seen.sensor].sample.s
+            s = state.sensors[seen.sensor].sample.s
             try:
                 fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
             except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay

@@ -112,7 +112,7 @@ def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
     seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, np.zeros(3))
     watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
     assert state.monitors[SENSOR].delay.solution.any()
-    assert not watch.step(state, [seen]).monitors[SENSOR].delay.solution.any()
+    assert not watch.step(state, [seen])[SENSOR].delay.solution.any()
 
 
 def test_a_residual_that_grows_is_named_within_two_seconds():

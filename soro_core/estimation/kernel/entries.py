@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
-from soro_core.estimation.kernel import motion, update
+from soro_core.estimation.kernel import advance as advancing
+from soro_core.estimation.kernel import motion
 from soro_core.estimation.kernel import predict as prediction
 from soro_core.estimation.kernel.parts import (
     NIS,
@@ -63,40 +64,60 @@ def predict(
 
 
 @entry
-def fuse(
+def advance(
     box: Box,
+    theta: Array,
+    share: float,
+    mean: Array,
+    internal: Array,
+    covariance: Array,
+    pressure: Array,
+    dt: float,
     link: int,
     place: float,
     whole: int,
-    step: float,
+    step_m: float,
     shape: Array,
     kind: int,
     first: Array,
     second: Array,
     quaternion: Array,
-    gated: bool,
-    mean: Array,
-    covariance: Array,
+    stamp: float,
+    is_new: bool,
+    record: Array,
     mean1: Array,
+    internal1: Array,
     covariance1: Array,
-    reported: Array,
-) -> tuple[int, float, float]:
-    """`update.fuse` at the place of a `Site`, whose fields cost less than the tuple; gives code and NIS."""
-    code = update.fuse(
-        view(box),
-        Site(link, place, whole, step, shape),
+) -> tuple[int, int, float, float]:
+    """`advance.advance` with `share` of theta, at the place of a `Site`, whose fields cost less than it.
+
+    Gives its codes, and both normalised innovations squared.
+    """
+    arm = view(box)
+    motion.load(arm, theta, share)
+    reported = arm.scratch.reported
+    step, outcome = advancing.advance(
+        arm,
+        share,
+        mean,
+        internal,
+        covariance,
+        pressure,
+        dt,
+        Site(link, place, whole, step_m, shape),
         kind,
         first,
         second,
         quaternion,
-        gated,
-        mean,
-        covariance,
+        stamp,
+        is_new,
+        record,
         mean1,
+        internal1,
         covariance1,
         reported,
     )
-    return code, reported[NIS], reported[NIS_OF_POSITION]
+    return step, outcome, reported[NIS], reported[NIS_OF_POSITION]
 
 
 @entry

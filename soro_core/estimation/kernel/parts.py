@@ -69,6 +69,12 @@ class Settings(NamedTuple):
     """Accelerations whose length is farther from gravity are not used [m/s^2]; negative: none is."""
     gates: Array
     """Largest normalised innovation squared of a good sample by its number of components."""
+    outlier_inflation: float
+    """Factor on the covariance at an outlier."""
+    most_refused: int
+    """Outliers in a row after which the belief restarts."""
+    frozen_m: float
+    """Motion of the prediction beyond which a repeated pose is refused [m]."""
 
 
 class Scratch(NamedTuple):
@@ -129,6 +135,12 @@ class Scratch(NamedTuple):
     begun: Array
     """State at the start of a part of a step, (m,) and (n_internal,)."""
     begun_internal: Array
+    reported: Array
+    """See `N_REPORTED`."""
+    prior: Array
+    """Belief before a sample: (m,), (n_internal,), (m, m)."""
+    prior_internal: Array
+    prior_covariance: Array
 
 
 class NoRoom(NamedTuple):
@@ -190,4 +202,8 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros(m),  # mean
         np.zeros(m),  # begun
         np.zeros(n_z),  # begun_internal
+        np.zeros(N_REPORTED),  # reported
+        np.zeros(m),  # prior
+        np.zeros(n_z),  # prior_internal
+        np.zeros((m, m)),  # prior_covariance
     )

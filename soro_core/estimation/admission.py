@@ -39,10 +39,10 @@ def admit(draft: Draft, offered: Iterable[Sample], config: EstimatorConfig, leng
             draft.count("early")
         elif sample.stamp_s > now_s + SAME_S:
             waiting.append(sample)
-        elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(sample.sensor, -math.inf):
+        elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(name := sample.sensor, -math.inf):
             draft.count("stale")
         else:
-            stamps[sample.sensor] = sample.stamp_s
+            stamps[name] = sample.stamp_s
             fresh.append(sample)
     draft.waiting = tuple(waiting[-_MOST_WAITING:])
     return fresh

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -17,6 +16,9 @@ from soro_core.estimation.state import EstimatorState, Segment, Sensor
 from soro_core.estimation.status import Counts
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Place of each count.
+_PLACES = {name: i for i, name in enumerate(Counts._fields)}
 
 
 class Draft:
@@ -45,14 +47,14 @@ class Draft:
         self.sensors: dict[str, Sensor] = dict(state.sensors)
         self.known: Known = state.known
         self.monitors: dict[str, SensorMonitor] = dict(state.monitors)
-        self.counts: Counts = state.counts
+        self.counts = [*state.counts]
         self.innovations: list[Innovation] = []
         """Of the new samples, in the order of their stamps."""
 
     def count(self, *names: str) -> None:
-        """Add one to counts."""
-        counts = self.counts
-        self.counts = counts._replace(**{name: getattr(counts, name) + 1 for name in names})
+        """Add one to each of these counts."""
+        for name in names:
+            self.counts[_PLACES[name]] += 1
 
     def read(self, pressure_pa: Array) -> None:
         """Take the measured pressures (n_u,), and the last good one of a chamber without a finite reading."""
@@ -76,8 +78,18 @@ class Draft:
         kept : int
             Segments to keep.
         """
-        edges = [self.start_s + self.dt * i / parts for i in range(parts + 1)]
-        new = [Segment(*ends, pressure_pa, self.belief, (), self.known) for ends in pairwise(edges)]
+        start_s, dt = self.start_s, self.dt
+        new = [
+            Segment(
+                start_s + dt * i / parts,
+                start_s + dt * (i + 1) / parts,
+                pressure_pa,
+                self.belief,
+                (),
+                self.known,
+            )
+            for i in range(parts)
+        ]
         self.history = (*self.history, *new)[-kept:]
 
     def result(self) -> EstimatorState:
@@ -94,5 +106,5 @@ class Draft:
             self.sensors,
             self.known,
             self.monitors,
-            self.counts,
+            Counts(*self.counts),
         )

@@ -155,8 +155,11 @@ class Estimator:
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
-        samples = [one.sample for one in state.sensors.values() if isinstance(one.sample, PoseSample)]
-        places = [one.s for one in samples if state.t_s - one.stamp_s <= self.config.lost_after_s]
+        places = [
+            one.s
+            for one, _ in state.sensors.values()
+            if isinstance(one, PoseSample) and state.t_s - one.stamp_s <= self.config.lost_after_s
+        ]
         return unseen_covariance(self.filter, state.belief.q, places, self._units)
 
     def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
@@ -168,7 +171,7 @@ class Estimator:
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
         notes = (state.known.note, self._watch.note(state.monitors, state.t_s))
-        note = "; ".join(text for text in notes if text)
+        note = "; ".join(filter(None, notes))
         return Estimate(
             t_s=state.t_s,
             q=belief.q,

@@ -106,12 +106,13 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
     # At first a mean: the first sample alone would count for the time constant.
     passed_s = state.passed_s + dt
     part = max(-math.expm1(-dt / config.nis_time_s), dt / (passed_s + dt))
-    return state._replace(
-        stamp_s=seen.stamp_s,
-        nis=state.nis + part * (nis - state.nis),
-        position_nis=state.position_nis + part * (position - state.position_nis),
-        passed_s=passed_s,
-        squares=(1.0 - part) ** 2 * state.squares + part**2,
+    return SensorMonitor(
+        seen.stamp_s,
+        state.nis + part * (nis - state.nis),
+        state.position_nis + part * (position - state.position_nis),
+        passed_s,
+        (1.0 - part) ** 2 * state.squares + part**2,
+        state.delay,
     )
 
 

@@ -44,7 +44,7 @@ class PoseSample:
         return (
             math.isfinite(self.stamp_s)
             and math.isfinite(self.s)
-            and _finite(self.position, 3)
+            and math.isfinite(_length(self.position, 3))
             and _is_rotation(self.quaternion)
         )
 
@@ -83,8 +83,8 @@ class ImuSample:
         return (
             math.isfinite(self.stamp_s)
             and math.isfinite(self.s)
-            and _finite(self.angular_velocity, 3)
-            and _finite(self.linear_acceleration, 3)
+            and math.isfinite(_length(self.angular_velocity, 3))
+            and math.isfinite(_length(self.linear_acceleration, 3))
             and (self.orientation is None or _is_rotation(self.orientation))
         )
 
@@ -104,15 +104,12 @@ def imu_sensor(s: float) -> str:
     return f"imu@{s:.9g}"
 
 
-def _finite(value: Array, n: int) -> bool:
-    return np.shape(value) == (n,) and math.isfinite(_length(value))
+def _length(value: Array, n: int) -> float:
+    """Return the length of a vector (n,), NaN of another shape; of so few numbers numpy's takes longer."""
+    array = np.asarray(value)
+    return math.hypot(*array.tolist()) if array.shape == (n,) else math.nan
 
 
 def _is_rotation(quaternion: Array) -> bool:
     # The tolerance accepts quaternions of four decimals, and refuses the zeros of a driver without a fix.
-    return np.shape(quaternion) == (4,) and abs(_length(quaternion) ** 2 - 1.0) < 0.02
-
-
-def _length(value: Array) -> float:
-    """Return the length of a vector; of a few numbers this is far faster than numpy."""
-    return math.hypot(*np.asarray(value).tolist())
+    return abs(_length(quaternion, 4) ** 2 - 1.0) < 0.02

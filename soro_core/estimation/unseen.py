@@ -36,7 +36,7 @@ def unseen_covariance(filter_: Filter, q: Array, places: Sequence[float], units:
         Squared unit of each coordinate on the diagonal: the covariance without any position.
     """
     if filter_.n <= 3 * len(places):  # as many positions as coordinates show them all
-        return np.zeros_like(units)
+        return np.zeros(units.shape)
     covariance = units.copy()
     for place in places:
         variance = (_SEEN_PART * filter_.arm.length) ** 2

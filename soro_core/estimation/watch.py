@@ -65,7 +65,7 @@ class Watch:
         if seen.residual is None or not self.delay.usable:
             return monitor
         fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
-        fit = fit._replace(residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
+        fit = fit.seen(seen.residual)
         if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
             s = state.sensors[seen.sensor].sample.s
             try:
@@ -83,13 +83,11 @@ class Watch:
         t_s : float
             Time; a sensor that is silent for longer than the estimate may be old is not judged [s].
         """
-        said = (
-            text
-            for sensor, monitor in monitors.items()
-            if t_s - monitor.stamp_s <= self.config.lost_after_s
-            for text in (self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor))
-        )
-        return "; ".join(text for text in said if text)
+        said = []
+        for sensor, monitor in monitors.items():
+            if t_s - monitor.stamp_s <= self.config.lost_after_s:
+                said += [self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor)]
+        return "; ".join(filter(None, said))
 
     def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
         config = self.config.watch

@@ -51,7 +51,7 @@ def _measured(estimator: Estimator) -> list[float]:
         state = found[0]
         belief, known = state.belief, state.known
         (ahead, _), predicting = _timed(filter_.predict, belief, pressure, DT, known)
-        fusing = _timed(filter_.fuse, ahead, pose)[1]
+        fusing = _timed(filter_.advance, ahead, pressure, 0.0, known, pose)[1]
         moving = _timed(arm.forward_dynamics, belief.q, belief.qd, pressure)[1]
         for row, one in zip(times, (spent, predicting, fusing, moving), strict=True):
             row.append(one)

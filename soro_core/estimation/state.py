@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,7 +17,8 @@ from soro_core.estimation.status import Counts
 
 Array: TypeAlias = NDArray[np.float64]
 
-_NONE: Mapping[str, Any] = MappingProxyType({})
+# Never written: a draft copies it.
+_NONE: Mapping[str, Any] = {}
 
 
 class Segment(NamedTuple):

@@ -83,11 +83,6 @@ class DelayFit(NamedTuple):
     samples: int = 0
     last: Row | None = None
 
-    def seen(self, residual_m: Array) -> DelayFit:
-        """Return the fit with one more residual (3,) [m]."""
-        known = self.t_s, self.information, self.moment, self.solution, self.deviation_s
-        return DelayFit(*known, self.residual_m + residual_m, self.samples + 1, self.last)
-
     @property
     def delay_s(self) -> float:
         """The delay [s]; positive where the stamps are later than the truth."""

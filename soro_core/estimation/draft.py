@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
@@ -24,7 +25,7 @@ _PLACES = {name: i for i, name in enumerate(Counts._fields)}
 class Draft:
     """A copy of the state that may change; its attributes are those of `EstimatorState`.
 
-    A frozen value anew at each change would take most of a tick.
+    A new frozen value at each change would take longer than the change.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class Draft:
         self.position_s = state.position_s
         self.sensors: dict[str, Sensor] = dict(state.sensors)
         self.known: Known = state.known
-        self.monitors: dict[str, SensorMonitor] = dict(state.monitors)
+        self.monitors: Mapping[str, SensorMonitor] = state.monitors
         self.counts = [*state.counts]
         self.innovations: list[Innovation] = []
         """Of the new samples, in the order of their stamps."""

@@ -65,7 +65,7 @@ class Watch:
         if seen.residual is None or not self.delay.usable:
             return monitor
         fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
-        fit = fit.seen(seen.residual)
+        fit = fit._replace(residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
         if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
             s = state.sensors[seen.sensor].sample.s
             try:

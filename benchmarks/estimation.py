@@ -1,4 +1,4 @@
-"""One tick of the estimator: its time at 3, 6 and 12 coordinates."""
+"""The estimator: the time of one tick at 3, 6 and 12 coordinates, and its consistency."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import consistency
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core import load_robot
@@ -34,7 +35,8 @@ def run(options: Options) -> str:
         rows.append([f"{n}", *(figure(x) for x in (tick, predict, fuse, forward)), f"{goal:g}"])
     head = ["coordinates", "tick, us", "prediction", "update", "forward dynamics", "goal, us"]
     text = "Median of one tick from Python, a pose in each, with disturbance and a learned force."
-    return f"{text}\n\n{table(head, rows)}\n\nGoals: {met(all(good))}"
+    ticks = f"{text}\n\n{table(head, rows)}\n\nGoals: {met(all(good))}"
+    return f"{ticks}\n\n{consistency.run(options)}"
 
 
 def _measured(estimator: Estimator) -> list[float]:
@@ -51,7 +53,7 @@ def _measured(estimator: Estimator) -> list[float]:
         state = found[0]
         belief, known = state.belief, state.known
         (ahead, _), predicting = _timed(filter_.predict, belief, pressure, DT, known)
-        fusing = _timed(filter_.fuse, ahead, pose)[1]
+        fusing = _timed(filter_.advance, ahead, pressure, 0.0, known, pose)[1]
         moving = _timed(arm.forward_dynamics, belief.q, belief.qd, pressure)[1]
         for row, one in zip(times, (spent, predicting, fusing, moving), strict=True):
             row.append(one)

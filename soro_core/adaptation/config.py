@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict, parse
+from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
+    from soro_core.adaptation.scales import Scales
     from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
@@ -21,6 +23,10 @@ MASS_PART, LEAST_PART = 6.0, -0.6
 # Readings, play, and errors of the model that change from sample to sample, as a pressure in each chamber
 # [Pa]; on the three-bellow arm it is 0.3 units of force.
 NOISE_PA = 500.0
+
+
+# Gain of the mass on the tracking error, in units of the model: 0.05 kg^2/J on the three-bellow arm.
+FOLLOW = 0.0087
 
 
 class LearnerConfig(Strict):
@@ -54,7 +60,14 @@ class LearnerConfig(Strict):
     low_pass_per_s: float = Field(5.0, gt=0, le=1e3, description="low-pass of both sides [rad/s]")
     forget_s: float = Field(4.0, gt=0, le=1e4, description="time after which samples are forgotten")
     forget_factor: float = Field(
-        30.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
+        8.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
+    )
+    mass_walk_per_s: float = Field(
+        1e-3,
+        ge=0,
+        le=1,
+        description="variance by which the mass may move in a second while the residual is large, as a part "
+        "of its prior variance",
     )
     bound_s: float = Field(1.0, gt=0, le=100, description="time at a bound after which the prior is restored")
 
@@ -74,6 +87,27 @@ class CompleteLearnerConfig(LearnerConfig):
     noise: float
 
 
+def mass_prior(arm: SoftArm) -> tuple[float, float, float]:
+    """Return deviation, lower and upper bound [kg] of the mass at the tip beyond that of the robot file."""
+    mass = sum(link.mass for link in arm.robot.links)
+    return MASS_PART * mass, LEAST_PART * mass, MASS_PART * mass
+
+
+def follow_rate(mass_std_kg: float, arm: SoftArm, scales: Scales) -> float:
+    """Return g of m' = -g Y_m' s [kg^2/J]: the mass's variance by the energy of one unit of q and force.
+
+    Parameters
+    ----------
+    mass_std_kg : float
+        Deviation of the mass [kg].
+    arm : SoftArm
+        Strains that are uniform along its links count, whatever other coefficients there are.
+    scales : Scales
+    """
+    uniform = strain_fields(arm.robot).uniform ** 2
+    return FOLLOW * mass_std_kg**2 / float((uniform * scales.force) @ scales.q)
+
+
 def complete_learner(config: LearnerConfig, arm: SoftArm, force: Array) -> CompleteLearnerConfig:
     """Return the keys of the learner with what is not stated found from the model.
 
@@ -86,13 +120,11 @@ def complete_learner(config: LearnerConfig, arm: SoftArm, force: Array) -> Compl
     force : ndarray (n_q,)
         Units of force.
     """
-    mass = sum(link.mass for link in arm.robot.links)
     # The row on which the noise acts most; an arm without chambers has none, and learns nothing.
     by_pa = np.linalg.norm(arm.actuation_matrix(np.zeros(arm.n_q)), axis=1) / force
     noise = NOISE_PA * float(np.max(by_pa)) or 1.0
-    parts = {"mass_std_kg": MASS_PART, "mass_lower_kg": LEAST_PART, "mass_upper_kg": MASS_PART}
     stated = {
         name: value for name in LearnerConfig.model_fields if (value := getattr(config, name)) is not None
     }
-    found = {"noise": noise, **{name: part * mass for name, part in parts.items()}}
-    return parse(found | stated, CompleteLearnerConfig, where="controller: law_options")
+    found = dict(zip(("mass_std_kg", "mass_lower_kg", "mass_upper_kg"), mass_prior(arm), strict=True))
+    return parse(found | {"noise": noise} | stated, CompleteLearnerConfig, where="controller: law_options")

@@ -1,11 +1,11 @@
 """A learner driven by the prediction error: recursive least squares on what the measured pressures make.
 
-r = H(q) p - [M qdd_d + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q)
+r = H(q) p - [M qdd + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q)
 
 Measured pressures say what force acts, so the lag of the regulators does not enter. Both sides pass one
-low-pass. The information about theta grows with each sample, weighed by its noise
-S = sigma^2 I + (K / U) P (K / U)', P the covariance of q, and is forgotten towards the prior. What samples do
-not determine stays at the prior.
+low-pass. The information about theta grows with each sample, weighed by its noise S = sigma^2 I + B P B', B
+the slope of elastic force and weight, P the covariance of q, and is forgotten towards the prior. What samples
+do not determine stays at the prior.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.adaptation.config import LearnerConfig, complete_learner
+from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 
@@ -28,11 +28,11 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Information whose condition is worse than this is singular.
 _SINGULAR = 1e14
+# Part of a unit of q for the difference quotient of the force.
+_STEP = 1e-6
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
-# Gain of the mass on the tracking error, in units of the model: that of `adaptive` on the three-bellow arm.
-_FOLLOW = 0.01
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,6 @@ class Sample:
     ----------
     q, qd : ndarray (n_q,)
         Estimated coordinates and rates.
-    qdd : ndarray (n_q,)
-        Acceleration of the reference.
     pressure_pa : ndarray (n_u,)
         Measured pressures [Pa gauge].
     creep : ndarray (n_internal,)
@@ -55,14 +53,13 @@ class Sample:
 
     q: Array
     qd: Array
-    qdd: Array
     pressure_pa: Array
     creep: Array
     covariance: Array
 
     def finite(self) -> bool:
         """Whether all numbers are finite."""
-        parts = (self.q, self.qd, self.qdd, self.pressure_pa, self.creep, self.covariance)
+        parts = (self.q, self.qd, self.pressure_pa, self.creep, self.covariance)
         return all(bool(np.isfinite(part).all()) for part in parts)
 
 
@@ -78,6 +75,8 @@ class LearnerState:
         A and b of A theta = b.
     residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
         Both sides after the low-pass, in units of force.
+    rate : ndarray (n_q,) or None
+        qd of the last sample; None before the first one.
     waited_s, passed_s : float
         Time before the low-pass began, and since then [s].
     at_bound_s : float
@@ -93,6 +92,7 @@ class LearnerState:
     moment: Array
     residual: Array | None = None
     regressor: Array | None = None
+    rate: Array | None = None
     waited_s: float = 0.0
     passed_s: float = 0.0
     at_bound_s: float = 0.0
@@ -119,10 +119,9 @@ class Learner:
         self.config = config = complete_learner(config, arm, self.force.scales.force)
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
+        self.slope = self._slope()
         self.prior = np.diag(deviation**-2)
-        # Square of the mass's deviation by the energy of one unit of q and force.
-        energy = float(self.force.scales.force @ self.force.scales.q)
-        self.mass_rate = _FOLLOW * self.config.mass_std_kg**2 / energy
+        self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
 
@@ -144,17 +143,25 @@ class Learner:
         """
         if not sample.finite():
             return replace(state, refused=state.refused + 1, note="a sample that is not finite: not learned")
-        residual, regressor = self._sides(sample)
+        # Differences of the rates are noise, of which the low-pass leaves what the rates alone have; the mean
+        # of the first samples would keep what the filter does until it is sure.
+        qdd = np.zeros(len(sample.q))
+        if state.rate is not None and self.config.low_pass_per_s * state.passed_s > 1.0:
+            qdd = (sample.qd - state.rate) / dt
+        residual, regressor = self._sides(sample, qdd)
         if not (np.isfinite(residual).all() and np.isfinite(regressor).all()):
             return replace(state, refused=state.refused + 1, note="a force that is not finite: not learned")
         if state.residual is None and state.waited_s < _WAIT_S and self._doubtful(sample.covariance):
-            return replace(state, waited_s=state.waited_s + dt, note="")
+            return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
         if state.residual is not None and state.regressor is not None:
             # At first a mean: the first sample alone would count for the time of the low-pass.
             part = max(-math.expm1(-self.config.low_pass_per_s * dt), dt / (state.passed_s + dt))
             residual = state.residual + part * (residual - state.residual)
             regressor = state.regressor + part * (regressor - state.regressor)
-        state = replace(state, residual=residual, regressor=regressor, passed_s=state.passed_s + dt, note="")
+        passed_s = state.passed_s + dt
+        state = replace(
+            state, residual=residual, regressor=regressor, rate=sample.qd, passed_s=passed_s, note=""
+        )
         try:
             information, moment = self._gained(state, residual, regressor, sample.covariance, dt)
             theta = _solved(information, moment)
@@ -190,6 +197,19 @@ class Learner:
             restored=state.restored,
         )
 
+    def _slope(self) -> Array:
+        """Return the slope of the static force, in units of force, by q where the arm is straight.
+
+        Weight counts: a shape that no position shows would else leak into what they show.
+        """
+        arm, scales = self.arm, self.force.scales
+        steps = np.diag(_STEP * scales.q)
+        forces = [
+            arm.gravity_force(x) + arm.elastic_force(x) - arm.gravity_force(-x) - arm.elastic_force(-x)
+            for x in steps
+        ]
+        return np.asarray(np.stack(forces, axis=1) / (2.0 * _STEP * scales.force[:, None] * scales.q))
+
     def _doubtful(self, covariance: Array) -> bool:
         """Whether the filter's doubt about q, as a force, is above the noise."""
         variance = np.diag(covariance) * self.force.scales.stiffness**2
@@ -203,30 +223,36 @@ class Learner:
             variance = np.full(self.force.size, math.nan)
         return np.sqrt(np.maximum(variance, 0.0))
 
-    def _sides(self, sample: Sample) -> tuple[Array, Array]:
+    def _sides(self, sample: Sample, qdd: Array) -> tuple[Array, Array]:
         """Return r / U (n_q,) and Phi (n_q, size)."""
         arm, q, qd = self.arm, sample.q, sample.qd
-        model = arm.inverse_dynamics(q, qd, qd, sample.qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
+        model = arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
         missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
-        regressor = self.force.regressor(q, qd, sample.qdd)
+        regressor = self.force.regressor(q, qd, qdd)
         return missing / self.force.scales.force, regressor
 
     def _gained(
         self, state: LearnerState, residual: Array, regressor: Array, covariance: Array, dt: float
     ) -> tuple[Array, Array]:
         """Return information and moment after a sample; the arrays are those of the low-pass."""
-        config, stiffness = self.config, self.force.scales.stiffness
-        noise = config.noise**2 * np.eye(len(residual)) + covariance * np.outer(stiffness, stiffness)
+        config = self.config
+        noise = config.noise**2 * np.eye(len(residual)) + self.slope @ covariance @ self.slope.T
         # Samples of a low-pass repeat each other for 2 / its rate.
         weighed = 0.5 * config.low_pass_per_s * np.linalg.solve(noise, regressor).T
         missed = residual - regressor @ state.learned.theta
         # Against the noise and the doubt about q: what no position shows is no reason to forget.
         large = float(missed @ np.linalg.solve(noise, missed)) / len(residual)
-        forget = (1.0 + min(large, config.forget_factor)) / config.forget_s
+        large = min(large, config.forget_factor)
+        forget = (1.0 + large) / config.forget_s
+        # What fits the model so badly says little about W: an arm that swings after its load has changed.
+        weighed /= max(1.0, large)
         information = state.information + dt * (
             weighed @ regressor - forget * (state.information - self.prior)
         )
-        return information, state.moment + dt * (weighed @ residual - forget * state.moment)
+        moment = state.moment + dt * (weighed @ residual - forget * state.moment)
+        # A load that comes or falls off changes the mass alone.
+        walk = dt * max(large - 1.0, 0.0) * config.mass_walk_per_s * config.mass_std_kg**2
+        return _walked(information, moment, walk) if walk > 0.0 else (information, moment)
 
     def _projected(self, state: LearnerState, theta: Array, dt: float) -> LearnerState:
         """Return the state with admissible estimates; the prior after too long at a bound."""
@@ -240,6 +266,13 @@ class Learner:
     def _restored(self, state: LearnerState, note: str) -> LearnerState:
         fresh = self.initial_state()
         return replace(fresh, refused=state.refused, restored=state.restored + 1, note=note)
+
+
+def _walked(information: Array, moment: Array, variance: float) -> tuple[Array, Array]:
+    """Return information and moment after the mass may have moved by a variance [kg^2]; theta stays."""
+    column = information[0]
+    part = variance / (1.0 + variance * column[0])
+    return information - part * np.outer(column, column), moment - part * column * moment[0]
 
 
 def _solved(information: Array, moment: Array) -> Array | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -12,7 +12,7 @@ from soro_core.pneumatics.lag import SHORTEST_S, follow
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Commands that are kept for the dead time.
+# Targets that are kept for the dead time.
 _KEPT = 100
 
 
@@ -23,34 +23,46 @@ class RegulatorState:
     Attributes
     ----------
     predicted_pa, bias_pa : ndarray (n_u,)
-        Pressures of the observer [Pa gauge], and what each regulator adds to its command [Pa].
-    commands : tuple of ndarray (n_u,)
-        Last commands, the newest last [Pa gauge].
+        Pressures of the observer [Pa gauge], and what each regulator adds to its target [Pa].
+    targets : tuple of ndarray (n_u,)
+        Last commands after the play, the newest last [Pa gauge].
+    play_pa : ndarray (n_u,)
+        What the play has added to the last command [Pa].
     """
 
     predicted_pa: Array
     bias_pa: Array
-    commands: tuple[Array, ...]
+    targets: tuple[Array, ...]
+    play_pa: Array
+
+    @property
+    def added_pa(self) -> Array:
+        """What each regulator adds to its command (n_u,) [Pa]."""
+        return np.asarray(self.bias_pa + self.play_pa)
 
 
 @dataclass(frozen=True)
 class RegulatorObserver:
-    """Observer tau p' = c(t - dead time) + bias - p of every chamber.
+    """Observer tau p' = target(t - dead time) + bias - p of every chamber; the target follows with play.
 
     Attributes
     ----------
     lag_s, dead_time_s : float
         Of the regulators; the time until a command reaches them is part of the dead time [s].
+    play_pa : float
+        Width of the play between command and target [Pa]. What it adds is known when the command turns; the
+        bias would be late, and a position at rest goes to and fro by the play.
     bandwidth_per_s, damping : float
-        Both poles of its errors. The bias is late by about 2 / bandwidth: a play that is taken up late is
-        seen at the tip, and a faster observer passes the noise of the readings on to the commands.
+        Both poles of its errors. The bias is late by about 2 / bandwidth, and a faster observer passes the
+        noise of the readings on to the commands.
     bound_pa : float
         Largest bias [Pa].
     """
 
     lag_s: float
     dead_time_s: float
-    bandwidth_per_s: float = 60.0
+    play_pa: float = 0.0
+    bandwidth_per_s: float = 50.0
     damping: float = 0.9
     bound_pa: float = 6e3
 
@@ -67,7 +79,8 @@ class RegulatorObserver:
 
     def initial_state(self, pressure_pa: Array) -> RegulatorState:
         """Return the state at pressures (n_u,) [Pa gauge] that are also the last command."""
-        return RegulatorState(pressure_pa, np.zeros_like(pressure_pa), (pressure_pa,))
+        nothing = np.zeros_like(pressure_pa)
+        return RegulatorState(pressure_pa, nothing, (pressure_pa,), nothing)
 
     def observe(self, state: RegulatorState, measured_pa: Array, dt: float) -> RegulatorState:
         """Return the state after a measurement.
@@ -81,15 +94,17 @@ class RegulatorObserver:
         dt : float
             Time since the last measurement [s].
         """
-        back = min(1 + round(self.dead_time_s / dt), len(state.commands))
-        acting = state.commands[-back] + state.bias_pa
+        back = min(1 + round(self.dead_time_s / dt), len(state.targets))
+        acting = state.targets[-back] + state.bias_pa
         predicted = follow(state.predicted_pa, acting, dt, self.lag_s)
         missed = measured_pa - predicted
         bias = np.clip(state.bias_pa + self.bias_per_s * dt * missed, -self.bound_pa, self.bound_pa)
         corrected = predicted + min(self.correction_per_s * dt, 1.0) * missed
-        return RegulatorState(np.asarray(corrected), bias, state.commands)
+        return replace(state, predicted_pa=np.asarray(corrected), bias_pa=bias)
 
     def commanded(self, state: RegulatorState, command_pa: Array) -> RegulatorState:
         """Return the state after a command (n_u,) [Pa gauge]."""
-        kept = (*state.commands, command_pa)[-_KEPT:]
-        return RegulatorState(state.predicted_pa, state.bias_pa, kept)
+        half = 0.5 * self.play_pa
+        target = np.minimum(np.maximum(state.targets[-1], command_pa - half), command_pa + half)
+        targets = (*state.targets, target)[-_KEPT:]
+        return replace(state, targets=targets, play_pa=target - command_pa)

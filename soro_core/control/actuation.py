@@ -29,6 +29,7 @@ class CompletePressures(Pressures):
     preview_s: float
     lag_s: float
     dead_time_s: float
+    play_pa: float
 
 
 # Keys that `Limits` has too; True for a lower bound, False for an upper one.
@@ -52,7 +53,7 @@ def complete_pressures(
         Limits of the limiter that the set points pass. Without them, missing keys get the defaults of
         `Limits`, and no stated value is replaced.
     response : RegulatorModel
-        Lag and dead time of the regulators.
+        Lag, dead time and play of the regulators.
     rate_hz : float
         Rate of the loop [Hz].
     transport_s : float
@@ -79,6 +80,7 @@ def complete_pressures(
     late_s = transport_s + response.delay_s
     values.setdefault("preview_s", late_s + (lag_s + 0.5 / rate_hz) / lead)
     values.setdefault("dead_time_s", late_s)
+    values.setdefault("play_pa", response.hysteresis_pa)
     return parse(values, CompletePressures, where="controller: pressures")
 
 

@@ -14,6 +14,7 @@ from soro_core.adaptation.regulators import RegulatorState
 from soro_core.control.following import Following
 from soro_core.control.laws.protocol import Terms
 from soro_core.control.trajectory import Hold, Point
+from soro_core.control.undriven import Shape
 from soro_core.control.watch import WatchState
 from soro_core.model import SoftArm
 
@@ -34,6 +35,8 @@ class ControllerState:
         Last allocation [Pa gauge], the start of the next search.
     creep : ndarray (n_internal,)
         Creep and hysteresis states along the estimated motion.
+    shape : Shape
+        Of the coordinates that no chamber moves.
     saturated : ndarray of bool (n_u,)
         Chambers at a bound at the last tick.
     regulators : RegulatorState or None
@@ -51,6 +54,7 @@ class ControllerState:
     model_pa: Array
     wish_pa: Array
     creep: Array
+    shape: Shape
     saturated: NDArray[np.bool_]
     regulators: RegulatorState | None = None
     watch: WatchState = field(default_factory=WatchState)

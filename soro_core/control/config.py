@@ -7,23 +7,12 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from soro_core.config import Floats, InnerError, Strict, Strings
+from soro_core.config import Floats, InnerError, Strict
+from soro_core.control.adaptation_config import Adaptation
 from soro_core.control.laws.registry import find_law
 from soro_core.control.motion_config import EnableBounds, MotionConfig
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
-
-ADAPTABLE = (
-    "a1",
-    "a2",
-    "a4",
-    "a5",
-    "damping_stretch",
-    "damping_curvature",
-    "tip_mass",
-    "link_mass",
-    "chamber_gain",
-)
 
 
 def require_chambers(robot: Robot, where: str) -> None:
@@ -78,54 +67,6 @@ class Gains(Strict):
         return self != Gains()
 
 
-class Adaptation(Strict):
-    """Adapted parameters, their gains and bounds: lists of equal length."""
-
-    parameters: Strings = Field(
-        ("tip_mass",), description=f"adapted parameters, any of {', '.join(ADAPTABLE)}"
-    )
-    gain: Floats = Field((0.05,), description="diagonal of Gamma, one a parameter")
-    lower: Floats = Field((0.0,), description="lower bounds, in the parameter's unit")
-    upper: Floats = Field((0.1,), description="upper bounds, in the parameter's unit")
-    margin_stretch_n_m: float = Field(10.0, gt=0, le=1e6, description="least a1 - a2")
-    margin_bend_n_m_rad: float = Field(1e-4, gt=0, le=1e3, description="least a4 - a5")
-    dead_zone_stretch_per_s: float = Field(0.0, ge=0, le=10, description="|s| below which the estimates hold")
-    dead_zone_curvature_per_m_s: float = Field(
-        0.0, ge=0, le=1e3, description="|s| below which the estimates hold"
-    )
-    leakage_per_s: float = Field(
-        0.0, ge=0, le=10, description="sigma modification: pull to the robot's values"
-    )
-    hold_saturated: bool = Field(
-        True,
-        description="hold estimates whose change would enlarge the force that saturated pressures lack",
-    )
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Adaptation:
-        n = len(self.parameters)
-        for name in ("gain", "lower", "upper"):
-            if len(getattr(self, name)) != n:
-                raise ValueError(f"{name} must have as many values as parameters ({n})")
-        for parameter in self.parameters:
-            if parameter not in ADAPTABLE:
-                raise ValueError(f"parameters: {parameter!r} is none of {', '.join(ADAPTABLE)}")
-        if len(set(self.parameters)) != n:
-            raise ValueError("parameters: a name stands twice")
-        for name, gain, lower, upper in zip(self.parameters, self.gain, self.lower, self.upper, strict=True):
-            if gain < 0.0:
-                raise ValueError(f"gain of {name} must not be negative")
-            if not lower < upper:
-                raise ValueError(f"lower bound of {name} must be below its upper bound")
-            if name.endswith("mass") and lower < 0.0:
-                raise ValueError(f"lower bound of {name} must not be negative")
-            if name == "chamber_gain" and lower <= 0.0:
-                raise ValueError(
-                    "lower bound of chamber_gain must be above 0: the estimate must stay invertible"
-                )
-        return self
-
-
 class Pressures(Strict):
     """Allocation of pressures; keys of limits and lag default to those of limiter and platform."""
 
@@ -164,10 +105,10 @@ class Pressures(Strict):
         description="time constant of the regulators, inverted, 0 for none; default: the platform's",
     )
     dead_time_s: float | None = Field(
-        None,
-        ge=0,
-        le=1,
-        description="time until a set point begins to act; default: a tick between nodes, and dead time",
+        None, ge=0, le=1, description="time until a set point acts; default: a tick between nodes, dead time"
+    )
+    play_pa: float | None = Field(
+        None, ge=0, le=1e5, description="play of set point and pressure, its width; default: the platform's"
     )
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
@@ -290,11 +231,14 @@ class ControllerConfig(Strict):
     @model_validator(mode="after")
     def _of_one_law(self) -> ControllerConfig:
         # A value that is the default is no statement: scenes and nodes write every key out.
-        own = [name for name in ("compensation", "adaptation") if getattr(self, name) != _default(name)]
+        own = [name for name in ("compensation", "adaptation") if getattr(self, name) not in _DEFAULTS[name]]
         if self.law != "adaptive" and own:
             raise ValueError(f"no {own[0]}, a key of law: adaptive, beside law: {self.law}")
         return self
 
 
-def _default(name: str) -> Any:
-    return ControllerConfig.model_fields[name].default
+# Those of now, and of scenes that former versions have kept.
+_DEFAULTS = {
+    "compensation": (ControllerConfig.model_fields["compensation"].default,),
+    "adaptation": (Adaptation(), Adaptation(gain=(0.05,), lower=(0.0,), upper=(0.1,))),
+}

@@ -26,6 +26,7 @@ from soro_core.control.motion import Planner
 from soro_core.control.references import bounds_of, check_configured, configured_reference
 from soro_core.control.setpoints import SetpointMaker
 from soro_core.control.trajectory import Point, Reference
+from soro_core.control.undriven import Shape, Undriven
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
 from soro_core.model.discretised import discretised
@@ -82,6 +83,7 @@ class Controller(GivenReferences):
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
+        self.undriven = Undriven(self.arm, self.fields, self.limit, model.links)
         self.law = law(
             Setting(
                 self.arm,
@@ -95,7 +97,8 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        self.observer = RegulatorObserver(self.pressures.lag_s, self.pressures.dead_time_s)
+        known = self.pressures
+        self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
         refuse_lost_arm(self)
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
@@ -108,6 +111,7 @@ class Controller(GivenReferences):
             model_pa=start,
             wish_pa=start,
             creep=np.zeros(self.arm.n_internal),
+            shape=self.undriven.initial_state(),
             saturated=np.zeros(self.arm.n_u, dtype=bool),
             regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
         )
@@ -185,7 +189,7 @@ class Controller(GivenReferences):
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
         point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
-        ahead = Preview(point, future, preview_s)
+        shape, ahead = self._with_undriven(state, Preview(point, future, preview_s))
         belief = ArmBelief(
             q=q,
             qd=qd,
@@ -202,7 +206,7 @@ class Controller(GivenReferences):
         actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
         believed = self.law.actuation(inner, actuation)
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
-        bias = 0.0 if regulators is None else regulators.bias_pa
+        bias = 0.0 if regulators is None else regulators.added_pa
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not (wish.ok and np.all(np.isfinite(made.command_pa))):
             return self._held(state, "no finite pressures for the wished force")
@@ -220,6 +224,7 @@ class Controller(GivenReferences):
             saturated=made.at_bound,
             regulators=regulators and self.observer.commanded(regulators, made.command_pa),
             following=following,
+            shape=shape,
             point=point,
         )
         return after, Command(
@@ -235,6 +240,26 @@ class Controller(GivenReferences):
             terms=terms,
             status=ControllerStatus(True, "", after.watch.note),
         )
+
+    def _with_undriven(self, state: ControllerState, given: Preview) -> tuple[Shape, Preview]:
+        """Return the reference with the shape of what no chamber moves."""
+        # A law that learns from the tracking error needs that of all coordinates.
+        if not (self.undriven.exist and self.law.learns):
+            return state.shape, given
+        now, future = given.now, given.ahead
+
+        def force(q: Array) -> Array:
+            known = self.law.reference_force(state.law, q, future.qd, future.qdd)
+            return np.asarray(known + self.arm.internal_force(q, state.creep))
+
+        def actuation(q: Array) -> Array:
+            return self.law.actuation(state.law, self.arm.actuation_matrix(q))
+
+        shape, ahead, motions = self.undriven.step(state.shape, future, force, actuation)
+        # The shape changes little until a set point acts.
+        q, qd, qdd = ahead.q - future.q, ahead.qd - future.qd, ahead.qdd - future.qdd
+        shaped = Point(now.q + q, now.qd + qd, now.qdd + qdd)
+        return shape, Preview(shaped, ahead, given.ahead_s, motions)
 
     def _judged(
         self, state: ControllerState, q: Array, point: Point, missing: Array, event: str, dt: float

@@ -34,6 +34,9 @@ Array: TypeAlias = NDArray[np.float64]
 _PARTS = 4
 # Loads that are tried beside the one that is nearest to balance, relative to it.
 _AROUND = (-0.1, 0.1, -0.2, 0.2)
+# Evenly spaced loads up to the largest one, for an arm that lies over: the shape with its tip that comes from
+# kinematics is bent elsewhere, and says little of the load.
+_LOADS = 12
 # Halvings of the distance to the best of them.
 _HALVINGS = 3
 
@@ -86,7 +89,9 @@ class RestingArm:
     def findings(
         self, seen: Sequence[Seen], bounds: EnableBounds, between: Callable[[], None] = lambda: None
     ) -> list[str]:
-        """Return a line for each sensor that fits the model under no load.
+        """Return a line for each sensor that fits the model under no load; none without a position.
+
+        An orientation alone belongs to an arm that leans under its load as well as to a turned base.
 
         Parameters
         ----------
@@ -96,6 +101,8 @@ class RestingArm:
         between : callable
             Called after each rest that is tried: the search takes longer than a tick.
         """
+        if all(one.position is None for one in seen):
+            return []
         tried: list[Array] = []
         for q in self._rests(seen, bounds):
             between()
@@ -109,27 +116,49 @@ class RestingArm:
 
     def _rests(self, seen: Sequence[Seen], bounds: EnableBounds) -> Iterator[Array]:
         """Yield coordinates at rest: from where the sensors see the tip, and upright."""
-        upright, start = np.zeros(self.arm.n_q), np.zeros(self.arm.n_q)
-        end = self.arm.length - END_TOLERANCE
-        tip = next((one for one in seen if one.position is not None and one.s >= end), None)
-        if tip is not None and tip.position is not None:
-            # Weighted so that both bounds count the same.
-            weight = bounds.distance_m / math.radians(bounds.angle_deg)
-            start = inverse_kinematics(
-                self.arm, self.fields, tip.position, tip.quaternion, start, self.limit, weight
-            ).q
+        upright, start = np.zeros(self.arm.n_q), self._bent(seen, bounds)
         likely = self._load_at(start)
         yield from self._rest(likely, start)
         yield from self._rest(0.0, upright)
         near = [(load, q) for x in _AROUND for load in (likely * (1.0 + x),) for q in self._rest(load, start)]
         yield from (q for _, q in near)
-        step = 0.5 * abs(_AROUND[0]) * likely
-        for _ in range(_HALVINGS if near else 0):
-            # Near buckling the tip moves far with little load: from the rest that fits best.
-            load, best = min(near, key=lambda pair: self._worst(seen, pair[1], bounds))
+        yield from self._nearer(near, 0.5 * abs(_AROUND[0]) * likely, seen, bounds)
+        apart = self.heaviest_kg / _LOADS
+        wide = [
+            (load, q) for k in range(_LOADS) for load in (apart * (k + 1),) for q in self._rest(load, start)
+        ]
+        yield from (q for _, q in wide)
+        yield from self._nearer(wide, 0.5 * apart, seen, bounds)
+
+    def _bent(self, seen: Sequence[Seen], bounds: EnableBounds) -> Array:
+        """Return coordinates like those of the arm that the outermost pose belongs to."""
+        zero = np.zeros(self.arm.n_q)
+        last = max((one for one in seen if one.position is not None), key=lambda one: one.s)
+        if last.position is not None and last.s >= self.arm.length - END_TOLERANCE:
+            # Weighted so that both bounds count the same.
+            weight = bounds.distance_m / math.radians(bounds.angle_deg)
+            return inverse_kinematics(
+                self.arm, self.fields, last.position, last.quaternion, zero, self.limit, weight
+            ).q
+        if last.quaternion is None or last.s <= END_TOLERANCE:
+            return zero
+        # The rest of the arm is bent as the part before the pose is.
+        base = self.arm.pose(zero, 0.0)[:3, :3]
+        turn = rotation_log(base.T @ matrix_from_quaternion(last.quaternion))
+        bends = np.array([self.fields.of(f"bending_{axis}") for axis in "xy"]) * self.fields.uniform
+        turns = self.arm.jacobian(zero, last.s)[:3] @ bends.T
+        return self.fields.within(np.linalg.lstsq(turns, turn, rcond=None)[0] @ bends, self.limit)
+
+    def _nearer(
+        self, tried: list[tuple[float, Array]], step: float, seen: Sequence[Seen], bounds: EnableBounds
+    ) -> Iterator[Array]:
+        """Yield rests under loads [kg] nearer and nearer to the one that fits best, from its coordinates."""
+        for _ in range(_HALVINGS if tried else 0):
+            # Near buckling the tip moves far with little load.
+            load, best = min(tried, key=lambda pair: self._worst(seen, pair[1], bounds))
             found = [(load + x, q) for x in (-step, step) for q in self._rest(load + x, best)]
             yield from (q for _, q in found)
-            near, step = [(load, best), *found], 0.5 * step
+            tried, step = [(load, best), *found], 0.5 * step
 
     def _rest(self, load: float, start: Array) -> Iterator[Array]:
         """Yield the rest under a load [kg] that a search from `start` finds, if it finds one."""

@@ -31,6 +31,9 @@ DAMPING_PART, BEND_PART = 0.093, 0.15
 STRETCH_PART = 0.3
 # K_d / K_p of bending and 1 / Lambda, in times until a set point acts.
 RATE_TIMES, LAMBDA_TIMES = 3.5, 9.0
+# Force of the feedback on a bending mode, at most, in that of the mode's own damping: more oscillates in the
+# second mode of two links that hang. Modes that turn by more than pi in the delay are faster than the loop.
+MODE_PART = 1.4
 # Time until a set point acts where the regulators act at once [s].
 LEAST_S = 0.01
 
@@ -70,6 +73,7 @@ def gains_of(
     k_d = None if gains.k_d is None else gain_matrix(fields, gains.k_d, "gains.k_d") / pieces
     if k_p is None or k_d is None:
         found = np.where(fields.stretch, *factors)[:, None] * _proportional(arm, fields, delay)
+        found = np.where(fields.stretch, 1.0, _mode_share(arm, fields, found, delay))[:, None] * found
         k_p = found if k_p is None else k_p
         k_d = np.where(fields.stretch, 0.0, RATE_TIMES * delay)[:, None] * found if k_d is None else k_d
     if gains.lambda_per_s is None:
@@ -94,6 +98,27 @@ def _proportional(arm: SoftArm, fields: StrainFields, delay_s: float) -> Array:
         part = STRETCH_PART * min(1.0, 2.0 * stretch.damping)
         k_p = np.where(fields.stretch, part * stiffness, k_p)
     return np.asarray(k_p[:, None] * fields.weight)
+
+
+def _mode_share(arm: SoftArm, fields: StrainFields, k_p: Array, delay_s: float) -> float:
+    """Return the part, at most 1, of automatic K_p (n_q, n_q) of bending that no bending mode forbids."""
+    from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
+
+    zero, bend = np.zeros(arm.n_q), ~fields.stretch
+    stiffness, inertia = arm.stiffness_matrix(zero), arm.inertia_matrix(zero)
+    square, shapes = eigh(stiffness[np.ix_(bend, bend)], inertia[np.ix_(bend, bend)])
+    share = 1.0
+    for rate, bent in zip(np.sqrt(square), shapes.T, strict=True):
+        if rate * delay_s > np.pi:
+            continue
+        shape = np.zeros(arm.n_q)
+        shape[bend] = bent
+        # K_p e + K_d s at this rate, K_d and Lambda in times of the delay.
+        lead = complex(1.0 + RATE_TIMES / LAMBDA_TIMES, RATE_TIMES * rate * delay_s)
+        made = float(shape @ k_p @ shape) * abs(lead)
+        if made > 0.0:
+            share = min(share, MODE_PART * rate * float(shape @ losses(arm, rate) @ shape) / made)
+    return share
 
 
 def _of_uniform(fields: StrainFields, matrix: Array) -> Array:

@@ -7,12 +7,15 @@ others keep the values of the robot file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.config import Adaptation
+from soro_core.adaptation.config import follow_rate, mass_prior
+from soro_core.adaptation.scales import scales_of
+from soro_core.config import parse
+from soro_core.control.adaptation_config import Adaptation, CompleteAdaptation
 from soro_core.control.projection import Pair, Polytope
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import STRETCHES, StrainFields, strain_fields
@@ -48,9 +51,11 @@ class ParameterSet:
     arm : SoftArm
         Model.
     config : Adaptation
-        Groups of parameters, gains and bounds.
+        Groups of parameters, gains and bounds; what is not stated comes from the model.
     where : str
         File that errors name.
+    pieces : int
+        Number of pieces into which each link is discretised.
 
     Attributes
     ----------
@@ -60,6 +65,8 @@ class ParameterSet:
         Values of the robot file.
     polytope : Polytope
         Bounds, pairs and gains.
+    config : CompleteAdaptation
+        With a value for each key.
 
     Raises
     ------
@@ -67,8 +74,9 @@ class ParameterSet:
         If a parameter does not exist on this robot, or the robot's value is not admissible.
     """
 
-    def __init__(self, arm: SoftArm, config: Adaptation, where: str = "controller") -> None:
+    def __init__(self, arm: SoftArm, config: Adaptation, where: str = "controller", pieces: int = 1) -> None:
         self.arm, self.fields = arm, strain_fields(arm.robot)
+        self.config = config = complete_adaptation(config, arm, where, pieces)
         columns: list[Column] = []
         lower: list[float] = []
         upper: list[float] = []
@@ -190,6 +198,41 @@ def _columns(arm: SoftArm, fields: StrainFields, group: str, where: str) -> list
         for i, (link, strain) in enumerate(zip(fields.links, fields.strains, strict=True))
         if (strain in STRETCHES) == stretch
     ]
+
+
+def complete_adaptation(
+    config: Adaptation, arm: SoftArm, where: str = "controller", pieces: int = 1
+) -> CompleteAdaptation:
+    """Return the keys of the adaptation with what is not stated found from the model.
+
+    Parameters
+    ----------
+    config : Adaptation
+        Keys as they are stated.
+    arm : SoftArm
+        Its links give the bounds, its stiffness the unit of the gain.
+    where : str
+        File that errors name.
+    pieces : int
+        Number of pieces into which each link is discretised.
+
+    Raises
+    ------
+    ConfigError
+        If the gain is not stated and a coordinate has no stiffness, or the bounds are in the wrong order.
+    """
+    stated = {name: value for name in Adaptation.model_fields if (value := getattr(config, name)) is not None}
+    missing = {"gain", "lower", "upper"} - stated.keys()
+    if not missing:
+        return parse(stated, CompleteAdaptation, where)
+    deviation, _, most = mass_prior(arm)
+    found: dict[str, Any] = {"lower": (0.0,), "upper": (arm.robot.tip_mass + most,)}
+    if "gain" in missing:
+        try:
+            found["gain"] = (follow_rate(deviation, arm, scales_of(arm, pieces)),)
+        except ConfigError as error:
+            raise ConfigError(where, "adaptation.gain", None, f"a stated gain: {error.got}") from None
+    return parse(found | stated, CompleteAdaptation, f"{where}: adaptation")
 
 
 def _uniform_damping(arm: SoftArm, fields: StrainFields, field: int) -> float:

@@ -51,7 +51,7 @@ class Reachable:
 
     def numbers(self) -> list[tuple[str, str]]:
         """Return names and values for a table."""
-        low, high = 1e3 * self.tip_m.min(axis=0), 1e3 * self.tip_m.max(axis=0)
+        low, high = _in_mm(self.tip_m.min(axis=0)), _in_mm(self.tip_m.max(axis=0))
         rows = [(f"{axis}, mm", f"{a:.1f} to {b:.1f}") for axis, a, b in zip("xyz", low, high, strict=True)]
         away = self.tip_m - self.rest_m
         angle, radius = np.arctan2(away[:, 1], away[:, 0]), np.hypot(away[:, 0], away[:, 1])
@@ -60,7 +60,7 @@ class Reachable:
         rows += [
             ("sideways in the best direction, mm", f"{1e3 * max(reach):.1f}"),
             (f"sideways in the worst of {_DIRECTIONS} directions, mm", f"{1e3 * min(reach):.1f}"),
-            ("tip at the lowest pressures, mm", ", ".join(f"{1e3 * x:.1f}" for x in self.rest_m)),
+            ("tip at the lowest pressures, mm", ", ".join(f"{x:.1f}" for x in _in_mm(self.rest_m))),
             ("combinations of pressures", f"{len(self.tip_m)}, {self.failed} without a stable rest"),
         ]
         return rows
@@ -109,6 +109,11 @@ def reachable(
     pressures, coordinates = (np.array(rows) for rows in zip(*found, strict=True))
     tips = np.array([arm.pose(q, arm.length)[:3, 3] for q in coordinates])
     return Reachable(tips, pressures, coordinates, tips[0], len(grid) - len(found))
+
+
+def _in_mm(position_m: Array) -> Array:
+    """Return a position [m] in tenths of a millimetre, as [mm], without a negative zero."""
+    return np.asarray(np.round(1e3 * position_m, 1) + 0.0)
 
 
 def shape(arm: SoftArm, q: Array) -> Array:

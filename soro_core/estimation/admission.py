@@ -3,70 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
 
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.estimation.draft import Draft
+from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.samples import PoseSample, Sample
-from soro_core.estimation.state import EstimatorState
-from soro_core.estimation.status import Counts
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16
-# Times that differ by less [s] are equal: ticks and stamps are sums of periods.
-SAME_S = 1e-9
 
 
-@dataclass(frozen=True)
-class Admitted:
-    """Samples sorted by stamp.
-
-    Attributes
-    ----------
-    fresh, waiting : tuple of Sample
-        To be used now, and at a later tick.
-    stamps : mapping of str to float
-        Last stamp of each sensor [s].
-    counts : Counts
-        With those that were refused.
-    """
-
-    fresh: tuple[Sample, ...]
-    waiting: tuple[Sample, ...]
-    stamps: Mapping[str, float]
-    counts: Counts
-
-
-def admit(
-    state: EstimatorState, offered: Iterable[Sample], config: EstimatorConfig, length_m: float
-) -> Admitted:
-    """Sort the offered samples.
+def admit(draft: Draft, offered: Iterable[Sample], config: EstimatorConfig, length_m: float) -> list[Sample]:
+    """Return the samples to be used now, sorted by stamp; those of later wait, others are counted.
 
     Parameters
     ----------
-    state : EstimatorState
+    draft : Draft
         At the new time.
     offered : iterable of Sample
     config : EstimatorConfig
     length_m : float
         Length of the arm [m].
     """
-    counts, stamps = state.counts, dict(state.stamps)
     fresh: list[Sample] = []
     waiting: list[Sample] = []
-    start = state.history[0].start_s if state.history else state.t_s
-    for sample in sorted(offered, key=lambda one: one.stamp_s if math.isfinite(one.stamp_s) else -math.inf):
+    stamps, now_s = draft.stamps, draft.t_s
+    start = draft.history[0].start_s if draft.history else now_s
+    for sample in sorted(offered, key=_stamp):
         noise = config.pose if isinstance(sample, PoseSample) else config.imu
-        oldest = max(state.t_s - noise.max_age_s, start)
+        oldest = max(now_s - noise.max_age_s, start)
         if not sample.finite() or not -1e-9 <= sample.s <= length_m + 1e-6:
-            counts = replace(counts, invalid=counts.invalid + 1)
-        elif sample.stamp_s > state.t_s + config.future_s:
-            counts = replace(counts, early=counts.early + 1)
-        elif sample.stamp_s > state.t_s + SAME_S:
+            draft.count("invalid")
+        elif sample.stamp_s > now_s + config.future_s:
+            draft.count("early")
+        elif sample.stamp_s > now_s + SAME_S:
             waiting.append(sample)
-        elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(sample.sensor, -math.inf):
-            counts = replace(counts, stale=counts.stale + 1)
+        elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(name := sample.sensor, -math.inf):
+            draft.count("stale")
         else:
-            stamps[sample.sensor] = sample.stamp_s
+            stamps[name] = sample.stamp_s
             fresh.append(sample)
-    return Admitted(tuple(fresh), tuple(waiting[-_MOST_WAITING:]), stamps, counts)
+    draft.waiting = tuple(waiting[-_MOST_WAITING:])
+    return fresh
+
+
+def _stamp(sample: Sample) -> float:
+    return sample.stamp_s if math.isfinite(sample.stamp_s) else -math.inf

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +10,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Belief:
+class Belief(NamedTuple):
     """Mean and covariance of (q, qd, disturbance, drift), and the internal states at this mean.
 
     Attributes

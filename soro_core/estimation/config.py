@@ -15,7 +15,11 @@ class PoseNoise(Strict):
     position_std_m: float = Field(3e-4, gt=0, le=1, description="sensor noise of each coordinate")
     orientation_std_rad: float = Field(6e-3, gt=0, le=3, description="sensor noise of each rotation")
     position_model_std_m: float = Field(
-        1e-4, ge=0, le=1, description="error of the arm's kinematics in position, beyond the sensor's"
+        0.0,
+        ge=0,
+        le=1,
+        description="error of the arm's kinematics in position, beyond the sensor's; a link that stretches "
+        "and bends reaches every position of its tip",
     )
     orientation_model_std_rad: float = Field(
         0.2,
@@ -73,16 +77,22 @@ class LearnedProcessNoise(ProcessNoise):
     """The same where a learned force is part of the model: less is left for noise to explain."""
 
     stretch_acceleration: float = Field(
-        0.1, ge=0, le=1e6, description="spectral density of the acceleration's error of elongation and shears"
+        0.0, ge=0, le=1e6, description="spectral density of the acceleration's error of elongation and shears"
     )
-    curvature_acceleration_per_m: float = Field(2.0, ge=0, le=1e6, description="the same of curvatures")
+    curvature_acceleration_per_m: float = Field(0.0, ge=0, le=1e6, description="the same of curvatures")
     stretch_disturbance: float = Field(
-        300.0,
+        170.0,
         ge=0,
         le=1e9,
         description="the same of the second derivative of the disturbance of elongation and shears",
     )
-    curvature_disturbance_per_m: float = Field(1e3, ge=0, le=1e9, description="the same of curvatures")
+    curvature_disturbance_per_m: float = Field(500.0, ge=0, le=1e9, description="the same of curvatures")
+    disturbance_time_s: float = Field(
+        0.8,
+        gt=0,
+        le=1e4,
+        description="time constant with which a disturbance decays: what lasts longer is learned",
+    )
 
 
 class InitialNoise(Strict):
@@ -104,7 +114,7 @@ class EstimatorConfig(Strict):
     scale_noise: bool = Field(
         True,
         description="scale process, initial and orientation model noise that has its default from the "
-        "three-bellow arm, which it is tuned for, to the model of this one; docs/control.md",
+        "three-bellow arm, which it is tuned for, to the model of this one; docs/gains.md",
     )
     disturbance: bool = Field(
         True, description="estimate a slowly varying generalised force beside q and qd (unknown payload)"
@@ -114,6 +124,12 @@ class EstimatorConfig(Strict):
         LearnedProcessNoise(), description="process noise while a learned force is in force"
     )
     initial: InitialNoise = Field(InitialNoise(), description="initial uncertainty")
+    pressure_std_pa: float = Field(
+        100.0,
+        ge=0,
+        le=1e6,
+        description="noise of each measured pressure, independent from reading to reading; of the platform",
+    )
     pose: PoseNoise = Field(PoseNoise(), description="pose samples")
     imu: ImuNoise = Field(ImuNoise(), description="IMU samples")
     integrator: Integrator = Field(
@@ -128,7 +144,7 @@ class EstimatorConfig(Strict):
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"
     )
     outlier_inflation: float = Field(
-        2.0,
+        4.0,
         ge=1,
         le=10,
         description="factor on the covariance for every refused sample: one outlier costs little, and the "

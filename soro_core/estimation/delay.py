@@ -11,8 +11,7 @@ once:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +23,9 @@ if TYPE_CHECKING:
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Deviations of the prior: a delay of 0.1 s, a load of twice the arm's own mass, which is also its bound, and
-# an arm 30 % softer or stiffer.
-_DELAY_S, _LOAD, _SOFT = 0.1, 2.0, 0.3
+# Deviations of the prior: a delay of 0.1 s, a load of twice the arm's own mass, which is also its bound, a
+# shift of the frame by 0.1 mm, and an arm 30 % softer or stiffer.
+_DELAY_S, _LOAD, _SHIFT_M, _SOFT = 0.1, 2.0, 1e-4, 0.3
 # The stiffness along the motion is that over this time of it [s].
 _AHEAD_S = 0.01
 # An arm moves whose speed is above that many of its deviations.
@@ -37,8 +36,7 @@ _SIZE = 6
 _POSITION = 3
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """One row of the fit, without the acceleration.
 
     Attributes
@@ -55,14 +53,13 @@ class Row:
     value: Array
 
 
-@dataclass(frozen=True)
-class DelayFit:
+class DelayFit(NamedTuple):
     """Recursive least squares of one sensor.
 
     Attributes
     ----------
-    t_s : float
-        Time of the last row [s].
+    t_s, begun_s : float
+        Time of the last row, and of the prior [s].
     information, moment : ndarray (6, 6), (6,)
         A and b of A x = b, x = (delay [s], mass [kg], shift (3) [m], softness).
     solution : ndarray (6,)
@@ -78,6 +75,7 @@ class DelayFit:
     """
 
     t_s: float
+    begun_s: float
     information: Array
     moment: Array
     solution: Array
@@ -85,6 +83,11 @@ class DelayFit:
     residual_m: Array
     samples: int = 0
     last: Row | None = None
+
+    def seen(self, residual_m: Array) -> DelayFit:
+        """Return the fit with one more residual (3,) [m]."""
+        known = self.t_s, self.begun_s, self.information, self.moment, self.solution, self.deviation_s
+        return DelayFit(*known, self.residual_m + residual_m, self.samples + 1, self.last)
 
     @property
     def delay_s(self) -> float:
@@ -114,15 +117,14 @@ class DelayModel:
         self._compliance = np.linalg.inv(stiffness) if stiff else stiffness
         robot = arm.robot
         heaviest = _LOAD * (robot.tip_mass + sum(link.mass for link in robot.links))
-        shift = max(pose.position_model_std_m, 0.1 * pose.position_std_m)
-        deviations = np.array([_DELAY_S, heaviest, shift, shift, shift, _SOFT])
+        deviations = np.array([_DELAY_S, heaviest, _SHIFT_M, _SHIFT_M, _SHIFT_M, _SOFT])
         self._heaviest_kg = heaviest
         self._prior = np.diag(deviations**-2)
         self._noise = pose.position_std_m**2 + pose.position_model_std_m**2
 
     def start(self, t_s: float) -> DelayFit:
         """Return the prior at a time [s]."""
-        return DelayFit(t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
+        return DelayFit(t_s, t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
 
     def step(self, state: DelayFit, belief: Belief, pressure_pa: Array, s: float, t_s: float) -> DelayFit:
         """Return the fit with one more row.
@@ -147,7 +149,7 @@ class DelayModel:
         load = float(min(max(state.solution[1], -self._heaviest_kg), self._heaviest_kg))
         row = Row(belief.qd, *self._sides(belief, pressure_pa, rows, load))
         if state.last is None:
-            return replace(self.start(t_s), last=row)
+            return self.start(t_s)._replace(last=row)
         # Both at the middle of the interval, as the acceleration is: else the noise of the rates, which is in
         # the regressor too, is a delay.
         regressor = 0.5 * (row.regressor + state.last.regressor)
@@ -159,7 +161,7 @@ class DelayModel:
         value += inertia @ self.arm.inertia_matrix(belief.q) @ acceleration
         if np.sum((rows @ belief.qd) ** 2) < _MOVES**2 * np.trace(speed):
             regressor[:, 0] = 0.0  # an arm at rest shows no delay, and the noise of its rates none either
-        return replace(self._fitted(state, regressor, value, t_s), last=row)
+        return self._fitted(state, regressor, value, t_s)._replace(last=row)
 
     def _sides(self, belief: Belief, pressure_pa: Array, rows: Array, mass_kg: float) -> tuple[Array, Array]:
         """Return regressor (3, 6) and position less that of the model (3,) [m], without the acceleration.
@@ -218,4 +220,4 @@ class DelayModel:
         if not np.isfinite(solution).all():
             return self.start(t_s)
         deviation = float(np.sqrt(max(covariance[0, 0], 0.0)))
-        return DelayFit(t_s, information, moment, solution, deviation, np.zeros(3))
+        return DelayFit(t_s, state.begun_s, information, moment, solution, deviation, np.zeros(3))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -17,13 +16,14 @@ from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.estimation.admission import admit
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.known import updated
-from soro_core.estimation.replay import Replay
+from soro_core.estimation.replay import replay
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.scaled import scaled_noise
-from soro_core.estimation.state import EstimatorState, Segment
-from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
+from soro_core.estimation.state import EstimatorState
+from soro_core.estimation.status import Estimate, EstimatorStatus
 from soro_core.estimation.unseen import unseen_covariance
 from soro_core.estimation.watch import Watch
 from soro_core.model.discretised import discretised
@@ -56,9 +56,9 @@ class Estimator:
     ) -> None:
         self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
-        self.filter = Filter(self.arm, self.config, model.links)
+        self.filter = Filter(self.arm, self.config, model.links, dt)
         self._watch = Watch(self.arm, self.config)
-        self._q_scale = q_scale_of(self.arm, model.links)
+        self._units = np.diag(q_scale_of(self.arm, model.links) ** 2)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
 
@@ -120,27 +120,33 @@ class Estimator:
         Bad input raises nothing: the estimator refuses and counts it, and the status names it.
         """
         if not (math.isfinite(dt) and dt > 0.0):
-            counts = replace(state.counts, failed=state.counts.failed + 1)
-            state = replace(state, counts=counts)
+            counts = state.counts._replace(failed=state.counts.failed + 1)
+            state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        state = self._known(state, learned, dt)
+        draft = Draft(state, dt)
+        self._learn(draft, learned, self._placed(state))
         if dt > self.config.max_gap_s:
-            state = self._restarted(state, dt)
+            draft.belief, draft.history = self.filter.widen(state.belief), ()
+            draft.count("restarted")
         else:
-            state = self._extended(state, dt, chamber_pressure_pa)
-        admitted = admit(state, [*state.waiting, *poses, *imus], self.config, self.length)
-        replay = Replay(self.filter, self.config, state, admitted)
-        state = self._watch.step(replay.result(), replay.innovations)
+            draft.read(chamber_pressure_pa)
+            mean = 0.5 * (state.pressure_pa + draft.pressure_pa)
+            parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
+            draft.extend(mean, parts, self._kept)
+        fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length)
+        replay(self.filter, draft, fresh)
+        draft.monitors = self._watch.step(draft, draft.innovations)
+        state = draft.result()
         return state, self._estimate(state)
 
-    def _known(self, state: EstimatorState, learned: Learned | None, dt: float) -> EstimatorState:
-        """Return the state with the learned force that the next step uses."""
-        counts = state.counts
+    def _learn(self, draft: Draft, learned: Learned | None, placed: bool) -> None:
+        """Put the learned force that the next step uses into the draft."""
         if learned is not None and not learned.usable(self.arm.n_q):
-            learned, counts = None, replace(counts, learned=counts.learned + 1)
+            learned = None
+            draft.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        return replace(state, known=updated(state.known, learned, dt, self._placed(state)), counts=counts)
+        draft.known = updated(draft.known, learned, draft.dt, placed)
 
     def _placed(self, state: EstimatorState) -> bool:
         """Whether what is fused has positions in it; without any sample nothing speaks against them."""
@@ -149,40 +155,12 @@ class Estimator:
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
-        samples = [last.sample for last in state.poses.values()]
-        places = [one.s for one in samples if state.t_s - one.stamp_s <= self.config.lost_after_s]
-        return unseen_covariance(self.arm, state.belief.q, places, self._q_scale)
-
-    def _pressure(self, state: EstimatorState, pressure_pa: Array) -> tuple[Array, Counts]:
-        measured = np.asarray(pressure_pa, dtype=np.float64)
-        if measured.shape != (self.arm.n_u,):
-            return state.pressure_pa, replace(state.counts, pressures=state.counts.pressures + 1)
-        good = np.isfinite(measured)
-        if good.all():
-            return measured.copy(), state.counts
-        counts = replace(state.counts, pressures=state.counts.pressures + 1)
-        return np.where(good, measured, state.pressure_pa), counts
-
-    def _extended(self, state: EstimatorState, dt: float, pressure_pa: Array) -> EstimatorState:
-        """Append the new step to the history; its prediction follows in `Replay`."""
-        measured, counts = self._pressure(state, pressure_pa)
-        mean = 0.5 * (state.pressure_pa + measured)
-        parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
-        edges = [state.t_s + dt * i / parts for i in range(parts + 1)]
-        added = [Segment(edges[i], edges[i + 1], mean, state.belief, known=state.known) for i in range(parts)]
-        return replace(
-            state,
-            t_s=state.t_s + dt,
-            pressure_pa=measured,
-            history=(*state.history, *added)[-self._kept :],
-            counts=counts,
-        )
-
-    def _restarted(self, state: EstimatorState, dt: float) -> EstimatorState:
-        counts = replace(state.counts, restarted=state.counts.restarted + 1)
-        return replace(
-            state, t_s=state.t_s + dt, belief=self.filter.widen(state.belief), history=(), counts=counts
-        )
+        places = [
+            one.s
+            for one, _ in state.sensors.values()
+            if isinstance(one, PoseSample) and state.t_s - one.stamp_s <= self.config.lost_after_s
+        ]
+        return unseen_covariance(self.filter, state.belief.q, places, self._units)
 
     def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
         belief, n = state.belief, self.arm.n_q
@@ -193,7 +171,7 @@ class Estimator:
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
         notes = (state.known.note, self._watch.note(state.monitors, state.t_s))
-        note = "; ".join(text for text in notes if text)
+        note = "; ".join(filter(None, notes))
         return Estimate(
             t_s=state.t_s,
             q=belief.q,

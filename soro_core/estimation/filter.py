@@ -8,9 +8,8 @@ A learned force is part of the model. All is computed by the kernels of `soro_co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +20,13 @@ from soro_core.errors import ModelError
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.kernel import entries
+from soro_core.estimation.kernel.advance import N_RECORD
 from soro_core.estimation.kernel.parts import (
-    AFTER,
-    BEFORE,
     IMU,
     IMU_ORIENTED,
-    N_REPORTED,
-    NIS,
-    NIS_OF_POSITION,
     POSE,
     Settings,
 )
-from soro_core.estimation.kernel.update import FUSED, OUTLIER
 from soro_core.estimation.known import Known
 from soro_core.estimation.samples import PoseSample, Sample
 from soro_core.estimation.settings import settings_of
@@ -47,30 +41,31 @@ Array: TypeAlias = NDArray[np.float64]
 _NO_ORIENTATION = np.zeros(4)
 
 
-@dataclass(frozen=True)
-class Fused:
-    """Result of one sample.
+class Advanced(NamedTuple):
+    """Result of a step with a sample at its end.
 
     Attributes
     ----------
-    belief : Belief or None
-        Belief with the sample; None where it is an outlier or has no finite result.
-    outlier : bool
-        Whether the gate has refused it.
+    belief : Belief
+        Belief with what became of the sample.
+    ok : bool
+        False if the prediction failed.
+    outcome : int
+        What became of the sample, a code of `kernel.update` or `kernel.advance`.
+    record : ndarray (N_RECORD,)
+        Record of its sensor, see `kernel.advance`.
     nis : float
         Normalised innovation squared, chi-square distributed for a good sample.
     position_nis : float
         The same of its position; NaN of an IMU.
-    before, after : ndarray (3,)
-        Predicted position at its place before the sample and with it [m].
     """
 
-    belief: Belief | None
-    outlier: bool
+    belief: Belief
+    ok: bool
+    outcome: int
+    record: Array
     nis: float
     position_nis: float
-    before: Array
-    after: Array
 
 
 class Filter:
@@ -84,15 +79,18 @@ class Filter:
         Noise and limits.
     pieces : int
         Number of pieces into which each link is discretised.
+    dt : float
+        Time between two readings of the pressures [s].
     """
 
-    def __init__(self, arm: SoftArm, config: EstimatorConfig, pieces: int = 1) -> None:
+    def __init__(self, arm: SoftArm, config: EstimatorConfig, pieces: int = 1, dt: float = 0.005) -> None:
         self.arm, self.n = arm, arm.n_q
-        self.settings = settings_of(arm, config, pieces)
+        self.settings = settings_of(arm, config, pieces, dt)
         self.n_d = self.settings.n_d
-        self._box = _box_of(arm, self.settings)
+        self.box = _box_of(arm, self.settings)
         self._nothing = np.zeros(size_of(self.n))
-        self._site = lru_cache(maxsize=64)(self._find)
+        self._unknown = np.append(0.0, np.full(N_RECORD - 1, np.nan))  # no outliers, and no pose
+        self.site = lru_cache(maxsize=64)(self._find)
 
     def _find(self, s: float) -> Site:
         return find_site(self.arm.robot, self.arm.tables, min(max(s, 0.0), self.arm.length))
@@ -141,63 +139,90 @@ class Filter:
         if known.learned is not None:
             theta, share = known.learned.theta, known.share
         old = belief.mean, belief.internal, belief.covariance
-        new = np.empty_like(old[0]), np.empty_like(old[1]), np.empty_like(old[2])
-        code = entries.predict(self._box, theta, share, *old, pressure_pa, dt, *new)
+        new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
+        code = entries.predict(self.box, theta, share, *old, pressure_pa, dt, *new)
         return Belief(*new, self.n), code == GOOD
 
-    def fuse(self, belief: Belief, sample: Sample, gated: bool = True) -> Fused:
-        """Return the belief with one sample: an iterated update in Joseph form.
+    def advance(
+        self,
+        belief: Belief,
+        pressure_pa: Array,
+        dt: float,
+        known: Known,
+        sample: Sample,
+        record: Array | None = None,
+        is_new: bool = True,
+    ) -> Advanced:
+        """Return the belief after `dt`, the pressures held, with a sample at the end.
 
         Parameters
         ----------
         belief : Belief
-            Belief before the sample.
+            Belief at the start.
+        pressure_pa : ndarray (n_u,)
+            Pressures [Pa gauge].
+        dt : float
+            Time step [s], may be 0.
+        known : Known
+            The learned force in force.
         sample : PoseSample or ImuSample
             Finite.
-        gated : bool
-            Whether the chi-square gate is applied.
+        record : ndarray (N_RECORD,), optional
+            Record of its sensor; none before the first sample.
+        is_new : bool
+            False for a sample that has passed gate and checks before.
         """
-        # Copies: a compiled function is compiled anew for arrays of other types, or that cannot be written.
-        if isinstance(sample, PoseSample):
-            kind, first, quaternion = POSE, np.array(sample.position, float), sample.quaternion
-            second = first
-        else:
-            first = np.array(sample.angular_velocity, float)
-            second = np.array(sample.linear_acceleration, float)
-            kind, quaternion = IMU, _NO_ORIENTATION
-            if sample.orientation is not None:
-                kind, quaternion = IMU_ORIENTED, sample.orientation
-        turn = np.array(quaternion, float)
-        mean, covariance = np.empty_like(belief.mean), np.empty_like(belief.covariance)
-        found = np.empty(N_REPORTED)
-        code = entries.fuse(
-            self._box,
-            self._site(sample.s),
+        theta, share = self._nothing, 0.0
+        if known.learned is not None:
+            theta, share = known.learned.theta, known.share
+        site = self.site(sample.s)
+        kind, first, second, quaternion = _values(sample)
+        record = self._unknown.copy() if record is None else record.copy()
+        old = belief.mean, belief.internal, belief.covariance
+        new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
+        code, outcome, nis, position_nis = entries.advance(
+            self.box,
+            theta,
+            share,
+            *old,
+            pressure_pa,
+            dt,
+            site.link,
+            site.place,
+            site.whole,
+            site.step,
+            site.shape,
             kind,
             first,
             second,
-            turn,
-            gated,
-            belief.mean,
-            belief.covariance,
-            mean,
-            covariance,
-            found,
+            quaternion,
+            sample.stamp_s,
+            is_new,
+            record,
+            *new,
         )
-        return Fused(
-            Belief(mean, belief.internal, covariance, self.n) if code == FUSED else None,
-            code == OUTLIER,
-            float(found[NIS]),
-            float(found[NIS_OF_POSITION]),
-            found[BEFORE : BEFORE + 3],
-            found[AFTER : AFTER + 3],
-        )
+        return Advanced(Belief(*new, self.n), code == GOOD, outcome, record, nis, position_nis)
 
     def tip(self, belief: Belief, pressure_pa: Array) -> tuple[Array, Array, Array]:
         """Return pose of the tip (4, 4), its covariance (6, 6) in the world, and the force H p (n,)."""
         pose, spread, force = np.empty((4, 4)), np.empty((6, 6)), np.empty(self.n)
-        entries.tip(self._box, belief.mean, belief.covariance, pressure_pa, pose, spread, force)
+        entries.tip(self.box, belief.mean, belief.covariance, pressure_pa, pose, spread, force)
         return pose, spread, force
+
+
+def _values(sample: Sample) -> tuple[int, Array, Array, Array]:
+    """Return kind and arrays of a sample as kernels take it.
+
+    Copies: a compiled function is compiled anew for arrays of other types, or that cannot be written.
+    """
+    if isinstance(sample, PoseSample):
+        position = np.array(sample.position, float)
+        return POSE, position, position, np.array(sample.quaternion, float)
+    kind, quaternion = IMU, _NO_ORIENTATION
+    if sample.orientation is not None:
+        kind, quaternion = IMU_ORIENTED, np.array(sample.orientation, float)
+    rate, force = np.array(sample.angular_velocity, float), np.array(sample.linear_acceleration, float)
+    return kind, rate, force, quaternion
 
 
 def _box_of(arm: SoftArm, settings: Settings) -> Box:

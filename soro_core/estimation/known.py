@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from soro_core.adaptation.learned import Learned
 
@@ -12,8 +12,7 @@ RENEWED_S, FADE_S = 0.1, 0.5
 _SAME_S = 1e-9
 
 
-@dataclass(frozen=True)
-class Known:
+class Known(NamedTuple):
     """The learned model in force.
 
     Attributes

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,7 @@ _POSITION, _WHOLE = 3, 9
 _LARGEST_POSITION, _LARGEST = float(chdtri(_POSITION, 0.01)), float(chdtri(_WHOLE, 0.01))
 
 
-@dataclass(frozen=True)
-class Innovation:
+class Innovation(NamedTuple):
     """What one sample says of its sensor.
 
     Attributes
@@ -45,8 +43,7 @@ class Innovation:
     residual: Array | None
 
 
-@dataclass(frozen=True)
-class SensorMonitor:
+class SensorMonitor(NamedTuple):
     """Means of one sensor.
 
     Attributes
@@ -109,13 +106,13 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
     # At first a mean: the first sample alone would count for the time constant.
     passed_s = state.passed_s + dt
     part = max(-math.expm1(-dt / config.nis_time_s), dt / (passed_s + dt))
-    return replace(
-        state,
-        stamp_s=seen.stamp_s,
-        nis=state.nis + part * (nis - state.nis),
-        position_nis=state.position_nis + part * (position - state.position_nis),
-        passed_s=passed_s,
-        squares=(1.0 - part) ** 2 * state.squares + part**2,
+    return SensorMonitor(
+        seen.stamp_s,
+        state.nis + part * (nis - state.nis),
+        state.position_nis + part * (position - state.position_nis),
+        passed_s,
+        (1.0 - part) ** 2 * state.squares + part**2,
+        state.delay,
     )
 
 

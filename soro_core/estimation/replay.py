@@ -6,157 +6,130 @@ and replays the following ones.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from operator import attrgetter
 
-import numpy as np
-
-from soro_core.estimation.admission import SAME_S, Admitted
-from soro_core.estimation.config import EstimatorConfig
-from soro_core.estimation.filter import Filter, Fused
-from soro_core.estimation.frozen import next_pose
+from soro_core.estimation.draft import Draft
+from soro_core.estimation.filter import Filter
+from soro_core.estimation.kernel.advance import ESTIMATE, FOUND, FROZEN, MISSED, SAME_S
+from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.monitor import Innovation
 from soro_core.estimation.samples import PoseSample, Sample
-from soro_core.estimation.state import EstimatorState, Segment
+from soro_core.estimation.state import Segment, Sensor
+
+_STAMP = attrgetter("stamp_s")
+# Counts by what becomes of a new sample.
+_COUNTED = {
+    FUSED: ("accepted",),
+    OUTLIER: ("outliers",),
+    FAILED: ("failed",),
+    FROZEN: ("frozen",),
+    FOUND: ("reacquired", "accepted"),
+    MISSED: ("reacquired", "failed"),
+}
 
 
-class Replay:
-    """One tick's pass over the history; it holds what changes under way.
+def replay(filter_: Filter, draft: Draft, fresh: list[Sample]) -> None:
+    """Compute the newest segments, and those before that the samples change.
 
     Parameters
     ----------
     filter_ : Filter
-    config : EstimatorConfig
-    state : EstimatorState
+    draft : Draft
         At the new time, its newest segments not predicted yet.
-    admitted : Admitted
+    fresh : list of Sample
         Samples of this tick.
     """
+    history = list(draft.history)
+    if not history:
+        return
+    first, new = _places(history, fresh)
+    draft.belief = history[first].belief
+    for i in range(first, len(history)):
+        history[i] = _segment(filter_, draft, history[i], new.get(i, ()))
+    draft.history = tuple(history)
 
-    def __init__(
-        self, filter_: Filter, config: EstimatorConfig, state: EstimatorState, admitted: Admitted
-    ) -> None:
-        self.filter, self.config, self.state = filter_, config, state
-        self.belief, self.counts, self.admitted = state.belief, admitted.counts, admitted
-        self.refused, self.poses = dict(state.refused), dict(state.poses)
-        self.last_s, self.position_s = state.last_s, state.position_s
-        self.innovations: list[Innovation] = []  # of the new samples
 
-    def result(self) -> EstimatorState:
-        """Pass over the history and return the state."""
-        history = list(self.state.history)
-        if history:
-            first, new = self._places(history)
-            self.belief = history[first].belief
-            for i in range(first, len(history)):
-                history[i] = self._segment(history[i], new.get(i, ()))
-        return replace(
-            self.state,
-            belief=self.belief,
-            history=tuple(history),
-            waiting=self.admitted.waiting,
-            stamps=self.admitted.stamps,
-            refused=self.refused,
-            last_s=self.last_s,
-            position_s=self.position_s,
-            poses=self.poses,
-            counts=self.counts,
-        )
+def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int, list[Sample]]]:
+    """Return the first segment to compute, and the new samples of each."""
+    new: dict[int, list[Sample]] = {}
+    first = last = len(history) - 1
+    for sample in fresh:
+        i = last
+        while i > 0 and sample.stamp_s <= history[i - 1].end_s + SAME_S:
+            i -= 1
+        new.setdefault(i, []).append(sample)
+        first = min(first, i)
+    # The newest segments still have the belief of the one before: the pass computes theirs.
+    while first > 0 and history[first].belief is history[first - 1].belief:
+        first -= 1
+    return first, new
 
-    def _places(self, history: list[Segment]) -> tuple[int, dict[int, list[Sample]]]:
-        """Return the first segment to compute, and the new samples of each."""
-        new: dict[int, list[Sample]] = {}
-        first = last = len(history) - 1
-        for sample in self.admitted.fresh:
-            i = last
-            while i > 0 and sample.stamp_s <= history[i - 1].end_s + SAME_S:
-                i -= 1
-            new.setdefault(i, []).append(sample)
-            first = min(first, i)
-        # The newest segments still have the belief of the one before: the pass computes theirs.
-        while first > 0 and history[first].belief is history[first - 1].belief:
-            first -= 1
-        return first, new
 
-    def _segment(self, part: Segment, arrivals: list[Sample] | tuple[()]) -> Segment:
-        """Predict one segment with its samples and return it."""
-        begun, t = self.belief, part.start_s
-        if not (arrivals or part.samples):
-            self._predict(part, part.end_s - t)
-            return replace(part, belief=begun)
-        kept = []
-        for sample in sorted([*part.samples, *arrivals], key=lambda one: one.stamp_s):
-            self._predict(part, sample.stamp_s - t)
-            t = max(t, sample.stamp_s)
-            if self._use(sample, any(sample is one for one in arrivals)):
-                kept.append(sample)
-        self._predict(part, part.end_s - t)
-        return replace(part, belief=begun, samples=tuple(kept))
+def _segment(filter_: Filter, draft: Draft, part: Segment, arrivals: Sequence[Sample]) -> Segment:
+    """Predict one segment with its samples and return it.
 
-    def _predict(self, part: Segment, dt: float) -> None:
-        if dt <= SAME_S:
-            return
-        self.belief, ok = self.filter.predict(self.belief, part.pressure_pa, dt, part.known)
+    Parameters
+    ----------
+    filter_ : Filter
+    draft : Draft
+        With the belief at the start of the segment.
+    part : Segment
+    arrivals : sequence of Sample
+        New samples in it.
+    """
+    begun, t, kept = draft.belief, part.start_s, []
+    for sample in sorted((*part.samples, *arrivals), key=_STAMP):
+        is_new = not part.samples or any(sample is one for one in arrivals)
+        if _take(filter_, draft, part, sample.stamp_s - t, sample, is_new):
+            kept.append(sample)
+        t = max(t, sample.stamp_s)
+    if part.end_s - t > SAME_S:
+        draft.belief, ok = filter_.predict(draft.belief, part.pressure_pa, part.end_s - t, part.known)
         if not ok:
-            if not self.belief.finite():  # a covariance that outliers have inflated beyond all bounds
-                self.belief = self.filter.start()
-            self.counts = replace(self.counts, failed=self.counts.failed + 1)
+            draft.count("failed")
+            if not draft.belief.finite():  # a covariance that outliers have inflated beyond all bounds
+                draft.belief = filter_.start()
+    return Segment(part.start_s, part.end_s, part.pressure_pa, begun, tuple(kept), part.known)
 
-    def _use(self, sample: Sample, new: bool) -> bool:
-        """Fuse one sample and return whether it was used; a replayed one has passed its checks before."""
-        fused = self.filter.fuse(self.belief, sample, new)
-        pose = isinstance(sample, PoseSample)
-        if not new:
-            self._accept(fused, sample)
-            return True
+
+def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sample, is_new: bool) -> bool:
+    """Predict to a sample and use it; gives whether a replay needs it again.
+
+    Parameters
+    ----------
+    filter_ : Filter
+    draft : Draft
+        With the belief before.
+    part : Segment
+    dt : float
+        Time from the belief to the sample [s].
+    sample : Sample
+    is_new : bool
+        False for one that is replayed.
+    """
+    name = sample.sensor
+    last = draft.sensors.get(name)
+    record = last.record if last is not None else None
+    found = filter_.advance(draft.belief, part.pressure_pa, dt, part.known, sample, record, is_new)
+    outcome = found.outcome
+    draft.belief = found.belief
+    if not found.ok:
+        draft.count("failed")
+    if used := outcome in (FUSED, FOUND):
+        draft.last_s = max(draft.last_s, sample.stamp_s)
         if isinstance(sample, PoseSample):
-            record = next_pose(self.poses.get(sample.sensor), sample, fused.before)
-            self.poses[sample.sensor] = record
-            if record.is_frozen(self.config.pose.position_std_m):
-                self.counts = replace(self.counts, frozen=self.counts.frozen + 1)
-                return False
+            draft.position_s = max(draft.position_s, sample.stamp_s)
+    if not is_new:
+        if not used:
+            draft.count("failed")
+        return True
+    draft.count(*_COUNTED[outcome])
+    draft.sensors[name] = Sensor(sample, found.record)
+    if outcome != FROZEN:
         residual = None
-        if isinstance(sample, PoseSample) and fused.belief is not None:
-            residual = sample.position - fused.after
-        self.innovations.append(
-            Innovation(sample.sensor, sample.stamp_s, fused.nis, fused.position_nis, residual)
-        )
-        if fused.outlier:
-            if not self._is_lost(sample):
-                return False
-            fused = self.filter.fuse(self.belief, sample, False)
-        if not self._accept(fused, sample):
-            return False
-        self.refused[sample.sensor] = 0
-        self.counts = replace(self.counts, accepted=self.counts.accepted + 1)
-        if pose:
-            self.poses[sample.sensor] = replace(self.poses[sample.sensor], after=fused.after)
-        return True
-
-    def _is_lost(self, sample: Sample) -> bool:
-        """Count an outlier; after many in a row the state is more likely wrong than the sensor.
-
-        The belief then restarts at the straight arm, from which the iterated update converges.
-        """
-        name, config = sample.sensor, self.config
-        self.refused[name] = self.refused.get(name, 0) + 1
-        if self.refused[name] < config.reacquire_after:
-            with np.errstate(over="ignore"):  # the next prediction finds it
-                covariance = config.outlier_inflation * self.belief.covariance
-            self.belief = replace(self.belief, covariance=covariance)
-            self.counts = replace(self.counts, outliers=self.counts.outliers + 1)
-            return False
-        self.belief = self.filter.start()
-        self.counts = replace(self.counts, reacquired=self.counts.reacquired + 1)
-        return True
-
-    def _accept(self, fused: Fused, sample: Sample) -> bool:
-        """Take the result of a sample; without a finite one the filter starts anew."""
-        if fused.belief is None:
-            self.belief = self.filter.start()
-            self.counts = replace(self.counts, failed=self.counts.failed + 1)
-            return False
-        self.belief = fused.belief
-        self.last_s = max(self.last_s, sample.stamp_s)
-        if isinstance(sample, PoseSample):
-            self.position_s = max(self.position_s, sample.stamp_s)
-        return True
+        if outcome == FUSED and isinstance(sample, PoseSample):
+            residual = sample.position - found.record[ESTIMATE : ESTIMATE + 3]
+        seen = Innovation(name, sample.stamp_s, found.nis, found.position_nis, residual)
+        draft.innovations.append(seen)
+    return used

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -43,7 +44,7 @@ class PoseSample:
         return (
             math.isfinite(self.stamp_s)
             and math.isfinite(self.s)
-            and _finite(self.position, 3)
+            and math.isfinite(_length(self.position, 3))
             and _is_rotation(self.quaternion)
         )
 
@@ -80,10 +81,10 @@ class ImuSample:
     def finite(self) -> bool:
         """Whether all numbers are finite and the orientation, if any, is a rotation."""
         return (
-            np.isfinite(self.stamp_s)
-            and np.isfinite(self.s)
-            and _finite(self.angular_velocity, 3)
-            and _finite(self.linear_acceleration, 3)
+            math.isfinite(self.stamp_s)
+            and math.isfinite(self.s)
+            and math.isfinite(_length(self.angular_velocity, 3))
+            and math.isfinite(_length(self.linear_acceleration, 3))
             and (self.orientation is None or _is_rotation(self.orientation))
         )
 
@@ -91,20 +92,24 @@ class ImuSample:
 Sample: TypeAlias = PoseSample | ImuSample
 
 
+@lru_cache(maxsize=64)
 def pose_sensor(s: float) -> str:
     """Return the name of the pose sensor at a place [m]."""
     return f"pose@{s:.9g}"
 
 
+@lru_cache(maxsize=64)
 def imu_sensor(s: float) -> str:
     """Return the name of the IMU at a place [m]."""
     return f"imu@{s:.9g}"
 
 
-def _finite(value: Array, n: int) -> bool:
-    return np.shape(value) == (n,) and all(map(math.isfinite, np.asarray(value).tolist()))
+def _length(value: Array, n: int) -> float:
+    """Return the length of a vector (n,), NaN of another shape; of so few numbers numpy's takes longer."""
+    array = np.asarray(value)
+    return math.hypot(*array.tolist()) if array.shape == (n,) else math.nan
 
 
 def _is_rotation(quaternion: Array) -> bool:
     # The tolerance accepts quaternions of four decimals, and refuses the zeros of a driver without a fix.
-    return _finite(quaternion, 4) and abs(float(quaternion @ quaternion) - 1.0) < 0.02
+    return abs(_length(quaternion, 4) ** 2 - 1.0) < 0.02

@@ -2,7 +2,7 @@
 
 The defaults of `EstimatorConfig` are tuned for the three-bellow arm. They are parts of scales of its model:
 an error of the model is a part of the elastic force of a bend, and accelerates the arm as this force does.
-A ratio of 1 gives the defaults themselves. docs/control.md has the table.
+A ratio of 1 gives the defaults themselves. docs/gains.md has the table.
 """
 
 from __future__ import annotations

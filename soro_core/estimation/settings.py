@@ -27,7 +27,7 @@ from soro_core.robot.coordinates import StrainFields, strain_fields
 Array: TypeAlias = NDArray[np.float64]
 
 
-def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
+def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -> Settings:
     """Return the settings of the filter of one arm.
 
     Parameters
@@ -38,6 +38,8 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         Noise and limits.
     pieces : int
         Number of pieces into which each link is discretised.
+    dt : float
+        Time between two readings of the pressures [s].
     """
     fields, n = strain_fields(arm.robot), arm.n_q
     angle = np.where(fields.stretch, 1.0, fields.length)
@@ -50,8 +52,10 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
     return Settings(
         n_d=n if config.disturbance else 0,
         time=float(config.process.disturbance_time_s),
+        learned_time=float(config.learned_process.disturbance_time_s),
         process=_process(config.process, fields),
         learned_process=_process(config.learned_process, fields),
+        pressure_process=config.pressure_std_pa**2 * dt,
         initial=_initial(config, fields),
         first=np.append(fields.first, n).astype(np.int64),
         samples=np.ascontiguousarray(fields.samples),
@@ -68,6 +72,9 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int) -> Settings:
         imu_variance=np.array([imu.rate_std_rad_s**2, orientation, imu.acceleration_std_m_s2**2]),
         gravity_tolerance=float(imu.gravity_tolerance_m_s2) if imu.use_gravity else -1.0,
         gates=np.array(gates, dtype=np.float64),
+        outlier_inflation=float(config.outlier_inflation),
+        most_refused=int(config.reacquire_after),
+        frozen_m=float(pose.position_std_m),
     )
 
 

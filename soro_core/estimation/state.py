@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.belief import Belief
-from soro_core.estimation.frozen import LastPose
 from soro_core.estimation.known import Known
 from soro_core.estimation.monitor import SensorMonitor
 from soro_core.estimation.samples import Sample
@@ -19,9 +17,11 @@ from soro_core.estimation.status import Counts
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Never written: a draft copies it.
+_NONE: Mapping[str, Any] = {}
 
-@dataclass(frozen=True)
-class Segment:
+
+class Segment(NamedTuple):
     """One past step.
 
     Attributes
@@ -43,11 +43,25 @@ class Segment:
     pressure_pa: Array
     belief: Belief
     samples: tuple[Sample, ...] = ()
-    known: Known = field(default_factory=Known)
+    known: Known = Known()
 
 
-@dataclass(frozen=True)
-class EstimatorState:
+class Sensor(NamedTuple):
+    """What is kept of one sensor.
+
+    Attributes
+    ----------
+    sample : Sample
+        Its last one.
+    record : ndarray (N_RECORD,)
+        Its outliers in a row and its last pose, see `kernel.advance`.
+    """
+
+    sample: Sample
+    record: Array
+
+
+class EstimatorState(NamedTuple):
     """State of the estimator.
 
     Attributes
@@ -64,14 +78,12 @@ class EstimatorState:
         Samples stamped in the future.
     stamps : mapping of str to float
         Last stamp of each sensor [s].
-    refused : mapping of str to int
-        Outliers in a row of each sensor.
     last_s : float
         Stamp of the newest fused sample [s].
     position_s : float
         Stamp of the newest fused pose [s].
-    poses : mapping of str to LastPose
-        Last new pose of each sensor.
+    sensors : mapping of str to Sensor
+        What is kept of each sensor.
     known : Known
         Learned force in force.
     monitors : mapping of str to SensorMonitor
@@ -85,11 +97,10 @@ class EstimatorState:
     pressure_pa: Array
     history: tuple[Segment, ...] = ()
     waiting: tuple[Sample, ...] = ()
-    stamps: Mapping[str, float] = field(default_factory=dict)
-    refused: Mapping[str, int] = field(default_factory=dict)
+    stamps: Mapping[str, float] = _NONE
     last_s: float = -math.inf
     position_s: float = -math.inf
-    poses: Mapping[str, LastPose] = field(default_factory=dict)
-    known: Known = field(default_factory=Known)
-    monitors: Mapping[str, SensorMonitor] = field(default_factory=dict)
-    counts: Counts = field(default_factory=Counts)
+    sensors: Mapping[str, Sensor] = _NONE
+    known: Known = Known()
+    monitors: Mapping[str, SensorMonitor] = _NONE
+    counts: Counts = Counts()

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +10,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Counts:
+class Counts(NamedTuple):
     """Counts of samples and steps since the start.
 
     Attributes
@@ -49,8 +47,7 @@ class Counts:
     restarted: int = 0
 
 
-@dataclass(frozen=True)
-class EstimatorStatus:
+class EstimatorStatus(NamedTuple):
     """Whether the estimate may be used; if not, `message` says why.
 
     `note` says what the user must know of an estimate that may be used.
@@ -64,8 +61,7 @@ class EstimatorStatus:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """State of the arm at `t_s`.
 
     Attributes

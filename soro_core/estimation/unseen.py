@@ -12,7 +12,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.model import SoftArm
+from soro_core.estimation.filter import Filter
+from soro_core.estimation.kernel import entries
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -21,23 +22,23 @@ Array: TypeAlias = NDArray[np.float64]
 _SEEN_PART = 1e-4
 
 
-def unseen_covariance(arm: SoftArm, q: Array, places: Sequence[float], q_scale: Array) -> Array:
+def unseen_covariance(filter_: Filter, q: Array, places: Sequence[float], units: Array) -> Array:
     """Return the covariance (n_q, n_q) of what positions leave open: a unit of q in each unseen direction.
 
     Parameters
     ----------
-    arm : SoftArm
+    filter_ : Filter
     q : ndarray (n_q,)
         Coordinates.
     places : sequence of float
         Places along the arm whose positions are measured [m].
-    q_scale : ndarray (n_q,)
-        Unit of each coordinate.
+    units : ndarray (n_q, n_q)
+        Squared unit of each coordinate on the diagonal: the covariance without any position.
     """
-    n = arm.n_q
-    if n <= 3 * len(places):  # as many positions as coordinates show them all
-        return np.zeros((n, n))
-    rows = [arm.jacobian(q, place)[3:] * q_scale for place in places]
-    seen = np.vstack(rows) if rows else np.zeros((0, n))
-    information = np.eye(n) + seen.T @ seen / (_SEEN_PART * arm.length) ** 2
-    return np.asarray(np.linalg.inv(information) * np.outer(q_scale, q_scale))
+    if filter_.n <= 3 * len(places):  # as many positions as coordinates show them all
+        return np.zeros(units.shape)
+    covariance = units.copy()
+    for place in places:
+        variance = (_SEEN_PART * filter_.arm.length) ** 2
+        entries.see(filter_.box, *filter_.site(place), q, variance, covariance)
+    return covariance

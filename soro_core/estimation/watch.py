@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
 
 if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
+    from soro_core.estimation.draft import Draft
     from soro_core.estimation.state import EstimatorState
     from soro_core.model import SoftArm
 
@@ -38,39 +38,41 @@ class Watch:
     def __init__(self, arm: SoftArm, config: EstimatorConfig) -> None:
         self.config, self.delay = config, DelayModel(arm, config)
 
-    def step(self, state: EstimatorState, innovations: Sequence[Innovation]) -> EstimatorState:
-        """Return the state with the monitors of its sensors.
+    def step(
+        self, state: EstimatorState | Draft, innovations: Sequence[Innovation]
+    ) -> dict[str, SensorMonitor]:
+        """Return the monitors of the sensors.
 
         Parameters
         ----------
-        state : EstimatorState
+        state : EstimatorState or Draft
             At the new time, the samples fused.
         innovations : sequence of Innovation
             Of the samples that are new, in the order of their stamps.
         """
-        if not innovations:
-            return state
         monitors = dict(state.monitors)
         for seen in innovations:
             old = monitors.get(seen.sensor)
             dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
             new = monitored(old, seen, dt, self.config.watch)
             monitors[seen.sensor] = self._with_delay(new, seen, state)
-        return replace(state, monitors=monitors)
+        return monitors
 
-    def _with_delay(self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState) -> SensorMonitor:
+    def _with_delay(
+        self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState | Draft
+    ) -> SensorMonitor:
         """Return the monitor with the residual of one sample and, where it is time, a row of its delay."""
         if seen.residual is None or not self.delay.usable:
             return monitor
         fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
-        fit = replace(fit, residual_m=fit.residual_m + seen.residual, samples=fit.samples + 1)
+        fit = fit.seen(seen.residual)
         if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
-            s = state.poses[seen.sensor].sample.s
+            s = state.sensors[seen.sensor].sample.s
             try:
                 fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
             except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
                 fit = self.delay.start(state.t_s)
-        return replace(monitor, delay=fit)
+        return monitor._replace(delay=fit)
 
     def note(self, monitors: Mapping[str, SensorMonitor], t_s: float) -> str:
         """Return what the user must know of the sensors, or an empty string.
@@ -81,17 +83,15 @@ class Watch:
         t_s : float
             Time; a sensor that is silent for longer than the estimate may be old is not judged [s].
         """
-        said = (
-            text
-            for sensor, monitor in monitors.items()
-            if t_s - monitor.stamp_s <= self.config.lost_after_s
-            for text in (self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor))
-        )
-        return "; ".join(text for text in said if text)
+        said = []
+        for sensor, monitor in monitors.items():
+            if t_s - monitor.stamp_s <= self.config.lost_after_s:
+                said += [self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor)]
+        return "; ".join(filter(None, said))
 
     def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
         config = self.config.watch
-        if fit is None:
+        if fit is None or fit.t_s - fit.begun_s < config.delay_time_s:  # too few rows to tell load and delay
             return ""
         # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
         if fit.delay_s - config.delay_deviations * fit.deviation_s <= config.delay_allowed_s:

@@ -35,8 +35,7 @@ class WatchConfig(Strict):
         0.005,
         gt=0,
         le=2,
-        description="a delay not declared up to here is not named: one tick at 200 Hz, and what an arm 30 % "
-        "more damped than its file looks like",
+        description="a delay not declared up to here is not named: one tick at 200 Hz",
     )
     delay_deviations: float = Field(
         2.0, gt=0, le=10, description="deviations by which a delay exceeds the allowed one when it is named"

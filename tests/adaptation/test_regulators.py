@@ -40,3 +40,28 @@ def test_a_gain_is_taken_up_as_a_bias_within_bounds():
     found = observe(RegulatorObserver(LAG, DEAD), 0.0, gain=0.9)
     assert found[-1] == pytest.approx(-3e3, rel=0.01)
     assert observe(RegulatorObserver(LAG, DEAD), 20e3).max() == 6e3
+
+
+def through_play(width, command, target):
+    """Target of a regulator with play."""
+    return np.clip(target, command - 0.5 * width, command + 0.5 * width)
+
+
+@pytest.mark.parametrize("told", [0.0, 900.0])
+def test_what_a_play_adds_is_known_when_the_command_turns(told):
+    observer = RegulatorObserver(LAG, DEAD, play_pa=told)
+    state, target = observer.initial_state(np.zeros(1)), np.zeros(1)
+    pressure, targets, late = np.zeros(1), [np.zeros(1)] * 3, []
+    for k in range(800):
+        pressure = follow(pressure, targets[-3], DT, LAG)
+        state = observer.observe(state, pressure, DT)
+        command = np.array([30e3 + 15e3 * np.sin(4.0 * DT * k)])
+        state, target = observer.commanded(state, command), through_play(900.0, command, target)
+        targets.append(target)
+        late.append(state.added_pa[0] - (target - command)[0])
+    worst = np.abs(late[400:]).max()
+    print(f"play told {told:g} Pa: {worst:.0f} Pa late")
+    if told:
+        assert worst < 20.0
+    else:
+        assert worst > 200.0

@@ -29,6 +29,8 @@ def test_what_a_file_leaves_out_is_that_of_limits_and_regulators():
     # 10 ms of transport, 30 ms dead time, a tenth of lag and half a hold that the inverse leaves.
     assert found.preview_s == pytest.approx(0.010 + 0.030 + (0.200 + 0.005) / 10)
     assert found.dead_time_s == pytest.approx(0.010 + 0.030)
+    assert found.play_pa == SLOW.hysteresis_pa == 900.0
+    assert complete_pressures(Pressures(play_pa=50.0), NARROW, SLOW).play_pa == 50.0
     assert complete_pressures(found, Limits()) is found
 
 

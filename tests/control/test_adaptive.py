@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core import SoftArm, robot_from_dict
+from soro_core.control.adaptation_config import ADAPTABLE
 from soro_core.control.adaptive import FeedbackGains, adapt, law
-from soro_core.control.config import ADAPTABLE
 from soro_core.control.parameters import ParameterSet
 from soro_core.control.trajectory import Circle, Point
 from tests.refused import refused

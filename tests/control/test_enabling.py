@@ -48,7 +48,7 @@ def test_a_pose_elsewhere_is_found_with_the_rotation_that_would_fit(robot, rest)
     pose[2, 3] = 0.0637
     (line,) = rest.findings([sample(pose, turn=(np.pi, 0.0, 0.0))], BOUNDS)
     assert "[1.000, 0.000, 0.000, 0.000]" in line
-    assert "0 to 100 g" in line
+    assert "0 to 102 g" in line
     (line,) = rest.findings([sample(pose, turn=(0.0, 0.0, 0.5 * np.pi))], BOUNDS)
     assert "[0.000, 0.000, -0.707, 0.707]" in line
     (line,) = rest.findings([sample(pose, moved=(0.0, 0.03, 0.0))], BOUNDS)
@@ -88,12 +88,38 @@ def test_every_sensor_has_to_fit(robot, rest):
     assert rest.findings([], BOUNDS) == []
 
 
+@pytest.mark.parametrize(("tilt_deg", "load"), [(0.0, 0.1), (45.0, 0.1), (120.0, 0.1), (0.0, 0.04)])
+@pytest.mark.parametrize("part", [1.0, 0.5])
+def test_an_arm_that_lies_over_by_more_than_a_right_angle_fits(robot, tilt_deg, load, part):
+    """Up to the largest load, with the base upright, leaning or below; at the tip and halfway."""
+    base = quaternion_from_matrix(rotation_exp(np.array([np.radians(tilt_deg), 0.0, 0.0])))
+    turned = robot.replace(base_quaternion=base)
+    true = SoftArm(turned.replace(tip_mass=load).refine(4))
+    q = np.zeros(true.n_q)
+    for share in np.linspace(0.3, 1.0, 15):  # from a bend to the side, with more and more of the load
+        start = q if q.any() else np.tile([0.0, 0.0, -30.0], 4)
+        q = equilibrium(true, np.zeros(true.n_u), start, (share - 1.0) * load)
+    pose = true.pose(q, part * robot.length)
+    one = sample(pose, s=part * robot.length)
+    lying = resting_arm(Controller(turned))
+    assert lying.findings([one], BOUNDS) == []
+    aside = replace(one, position=one.position + np.array([0.0, 0.0, 0.03]))
+    assert len(lying.findings([aside], BOUNDS)) == 1
+
+
+def test_without_a_position_nothing_is_compared(robot, rest):
+    """An arm that leans by 13 degrees under 20 g is none with a wrong base."""
+    leaning = Seen("sensors/imu0", robot.length, up=np.array([0.0, 2.2, 9.5]))
+    assert rest.findings([leaning], BOUNDS) == []
+
+
 def test_the_heaviest_load_is_the_bound_of_the_learned_mass(robot):
     for upper in (0.05, 0.1):
         config = ControllerConfig()
         config = changed(config, adaptation=changed(config.adaptation, upper=(upper,)))
         assert resting_arm(Controller(robot, config)).heaviest_kg == upper
-    config = changed(config, adaptation=changed(config.adaptation, parameters=("a4",)))
+    stated = {"parameters": ("a4",), "gain": (4e-3,), "lower": (1e-3,), "upper": (0.1,)}
+    config = changed(config, adaptation=changed(config.adaptation, **stated))
     assert resting_arm(Controller(robot, config)).heaviest_kg == 0.0
 
 

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from soro_core import SoftArm, load_robot
+from soro_core.adaptation.modes import losses
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.config import Gains
@@ -94,4 +96,68 @@ def test_a_strain_without_stiffness_needs_stated_gains(monkeypatch):
     with refused("gains", names=("bending_y",)):
         Controller(robot)
     stated = {"gains": {"k_p": [0.4, 1e-6, 1e-6], "k_d": [0.0, 1e-7, 1e-7]}}
+    with refused("adaptation.gain", None, names=("bending_y",)):
+        Controller(robot, parse(stated, ControllerConfig, "test"))
+    stated["adaptation"] = {"gain": [0.05]}
     assert Controller(robot, parse(stated, ControllerConfig, "test")).gains.k_p[1, 1] == 1e-6
+
+
+def test_feedback_on_a_fast_mode_keeps_to_the_damping_of_this_mode():
+    """Two links: their second bending turns by more than a right angle in the delay."""
+    one = shipped("tue_three_bellow")
+    robot = one.replace(links=(one.links[0], one.links[0]), name="two_links")
+    arm, of = SoftArm(robot), strain_fields(robot)
+    gains, more = (gains_of(arm, of, Gains(), 1, DELAY_S, (0.5, factor)) for factor in (2.5, 5.0))
+    assert more.k_p[1, 1] == pytest.approx(gains.k_p[1, 1])
+    square, shapes = eigh(arm.stiffness_matrix(np.zeros(6)), arm.inertia_matrix(np.zeros(6)))
+    parts = []
+    for rate, shape in zip(np.sqrt(square), shapes.T, strict=True):
+        made = abs(shape @ (gains.k_p + gains.k_d * (gains.rate + 1j * rate)) @ shape)
+        parts.append(made / (rate * shape @ losses(arm, rate) @ shape))
+    assert max(parts) == pytest.approx(1.4, rel=0.01)
+    short = SoftArm(one), strain_fields(one)
+    twice, once = (gains_of(*short, Gains(), 1, DELAY_S, (1.0, factor)).k_p[1, 1] for factor in (2.0, 1.0))
+    assert twice == pytest.approx(2.0 * once)
+
+
+def adapted(robot, **stated):
+    config = parse({"law": "adaptive", "adaptation": stated}, ControllerConfig, "test")
+    return Controller(robot, config).law.parameters.config
+
+
+def test_gain_and_bounds_of_the_adapted_mass_are_near_those_that_were_tuned():
+    """They were 0.05, 0 and 0.1 kg; a gain of 0.15 oscillates."""
+    found = adapted(shipped("tue_three_bellow"))
+    assert (*found.gain, *found.lower, *found.upper) == pytest.approx((0.05, 0.0, 0.1), rel=0.03)
+
+
+def test_they_scale_with_the_arm_and_count_the_mass_of_the_file():
+    robot = shipped("asu_two_segment")
+    scaled = robot.scaled(stiffness=10.0, damping=10.0, gain=1.0)
+    links = [{**fields(link), "mass": 10.0 * link.mass} for link in scaled.links]
+    one, ten = adapted(robot), adapted(robot.replace(links=links))
+    # (m^2 / energy) of ten times the mass and the energy.
+    assert ten.gain == pytest.approx((10.0 * one.gain[0],))
+    assert ten.upper[0] - robot.tip_mass == pytest.approx(10.0 * (one.upper[0] - robot.tip_mass))
+    heavy = adapted(robot.replace(tip_mass=robot.tip_mass + 0.2))
+    assert heavy.upper[0] == pytest.approx(one.upper[0] + 0.2)
+
+
+def test_law_composite_follows_the_tracking_error_with_the_same_gain():
+    robot = shipped("asu_two_segment")
+    composite = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test")).law
+    assert composite.learner.mass_rate == pytest.approx(adapted(robot).gain[0])
+
+
+def test_a_stated_gain_or_bound_counts_and_the_rest_is_found():
+    robot = shipped("tue_three_bellow")
+    found, mixed = adapted(robot), adapted(robot, upper=[0.04])
+    assert (mixed.gain, mixed.lower, mixed.upper) == (found.gain, found.lower, (0.04,))
+    assert adapted(robot, gain=[0.02]).gain == (0.02,)
+
+
+def test_what_the_model_does_not_give_must_be_stated():
+    with refused("adaptation", names=("gain", "tip_mass")):
+        parse({"adaptation": {"parameters": ["a1"]}}, ControllerConfig, "test")
+    with refused("", names=("lower bound of tip_mass",)):
+        adapted(shipped("tue_three_bellow"), lower=[0.2])

@@ -7,7 +7,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
 from soro_core.control import reachable as reachable_module
 from soro_core.control.reach_picture import draw
-from soro_core.control.reachable import is_stable, pressure_grid, reachable
+from soro_core.control.reachable import Reachable, is_stable, pressure_grid, reachable
 from soro_core.errors import ModelError
 from soro_core.model.statics import equilibrium
 
@@ -31,6 +31,13 @@ def test_the_places_are_rests_under_pressures_of_the_range(arm, tmp_path):
     assert numbers["combinations of pressures"].startswith("27, 0 ")
     draw(tmp_path / "reach.png", arm, found, "test")
     assert (tmp_path / "reach.png").stat().st_size > 10_000
+
+
+def test_round_off_below_zero_is_printed_as_zero():
+    one = np.array([[-1e-9, 0.0, 0.06]])
+    numbers = dict(Reachable(one, one, one, one[0], 0).numbers())
+    assert numbers["x, mm"] == "0.0 to 0.0"
+    assert numbers["tip at the lowest pressures, mm"] == "0.0, 0.0, 60.0"
 
 
 def test_more_load_lowers_the_places_and_an_unstable_rest_is_none(arm):

@@ -1,7 +1,5 @@
 """The filter's kernels: one model for mean and covariance, of second order, with and without derivatives."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,6 +8,8 @@ from soro_core.adaptation import Learned, LearnedForce
 from soro_core.config import find_config, parse
 from soro_core.estimation import EstimatorConfig, PoseSample
 from soro_core.estimation.filter import Filter
+from soro_core.estimation.kernel.advance import ESTIMATE
+from soro_core.estimation.kernel.update import FUSED
 from soro_core.estimation.known import Known
 from soro_core.integrate import State, make_stepper
 
@@ -32,7 +32,7 @@ def belief_of(filter_, mean=None):
     start = filter_.start(Q)
     start.mean[N : 2 * N] = QD
     start.mean[2 * N :] = np.linspace(-200.0, 400.0, 2 * N)
-    return start if mean is None else replace(start, mean=mean)
+    return start if mean is None else start._replace(mean=mean)
 
 
 def transition(filter_, known, dt):
@@ -42,7 +42,7 @@ def transition(filter_, known, dt):
     for i in range(len(begun.mean)):
         large = np.zeros_like(begun.covariance)
         large[i, i] = 1e30
-        out = filter_.predict(replace(begun, covariance=large), P, dt, known)[0].covariance
+        out = filter_.predict(begun._replace(covariance=large), P, dt, known)[0].covariance
         columns.append(out[i] / out[i, i] * np.sqrt(out[i, i] / 1e30))
     return np.array(columns).T
 
@@ -178,12 +178,13 @@ def test_one_update_is_that_of_the_textbook():
     rng = np.random.default_rng(1)
     begun = belief_of(filter_)
     root = np.diag(np.sqrt(np.diag(begun.covariance)) * 1e-3) @ rng.normal(size=begun.covariance.shape)
-    begun = replace(begun, covariance=root @ root.T)
+    begun = begun._replace(covariance=root @ root.T)
     pose, jacobian = filter_.arm.pose_and_jacobian(Q, ROBOT.length)
     sample = PoseSample(0.0, pose[:3, 3] + 1e-4, np.array([0.0, 0.0, 0.0, 1.0]), ROBOT.length)
     far = parse({"pose": {"orientation_model_std_rad": 3.0}}, EstimatorConfig, "test")
     filter_ = Filter(SoftArm(ROBOT), far)
-    fused = filter_.fuse(begun, sample, gated=False)
+    fused = filter_.advance(begun, P, 0.0, Known(), sample)
+    assert fused.outcome == FUSED
     H = np.zeros((3, len(begun.mean)))
     H[:, :N] = pose[:3, :3] @ jacobian[3:]
     variance = far.pose.position_std_m**2 + far.pose.position_model_std_m**2
@@ -195,10 +196,35 @@ def test_one_update_is_that_of_the_textbook():
     deviation = np.sqrt(np.diag(begun.covariance))
     assert np.abs((fused.belief.mean - begun.mean - gain @ residual) / deviation).max() < 2e-3
     assert np.abs((fused.belief.covariance - covariance) / np.outer(deviation, deviation)).max() < 2e-3
-    np.testing.assert_allclose(fused.before, pose[:3, 3], rtol=1e-12)
     np.testing.assert_allclose(
-        fused.after, filter_.arm.pose(fused.belief.q, ROBOT.length)[:3, 3], rtol=1e-9, atol=1e-12
+        fused.record[ESTIMATE : ESTIMATE + 3],
+        filter_.arm.pose(fused.belief.q, ROBOT.length)[:3, 3],
+        rtol=1e-9,
+        atol=1e-12,
     )
+
+
+@pytest.mark.parametrize("mass", [0.0, 0.02])
+def test_noise_of_the_pressures_accelerates_what_the_arm_carries(mass):
+    """M^-1 H of the loaded arm times the noise of a reading."""
+    filter_, reading_s = Filter(SoftArm(ROBOT), EstimatorConfig(), dt=0.004), 0.004
+    begun = belief_of(filter_)
+    begun = begun._replace(covariance=np.zeros_like(begun.covariance))
+    dt = 1e-6
+    covariance = filter_.predict(begun, P, dt, model(mass))[0].covariance[N : 2 * N, N : 2 * N]
+    arm = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + mass))
+    by_p = np.linalg.solve(arm.inertia_matrix(Q), arm.actuation_matrix(Q))
+    density = EstimatorConfig().pressure_std_pa ** 2 * reading_s
+    np.testing.assert_allclose(covariance / dt, density * by_p @ by_p.T, rtol=1e-2)
+
+
+def test_a_disturbance_beside_a_learned_force_fades_sooner():
+    filter_ = Filter(SoftArm(ROBOT), EstimatorConfig())
+    begun = belief_of(filter_)
+    begun.mean[3 * N :] = 0.0
+    for known, time_s in ((Known(), 5.0), (model(0.0)._replace(share=0.5), 1.0 / 0.725), (model(0.0), 0.8)):
+        end = filter_.predict(begun, P, DT, known)[0].mean
+        np.testing.assert_allclose(end[2 * N : 3 * N], np.exp(-DT / time_s) * begun.mean[2 * N : 3 * N])
 
 
 def test_nothing_of_a_call_stays_behind():

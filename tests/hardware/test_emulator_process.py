@@ -126,8 +126,7 @@ def test_driver_raises_at_once_when_the_emulator_is_killed_and_recovers(tmp_path
     with emulator(tmp_path, "--lockstep", platform=path) as served:
         regulator.configure()
         regulator.exchange(TARGET, 0)
-        served.process.kill()
-        served.process.wait(10)
+        served.unplug()
         with fails(HardwareError, code="gone"):
             regulator.exchange(TARGET, PERIOD_NS)
         regulator.vent()

@@ -284,8 +284,7 @@ def test_unplugged_and_plugged_in_again(tmp_path):
     with emulator(tmp_path, platform=path) as served:
         regulator.configure()
         regulator.exchange([20e3, 20e3, 20e3], time.monotonic_ns())
-        served.process.kill()
-        served.process.wait(10)
+        served.unplug()
         with fails(HardwareError, "adapter/0", code="gone"):
             regulator.exchange([20e3, 20e3, 20e3], time.monotonic_ns())
         regulator.vent()

@@ -17,6 +17,7 @@ BY_NAME = {arm.name: arm for arm in ARMS}
         "asu_two_segment, 100 g, pose at the tip",
         "two three-bellow links, 10 g, two poses",
         "the arm hanging, 7 1/m, 20 g",
+        "the arm standing, Legendre order 1, 20 g",
     ],
 )
 def test_an_arm_with_automatic_gains_reaches_its_goal(figure, name):

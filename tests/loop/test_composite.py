@@ -8,8 +8,10 @@ import pytest
 from loop_harness import Setup, run
 
 from soro_core import load_robot
+from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
-from soro_core.control import ControllerConfig
+from soro_core.control import Controller, ControllerConfig
+from soro_core.control.laws.protocol import ArmBelief, Preview
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +31,39 @@ def report(name, record):
     )
 
 
+def test_an_arm_on_a_fast_circle_gets_no_feedback(robot):
+    """Where it is and where it shall be are both moved on by the time until a set point acts."""
+    circle = {"law": "composite", "reference": {"period_s": 2.0}}
+    controller = Controller(robot, parse(circle, ControllerConfig, "test"))
+    law, ahead_s, t = controller.law, controller.pressures.preview_s, 10.0
+    now, ahead = (controller.configured.sample(t + later) for later in (0.0, ahead_s))
+    none = np.zeros(3)
+    belief = ArmBelief(now.q, now.qd, None, True, np.zeros(controller.arm.n_internal), none, none > 0.0)
+    terms = law.step(law.initial_state(), belief, Preview(now, ahead, ahead_s), 0.005)[2]
+    units = scales_of(controller.arm)
+    for name in ("proportional", "derivative"):
+        np.testing.assert_allclose(terms[name] / units.force, 0.0, atol=1e-9)
+
+
+def test_a_lag_of_first_order_leaves_a_fast_circle_its_radius(robot):
+    """0.9 % is missing if the lag counts as a delay."""
+    circle = {"law": "composite", "reference": {"period_s": 1.0}}
+    controller = Controller(robot, parse(circle, ControllerConfig, "test"))
+    law, pressures, h = controller.law, controller.pressures, 1e-3
+    ahead_s, dead_s = pressures.preview_s, pressures.dead_time_s
+    none, state, made = np.zeros(3), law.initial_state(), None
+    for t in 10.0 + h * np.arange(300):
+        now, ahead = (controller.configured.sample(t + later) for later in (0.0, ahead_s))
+        belief = ArmBelief(now.q, now.qd, None, True, np.zeros(controller.arm.n_internal), none, none > 0.0)
+        state, _, terms = law.step(state, belief, Preview(now, ahead, ahead_s), 0.005)
+        made = terms["model"] if made is None else made + h / (ahead_s - dead_s) * (terms["model"] - made)
+    then = controller.configured.sample(t + h + dead_s)
+    wanted = law.setting.model_force(then.q, then.qd, then.qdd)
+    missing = 1.0 - float(made[1:] @ wanted[1:]) / float(wanted[1:] @ wanted[1:])
+    print(f"missing of the moments: {100.0 * missing:.3f} %")
+    assert abs(missing) < 0.2e-2
+
+
 def test_the_circle_with_a_load_that_is_not_known(robot):
     record = run(robot, setup())
     report("20 g", record)
@@ -45,12 +80,12 @@ def test_the_circle_with_a_load_that_is_not_known(robot):
 
 
 def test_the_load_falls_off_and_poses_freeze(robot):
-    """Below 2 mm again within 2 s; a second later the sensor repeats itself for a second."""
+    """Below 2 mm again within 1.2 s; a few seconds later the sensor repeats itself for a second."""
     record = run(robot, setup(load_steps=((5.0, 0.0),), frozen_s=(8.0, 9.0), duration_s=11.0))
     report("load off", record)
     after = record.settled_s(5.0)
     print(f"below 2 mm {after:.2f} s after the load is gone; {record.counts.frozen} frozen poses refused")
-    assert after <= 2.0  # 1.2 s is the goal
+    assert after <= 1.2
     assert record.counts.frozen > 80
     assert record.error()[record.t > 8.0].max() < 1.5e-3  # 32 mm if they are followed
     assert abs(record.estimates[-1, record.names.index("tip_mass")]) < 5e-3

@@ -35,10 +35,22 @@ def test_the_automatic_numbers_of_a_scene_are_printed(soro):
         "link0/bending_y": 3e-7,
     }
     # The one tuned by hand within 13 %, times the factor of composite (docs/gains.md).
-    assert used["gains"]["k_p"]["link0/bending_x"] == pytest.approx(1.5e-6, rel=0.13)
+    assert used["gains"]["k_p"]["link0/bending_x"] == pytest.approx(2.5e-6, rel=0.13)
     assert used["pressures"]["lag_s"] == 0.052  # of the platform
     assert used["law_options"]["mass_upper_kg"] == pytest.approx(0.102)
     assert used["estimator"]["process"]["stretch_acceleration"] == 2.0
+    assert "adaptation" not in used  # of another law
+
+
+def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
+    status, out, _ = soro("gains", "track_circle", "--set", "controller={law: adaptive}")
+    used = yaml.safe_load(out)
+    assert (status, used["law"]) == (0, "adaptive")
+    assert "law_options" not in used
+    adaptation = used["adaptation"]
+    assert adaptation["parameters"] == ["tip_mass"]
+    assert adaptation["gain"] == [pytest.approx(0.05, rel=0.03)]
+    assert adaptation["upper"] == [pytest.approx(0.102)]
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,12 @@ def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures
                 120,
             )
             bridged = int(supervisor.values("twin")["bridged_ticks"])
+            supervisor.wait(
+                "recorded samples",
+                lambda: int(supervisor.values("recorder").get("messages", 0)) >= len(run.t),
+                lambda: None,
+                120,
+            )
         output = player.communicate(timeout=LIMIT_S)
         assert player.returncode == 0, output
     finally:

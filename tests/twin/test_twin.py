@@ -83,7 +83,22 @@ def test_poses_come_from_each_place_of_its_own_noise(robot):
     truth = [twin.plant.arm.pose(state.arm.q, pose.s)[:3, 3] for pose in seen.poses]
     errors = np.array([pose.position for pose in seen.poses]) - truth
     assert 1e-5 < np.abs(errors).max() < 2e-3
-    assert len(np.unique(errors)) == errors.size
+    assert np.diff(np.sort(errors, axis=None)).min() > 1e-9
+
+
+def test_imus_feel_what_their_own_place_does_with_noise_of_their_own(robot):
+    """At rest: up, in the frame of a bent arm there."""
+    places = (1.0, 0.25, 0.5)
+    config = SensorConfig(enabled=True, rate_hz=200.0, delay_s=0.0, locations=places)
+    twin = Twin(robot, TwinConfig(imu=config))
+    state, seen = twin.observe(twin.initial(PRESSURE))
+    assert [imu.s for imu in seen.imus] == [place * twin.length for place in places]
+    up = -np.array(robot.gravity)
+    truth = np.array([twin.plant.arm.pose(state.arm.q, imu.s)[:3, :3].T @ up for imu in seen.imus])
+    assert np.linalg.norm(truth[0] - truth[2]) > 0.6
+    errors = np.array([imu.linear_acceleration for imu in seen.imus]) - truth
+    assert 1e-4 < np.abs(errors).max() < 0.3
+    assert np.diff(np.sort(errors, axis=None)).min() > 1e-9
 
 
 def test_one_place_can_be_called_location():

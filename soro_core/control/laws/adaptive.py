@@ -31,7 +31,7 @@ class Adaptive(Law[AdaptiveState]):
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         self.setting, self.config = setting, setting.config
-        self.parameters = ParameterSet(setting.arm, self.config.adaptation)
+        self.parameters = ParameterSet(setting.arm, self.config.adaptation, pieces=setting.pieces)
         self._desired = self.config.compensation == "reference"
         adaptation, fields = self.config.adaptation, setting.fields
         # For a strain with several coefficients, the dead zone is that of the root mean square along the
@@ -49,7 +49,7 @@ class Adaptive(Law[AdaptiveState]):
     ) -> tuple[AdaptiveState, Array, Terms]:
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, future = self.setting.arm, reference.ahead
-        moved = self.setting.moved(belief, reference.ahead_s)
+        moved, rate = self.setting.moved(belief, reference)
         internal = np.asarray(arm.internal_force(moved, state.creep))
         terms = law(
             self.parameters,
@@ -57,7 +57,7 @@ class Adaptive(Law[AdaptiveState]):
             state.estimate,
             internal,
             moved,
-            belief.qd,
+            rate,
             future,
             self._desired,
         )
@@ -85,7 +85,7 @@ class Adaptive(Law[AdaptiveState]):
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:
         """Return the reference, or the measured state where compensation takes place there."""
-        return reference.ahead.q if self._desired else self.setting.moved(belief, reference.ahead_s)
+        return reference.ahead.q if self._desired else self.setting.moved(belief, reference)[0]
 
     def allocated(self, state: AdaptiveState, made: Made, dt: float) -> AdaptiveState:
         """Return the state with the estimates after the tick; parameters as in `Law.allocated`."""

@@ -40,14 +40,15 @@ class Composite(Law[CompositeState]):
     Options = CompositeOptions
     learns = True
     observes_regulators = True
-    # What drives no learning can be larger; twice the bending oscillates on two links that hang. The pose is
-    # noisy along the arm.
-    feedback_factors = (0.5, 1.5)
+    # What drives no learning can be larger in bending. The pose is noisy along the arm.
+    feedback_factors = (0.5, 2.5)
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         assert isinstance(options, CompositeOptions)
         self.setting, self.adapts = setting, setting.config.adapt
         self.learner = Learner(setting.arm, options, setting.pieces)
+        # What the inverse of the regulators' lag leaves of it [s].
+        self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
         self.names = ("tip_mass", *weights)
@@ -61,13 +62,17 @@ class Composite(Law[CompositeState]):
     ) -> tuple[CompositeState, Array, Terms]:
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, gains, wanted = self.setting.arm, self.setting.gains, reference.ahead
-        q = self.setting.moved(belief, reference.ahead_s)
-        error = q - wanted.q
-        s = belief.qd - wanted.qd + gains.rate * error
+        q, qd = self.setting.moved(belief, reference)
+        # Both moved on at their rates of now: moved along its curve, the reference is ahead of an arm on it.
+        now = reference.now
+        error = q - (now.q + reference.ahead_s * now.qd)
+        s = qd - now.qd + gains.rate * error
         learner = self._learned(state.learner, belief, reference, s, dt)
-        model = self.setting.model_force(wanted.q, wanted.qd, wanted.qdd)
-        internal = arm.internal_force(wanted.q, state.creep)
-        learned = self.learner.force.force(learner.learned, wanted.q, wanted.qd, wanted.qdd)
+        # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
+        at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
+        model = self.setting.model_force(at, wanted.qd, wanted.qdd)
+        internal = arm.internal_force(at, state.creep)
+        learned = self.learner.force.force(learner.learned, at, wanted.qd, wanted.qdd)
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
             "error": error,
@@ -128,7 +133,6 @@ class Composite(Law[CompositeState]):
         sample = Sample(
             q=belief.q,
             qd=belief.qd,
-            qdd=reference.now.qdd,
             pressure_pa=belief.pressure_pa,
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],

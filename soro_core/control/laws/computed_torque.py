@@ -57,14 +57,14 @@ class ComputedTorque(Law[Array]):
     ) -> tuple[Array, Array, Terms]:
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, wanted = self.setting.arm, reference.ahead
-        q = self.setting.moved(belief, reference.ahead_s)
-        error, rate = q - wanted.q, belief.qd - wanted.qd
+        q, qd = self.setting.moved(belief, reference)
+        error, rate = q - wanted.q, qd - wanted.qd
         linear = -self.stiffness * error - self.damping * rate
         feedback = arm.inertia_matrix(q) @ linear
-        model = self.setting.model_force(q, belief.qd, wanted.qdd) + arm.internal_force(q, state)
+        model = self.setting.model_force(q, qd, wanted.qdd) + arm.internal_force(q, state)
         after = advance_creep(arm, state, wanted.q, wanted.qd, dt)
         return after, model + feedback, {"error": error, "model": model, "feedback": feedback}
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:
         """Return the measured state: what is cancelled there is made there."""
-        return self.setting.moved(belief, reference.ahead_s)
+        return self.setting.moved(belief, reference)[0]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.control.adaptive import FeedbackGains
     from soro_core.control.config import ControllerConfig
     from soro_core.control.trajectory import Point, Reference
+    from soro_core.control.undriven import DrivenMotions
     from soro_core.model import SoftArm
     from soro_core.robot.coordinates import StrainFields
 
@@ -70,11 +71,23 @@ class Certainty:
 
 @dataclass(frozen=True)
 class Preview:
-    """The reference now, and at the time when a set point of this tick acts, `ahead_s` [s] later."""
+    """The reference.
+
+    Attributes
+    ----------
+    now, ahead : Point
+        The reference now, and when a set point of this tick acts; coordinates that no chamber moves are where
+        the law's own force puts them, and the tip is that of the given reference.
+    ahead_s : float
+        Time until then [s].
+    motions : DrivenMotions or None
+        What the chambers can move about `ahead`; None where that is all.
+    """
 
     now: Point
     ahead: Point
     ahead_s: float
+    motions: DrivenMotions | None = None
 
 
 @dataclass(frozen=True)
@@ -132,9 +145,20 @@ class Setting:
     limit: Array
     pieces: int
 
-    def moved(self, belief: ArmBelief, ahead_s: float) -> Array:
-        """Return the coordinates (n_q,) after `ahead_s` [s] at the estimated rates, within the limits."""
-        return self.fields.within(belief.q + ahead_s * belief.qd, self.limit)
+    def moved(self, belief: ArmBelief, reference: Preview) -> tuple[Array, Array]:
+        """Return coordinates and rates (n_q,) when a set point acts, extrapolated within the limits.
+
+        Where chambers do not move all coordinates, the tip is the estimated one, and the coordinates differ
+        from the reference by what the chambers can make: feedback on the rest has no use, and a pose of the
+        tip leaves it to chance.
+
+        Parameters
+        ----------
+        belief : ArmBelief
+        reference : Preview
+        """
+        q = self.fields.within(belief.q + reference.ahead_s * belief.qd, self.limit)
+        return (q, belief.qd) if reference.motions is None else reference.motions.within(q, belief.qd)
 
     def model_force(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return M qdd + C qd + G + f_e + R qd of the model (n_q,), without creep.

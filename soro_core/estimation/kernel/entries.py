@@ -9,9 +9,17 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
-from soro_core.estimation.kernel import motion, update
+from soro_core.estimation.kernel import advance as advancing
+from soro_core.estimation.kernel import motion
 from soro_core.estimation.kernel import predict as prediction
-from soro_core.estimation.kernel.parts import FilterArm, NoRoom, Settings, make_scratch
+from soro_core.estimation.kernel.parts import (
+    NIS,
+    NIS_OF_POSITION,
+    FilterArm,
+    NoRoom,
+    Settings,
+    make_scratch,
+)
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.derivative.work import derivative_workspace
 from soro_core.model.linear import clear
@@ -56,35 +64,89 @@ def predict(
 
 
 @entry
-def fuse(
+def advance(
     box: Box,
-    site: Site,
+    theta: Array,
+    share: float,
+    mean: Array,
+    internal: Array,
+    covariance: Array,
+    pressure: Array,
+    dt: float,
+    link: int,
+    place: float,
+    whole: int,
+    step_m: float,
+    shape: Array,
     kind: int,
     first: Array,
     second: Array,
     quaternion: Array,
-    gated: bool,
-    mean: Array,
-    covariance: Array,
+    stamp: float,
+    is_new: bool,
+    record: Array,
     mean1: Array,
+    internal1: Array,
     covariance1: Array,
-    reported: Array,
-) -> int:
-    """`update.fuse`."""
-    return update.fuse(
-        view(box),
-        site,
+) -> tuple[int, int, float, float]:
+    """`advance.advance` with `share` of theta, at the place of a `Site`, whose fields cost less than it.
+
+    Gives its codes, and both normalised innovations squared.
+    """
+    arm = view(box)
+    motion.load(arm, theta, share)
+    reported = arm.scratch.reported
+    step, outcome = advancing.advance(
+        arm,
+        share,
+        mean,
+        internal,
+        covariance,
+        pressure,
+        dt,
+        Site(link, place, whole, step_m, shape),
         kind,
         first,
         second,
         quaternion,
-        gated,
-        mean,
-        covariance,
+        stamp,
+        is_new,
+        record,
         mean1,
+        internal1,
         covariance1,
         reported,
     )
+    return step, outcome, reported[NIS], reported[NIS_OF_POSITION]
+
+
+@entry
+def see(
+    box: Box,
+    link: int,
+    place: float,
+    whole: int,
+    step: float,
+    shape: Array,
+    q: Array,
+    variance: float,
+    covariance: Array,
+) -> None:
+    """covariance (n_q, n_q) <- the same with the position of a `Site` known too."""
+    arm = view(box)
+    site, w = Site(link, place, whole, step, shape), arm.scratch
+    J, x, n = w.columns, w.added, q.shape[0]
+    kinematics(arm.tables, arm.work, site, q, w.rotation, w.position, J)
+    for r in range(3, 6):  # along the axes of the section, one by one: their errors are independent
+        s = variance
+        for i in range(n):
+            x[i] = 0.0
+            for j in range(n):
+                x[i] += covariance[i, j] * J[j, r]
+            s += J[i, r] * x[i]
+        for i in range(n):
+            for j in range(n):
+                covariance[i, j] -= x[i] * x[j] / s
 
 
 @entry

@@ -26,7 +26,7 @@ from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, applied_force, check, finite
 from soro_core.model.internal import advance_internal
-from soro_core.model.linear import clear, lu_factor, lu_solve
+from soro_core.model.linear import assign, clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
 from soro_core.model.tables import CREEP
 
@@ -34,6 +34,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Corrections of a step, of which a running filter needs one; and the change of q in the last, as a strain.
 _CORRECTIONS, _SAME = 6, 3e-5
+# Increment of a pressure where differences replace derivatives [Pa]; forces are linear in it.
+_MOVED_PA = 1e3
 
 
 @inner
@@ -41,10 +43,12 @@ def load(arm: FilterArm, theta: Array, share: float) -> None:
     """Put `share` of the learned model theta into the arm.
 
     A mass below that of the robot file's tip has weight, but no inertia: the inertia matrix stays positive
-    definite, and the arm at rest is where the learner has it.
+    definite, and the arm at rest is where the learner has it. What lasts is the learner's, and a disturbance
+    beside it fades sooner.
     """
     t, s, w = arm.tables, arm.settings, arm.scratch
     n = s.limit.shape[0]
+    w.fading[0] = 1.0 / ((1.0 - share) / s.time + share / s.learned_time)
     total = s.tip_mass + share * theta[0]
     t.tip_mass[0] = max(total, 0.0)
     w.lost[0] = min(total, 0.0)
@@ -131,12 +135,21 @@ def _differences(room: NoRoom, arm: FilterArm, q: Array, v: Array, z: Array, pre
             return code
         for j in range(n):
             w.by_v[j, i] = (a[j] - w.acceleration[j]) / h
+    for i in range(pressure.shape[0]):
+        assign(pressure, w.pressure)
+        w.pressure[i] += _MOVED_PA
+        code = loaded_acceleration(arm, q, v, z, w.pressure, a)
+        if code != GOOD:
+            return code
+        for j in range(n):
+            w.by_p[j, i] = (a[j] - w.acceleration[j]) / _MOVED_PA
     return GOOD
 
 
 slopes = select_by_type(DerivativeWork, _exact, _differences)
 """slopes(room, arm, q, v, z, pressure), after `loaded_acceleration` into scratch.acceleration and
-`advance_internal`: scratch.by_q and .by_v <- its derivatives, exact where the arm has them; gives a code."""
+`advance_internal`: scratch.by_q, .by_v and .by_p <- its derivatives, exact where the arm has them; gives
+a code."""
 
 
 @inner

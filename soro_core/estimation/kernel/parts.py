@@ -32,11 +32,14 @@ class Settings(NamedTuple):
 
     n_d: int
     time: float
-    """Time constant with which a disturbance decays [s]."""
+    """Time constant with which a disturbance decays [s], and that with a learned force."""
+    learned_time: float
     process: Array
     """Spectral density of the noise of rate and drift, (2, n, n)."""
     learned_process: Array
     """The same with a learned force."""
+    pressure_process: float
+    """Spectral density of the error of each measured pressure [Pa^2 s]."""
     initial: Array
     """Initial covariance, (m, m)."""
     first: Integers
@@ -69,6 +72,12 @@ class Settings(NamedTuple):
     """Accelerations whose length is farther from gravity are not used [m/s^2]; negative: none is."""
     gates: Array
     """Largest normalised innovation squared of a good sample by its number of components."""
+    outlier_inflation: float
+    """Factor on the covariance at an outlier."""
+    most_refused: int
+    """Outliers in a row after which the belief restarts."""
+    frozen_m: float
+    """Motion of the prediction beyond which a repeated pose is refused [m]."""
 
 
 class Scratch(NamedTuple):
@@ -76,6 +85,8 @@ class Scratch(NamedTuple):
 
     wrench: Array
     """At the tip, and none at other places."""
+    fading: Array
+    """Time constant with which a disturbance decays in this step [s], (1,)."""
     lost: Array
     """Learned mass that the arm does not have to lose [kg], (1,), 0 or less."""
     constant: Array
@@ -85,10 +96,12 @@ class Scratch(NamedTuple):
     moved: Array
     """Coordinates or rates with one moved, (n,), and the acceleration there, (n,)."""
     moved_acceleration: Array
+    pressure: Array
+    """One of the pressures moved, (n_u,)."""
     internal: Array
     tangent: Array
     by_q: Array
-    """Derivatives of the acceleration by q, qd and pressure."""
+    """Derivatives of the acceleration by q, qd and pressure; the last are what noise of pressures does."""
     by_v: Array
     by_p: Array
     change: Array
@@ -98,6 +111,8 @@ class Scratch(NamedTuple):
     pivots: Integers
     response: Array
     """Change of the rates by q, qd and by an impulse, (n, 3 n)."""
+    noise: Array
+    """Spectral density of the noise of the rates, (n, n)."""
     spread: Array
     """Covariance under way, (m, m), its rows carried, and these transposed."""
     carried: Array
@@ -129,6 +144,12 @@ class Scratch(NamedTuple):
     begun: Array
     """State at the start of a part of a step, (m,) and (n_internal,)."""
     begun_internal: Array
+    reported: Array
+    """See `N_REPORTED`."""
+    prior: Array
+    """Belief before a sample: (m,), (n_internal,), (m, m)."""
+    prior_internal: Array
+    prior_covariance: Array
 
 
 class NoRoom(NamedTuple):
@@ -154,12 +175,14 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
     m = 2 * n + 2 * s.n_d
     return Scratch(
         np.zeros(n_wrench),  # wrench
+        np.zeros(1),  # fading
         np.zeros(1),  # lost
         np.zeros(n),  # constant
         np.zeros((n, n)),  # slope
         np.zeros(n),  # acceleration
         np.zeros(n),  # moved
         np.zeros(n),  # moved_acceleration
+        np.zeros(n_u),  # pressure
         np.zeros(n_z),  # internal
         np.zeros(n_z),  # tangent
         np.zeros((n, n)),  # by_q
@@ -169,6 +192,7 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros((n, n)),  # system
         np.zeros(max(n, MOST_ROWS), dtype=np.int64),  # pivots
         np.zeros((n, 3 * n)),  # response
+        np.zeros((n, n)),  # noise
         np.zeros((m, m)),  # spread
         np.zeros((m, m)),  # carried
         np.zeros((m, m)),  # turned
@@ -190,4 +214,8 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros(m),  # mean
         np.zeros(m),  # begun
         np.zeros(n_z),  # begun_internal
+        np.zeros(N_REPORTED),  # reported
+        np.zeros(m),  # prior
+        np.zeros(n_z),  # prior_internal
+        np.zeros((m, m)),  # prior_covariance
     )

@@ -44,7 +44,7 @@ def _fade(arm: FilterArm, dt: float, mean: Array) -> None:
     s = arm.settings
     n = s.limit.shape[0]
     if s.n_d > 0:
-        fade = math.exp(-dt / s.time)
+        fade = math.exp(-dt / arm.scratch.fading[0])
         for i in range(n):
             d, e = mean[2 * n + i], mean[3 * n + i]
             mean[2 * n + i], mean[3 * n + i] = fade * (d + dt * e), fade * e

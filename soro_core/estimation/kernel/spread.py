@@ -41,8 +41,8 @@ def _carry_rows(arm: FilterArm, h: float, P: Array, out: Array) -> None:
     """out <- Phi P."""
     s, w = arm.settings, arm.scratch
     X, n, m = w.response, s.limit.shape[0], P.shape[0]
-    keep = (1.0 - h / s.time) / (1.0 + h / s.time)
-    drift = h * (1.0 + keep) / (1.0 + h / s.time)
+    keep = (1.0 - h / w.fading[0]) / (1.0 + h / w.fading[0])
+    drift = h * (1.0 + keep) / (1.0 + h / w.fading[0])
     u = w.added
     for i in range(n):
         clear(u)
@@ -76,14 +76,28 @@ def _carry(arm: FilterArm, h: float) -> None:
 
 
 @inner
+def _find_noise(arm: FilterArm, share: float) -> None:
+    """scratch.noise <- density of the rates' noise, `share` of it with a learned force, and the pressures'.
+
+    An error of a measured pressure is an error of force: what it accelerates depends on the load.
+    """
+    s, w = arm.settings, arm.scratch
+    for i in range(w.noise.shape[0]):
+        for j in range(w.noise.shape[0]):
+            x, y = s.process[OF_RATE, i, j], s.learned_process[OF_RATE, i, j]
+            w.noise[i, j] = x + share * (y - x)
+            for k in range(w.by_p.shape[1]):
+                w.noise[i, j] += s.pressure_process * w.by_p[i, k] * w.by_p[j, k]
+
+
+@inner
 def _add_noise(arm: FilterArm, share: float, time: float) -> None:
-    """Add the process noise of so long [s], `share` of it that with a learned force."""
-    s, P = arm.settings, arm.scratch.spread
-    n = s.limit.shape[0]
+    """Add the process noise of so long [s], after `_find_noise`."""
+    s, w = arm.settings, arm.scratch
+    P, n = w.spread, s.limit.shape[0]
     for i in range(n):
         for j in range(n):
-            x, y = s.process[OF_RATE, i, j], s.learned_process[OF_RATE, i, j]
-            P[n + i, n + j] += time * (x + share * (y - x))
+            P[n + i, n + j] += time * w.noise[i, j]
             if s.n_d > 0:
                 x, y = s.process[OF_DRIFT, i, j], s.learned_process[OF_DRIFT, i, j]
                 P[3 * n + i, 3 * n + j] += time * (x + share * (y - x))
@@ -106,6 +120,7 @@ def step_covariance(arm: FilterArm, covariance: Array, share: float, dt: float, 
     w = arm.scratch
     m = out.shape[0]
     _respond(arm, 0.5 * dt)
+    _find_noise(arm, share)
     assign_matrix(covariance, w.spread)
     _add_noise(arm, share, dt / 6.0)
     _carry(arm, 0.5 * dt)

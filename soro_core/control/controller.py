@@ -189,7 +189,10 @@ class Controller(GivenReferences):
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
         point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
-        shape, ahead = self._with_undriven(state, Preview(point, future, preview_s))
+        try:
+            shape, ahead = self._with_undriven(state, Preview(point, future, preview_s))
+        except np.linalg.LinAlgError:
+            return self._held(state, "the shape that no chamber moves has no balance")
         belief = ArmBelief(
             q=q,
             qd=qd,

@@ -1,5 +1,7 @@
 """Coordinates that no chamber moves: the reference with their shape, and what feedback sees of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,21 @@ def test_an_arm_that_its_chambers_drive_follows_the_given_reference(order):
     assert bool(np.any(state.shape.offset)) == (order == 1)
     # What is published is the given reference: uniform strains.
     assert np.abs(command.reference.q[controller.fields.uniform == 0.0]).max(initial=0.0) < 1e-9
+
+
+def test_a_shape_without_a_balance_holds_the_last_set_points():
+    robot = load_robot(find_config("tue_three_bellow", "robots"))
+    model = Discretisation(basis="legendre", order=1)
+    controller = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test"), model)
+    state, zero = controller.initial_state(), np.zeros(controller.arm.n_q)
+    for k in range(20):
+        state, command = controller.step(state, zero, zero, 0.005 * k, 0.005, np.zeros(3))
+    limp = replace(state, shape=replace(state.shape, stiffness=np.zeros((6, 6))))
+    after, held = controller.step(limp, zero, zero, 0.1, 0.005, np.zeros(3))
+    assert not held.status.ok
+    assert "balance" in held.status.message
+    assert after is limp
+    np.testing.assert_array_equal(held.setpoint_pa, command.setpoint_pa)
 
 
 def test_without_undriven_coordinates_the_state_is_the_estimated_one():

@@ -86,6 +86,16 @@ def pose_and_jacobian(box: Box, site: Site, q: Array, R: Array, p: Array, J: Arr
 
 
 @entry
+def sections(box: Box, site: Site, q: Array, poses: Array) -> None:
+    """Poses (n, 4, 4) in the world of one section at coordinates (n, n_q)."""
+    arm = view(box)
+    R, p, J = np.empty((3, 3)), np.empty(3), np.empty((q.shape[1], 6))
+    for k in range(q.shape[0]):
+        kinematics(arm.tables, arm.work, site, q[k], R, p, J)
+        poses[k, :3, :3], poses[k, :3, 3], poses[k, 3, :3], poses[k, 3, 3] = R, p, 0.0, 1.0
+
+
+@entry
 def mechanical_energy(box: Box, q: Array, qd: Array) -> tuple[float, float]:
     """Kinetic energy and U_g [J], the latter zero at the world's origin."""
     arm = view(box)

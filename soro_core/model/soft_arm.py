@@ -12,9 +12,10 @@ from soro_core.errors import ModelError, short
 from soro_core.model import entries
 from soro_core.model.arm_base import DEFAULT_STEPS, default_nodes
 from soro_core.model.build import build_tables, find_site
-from soro_core.model.checks import finite, flat_wrench, number, refuse_unsupported
+from soro_core.model.checks import dimensions, finite, flat_wrench, number, refuse_unsupported, shaped
 from soro_core.model.forward import ForwardDynamics
 from soro_core.model.surroundings import ExternalForces
+from soro_core.model.tables import Site
 from soro_core.robot import Robot
 from soro_core.robot.description import END_TOLERANCE
 
@@ -175,6 +176,16 @@ class SoftArm(ForwardDynamics):
         """Pose (4, 4) in the world at `s` metres of undeformed length from the base."""
         return self.pose_and_jacobian(q, s)[0]
 
+    def poses(self, q: ArrayLike, s: float) -> Array:
+        """Poses (m, 4, 4) of the section at `s` for coordinates (m, n_q), as `pose` gives each."""
+        name = self.robot.name
+        m = len(q) if dimensions(q) == 2 else 1  # type: ignore[arg-type]
+        rows = shaped(q, (m, self.n_q), "q", name)
+        finite(rows.ravel(), "q")
+        poses = np.empty((m, 4, 4))
+        entries.sections(self._box, self._place(s), rows, poses)
+        return poses
+
     def jacobian(self, q: ArrayLike, s: float) -> Array:
         """Body Jacobian (6, n_q) at `s`, rows (angular, linear)."""
         return self.pose_and_jacobian(q, s)[1]
@@ -182,13 +193,17 @@ class SoftArm(ForwardDynamics):
     def pose_and_jacobian(self, q: ArrayLike, s: float) -> tuple[Array, Array]:
         """`pose` and `jacobian` at `s`, found together."""
         q, _ = self._state(q)
+        T, R, p, J = np.eye(4), np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
+        entries.pose_and_jacobian(self._box, self._place(s), q, R, p, J)
+        T[:3, :3], T[:3, 3] = R, p
+        return T, np.ascontiguousarray(J.T)
+
+    def _place(self, s: float) -> Site:
+        """Where `s` [m] lies in the tables."""
         place = number(s)
         if not -END_TOLERANCE <= place <= self.length + END_TOLERANCE:
             raise ModelError(f"s = {short(s)} m: allowed is 0 to {self.length!r} m", "s")
-        T, R, p, J = np.eye(4), np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
-        entries.pose_and_jacobian(self._box, self._site(min(max(place, 0.0), self.length)), q, R, p, J)
-        T[:3, :3], T[:3, 3] = R, p
-        return T, np.ascontiguousarray(J.T)
+        return self._site(min(max(place, 0.0), self.length))
 
     def external_forces(
         self, q: ArrayLike, qd: ArrayLike | None = None, wrench: ArrayLike | None = None

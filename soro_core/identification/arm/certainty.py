@@ -1,0 +1,127 @@
+"""How sure numbers are: covariance from blocks of samples, correlations, and what the data do not determine.
+
+Errors of a model last: samples of one run are no independent witnesses, and a covariance that counts each
+sample is far too small. Here the scores of a block of samples (a second of a run, one state at rest) are
+summed first and the blocks count as independent: the sandwich estimate. It is never taken smaller than the
+estimate of independent samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.identification.arm.numbers import Number
+from soro_core.identification.arm.problem import Problem, Solution
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Data that leave a number more than this share of its doubt before any data do not determine it.
+UNDETERMINED = 0.5
+# A number within this many deviations of the prior from its bound is at it.
+_AT_BOUND = 1e-3
+# Parts of a combination of numbers that are named: those above this share of the largest.
+_NAMED = 0.5
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """How sure the numbers of a solution are.
+
+    Attributes
+    ----------
+    deviations : dict
+        Standard deviation of each number: of the natural logarithm for a factor, else in its unit.
+    correlation : (n, n)
+        Between the numbers, in the order of the problem.
+    undetermined : dict
+        Numbers that the data do not determine alone; with each, the combinations that stay open, as names with signs.
+    at_bound : tuple of str
+        Numbers at a bound: a finding about the model, not a result.
+    """
+
+    deviations: dict[str, float]
+    correlation: Array
+    undetermined: dict[str, tuple[str, ...]]
+    at_bound: tuple[str, ...]
+
+
+def certainty(problem: Problem, solution: Solution) -> Certainty:
+    """Return how sure the numbers of a solution are.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+    """
+    covariance = _covariance(problem, solution)
+    spread = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(spread, spread)
+    numbers = problem.numbers
+    low, high = problem.bounds
+    at_bound = [
+        n.name
+        for n, x, a, b in zip(numbers, solution.x, low, high, strict=True)
+        if x - a < _AT_BOUND or b - x < _AT_BOUND
+    ]
+    deviations = {n.name: float(s) * n.doubt for n, s in zip(numbers, spread, strict=True)}
+    return Certainty(deviations, correlation, _undetermined(numbers, covariance), tuple(at_bound))
+
+
+def _covariance(problem: Problem, solution: Solution) -> Array:
+    """Covariance of x."""
+    weight = 1.0 / np.sqrt(1.0 + solution.rows**2)
+    jacobian = solution.jacobian
+    freedom = max(1, len(solution.rows) - len(solution.x))
+    level = float(np.sum(weight * solution.rows**2)) / freedom
+    prior = np.eye(len(solution.x))
+    bread = np.linalg.inv(jacobian.T @ (weight[:, None] * jacobian) + prior)
+    scores = jacobian * (weight * solution.rows)[:, None]
+    blocks = _blocks(problem)
+    summed = np.zeros((int(blocks.max()) + 1, len(prior)))
+    np.add.at(summed, blocks, scores)
+    between = bread @ (summed.T @ summed + prior) @ bread
+    # The estimate of independent samples, from below.
+    independent = np.linalg.inv(jacobian.T @ (weight[:, None] * jacobian) / max(level, 1e-12) + prior)
+    factor = np.sqrt(np.maximum(1.0, np.diag(independent) / np.diag(between)))
+    return np.asarray(between * np.outer(factor, factor))
+
+
+def _blocks(problem: Problem) -> NDArray[np.intp]:
+    """Number of the block of each row."""
+    found, count = [], 0
+    for case in problem.cases:
+        last = 0
+        for shape in case.shapes:
+            width = len(problem.expected[shape.name])
+            own = np.floor(shape.t / case.block_s).astype(np.intp)
+            own = own - (own.min() if len(own) else 0)
+            found.append(np.repeat(own + count, width))
+            last = max(last, int(own.max()) + 1 if len(own) else 0)
+        count += last
+    return np.concatenate(found)
+
+
+def _undetermined(numbers: tuple[Number, ...], covariance: Array) -> dict[str, tuple[str, ...]]:
+    """Names of what stays open, each with the combinations that do."""
+    values, vectors = np.linalg.eigh(covariance)
+    open_: dict[str, list[str]] = {
+        n.name: [] for n, s in zip(numbers, np.sqrt(np.diag(covariance)), strict=True) if s > UNDETERMINED
+    }
+    for value, vector in zip(values, vectors.T, strict=True):
+        if np.sqrt(value) <= UNDETERMINED:
+            continue
+        largest = np.abs(vector).max()
+        sign = np.sign(vector[np.argmax(np.abs(vector))])
+        parts = [
+            ("+" if v * sign > 0 else "-") + n.name
+            for n, v in zip(numbers, vector, strict=True)
+            if abs(v) > _NAMED * largest
+        ]
+        for part in parts:
+            if part[1:] in open_:
+                open_[part[1:]].append(" ".join(parts))
+    return {name: tuple(combinations) for name, combinations in open_.items()}

@@ -1,0 +1,83 @@
+"""Frames of a measurement: numbers of where the tracker stands and how bodies sit on their sections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from soro_core.identification.arm.cases import Case
+from soro_core.identification.arm.numbers import Number
+from soro_core.identification.recording.streams import Curvature, Marker, Plate, Shape
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Deviations before any data, about what `frame_numbers` finds: of the tracker, of a body whose place is stated, and of
+# a marker whose place is not.
+_TURN, _PLACE = 0.5, 0.1
+_BODY, _MARKER = 0.005, 0.05
+_CURVATURE = 1.0
+
+
+def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
+    """Return the numbers of all frames, each at its best for the arm as it is described.
+
+    The rotation and place of the tracker come from the positions of all bodies (Kabsch), that of a body on its
+    section from the mean of what is left.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        As described before the fit; its motions need the right directions, not the right size.
+    cases : sequence of Case
+    """
+    seen = [(s, q) for case in cases for s, q in zip(case.shapes, case.coordinates(arm), strict=True)]
+    numbers = [n for shape, q in seen if isinstance(shape, Curvature) for n in _camera(shape)]
+    bodies = [(s, arm.poses(q, s.place.along(arm.robot))) for s, q in seen if isinstance(s, Plate | Marker)]
+    if bodies:
+        numbers += _tracker(bodies)
+    return tuple({n.name: n for n in numbers}.values())
+
+
+def _tracker(bodies: Sequence[tuple[Plate | Marker, Array]]) -> list[Number]:
+    predicted = np.concatenate([poses[:, :3, 3] for _, poses in bodies])
+    measured = np.concatenate([body.position for body, _ in bodies])
+    middle, shift = predicted.mean(axis=0), measured.mean(axis=0)
+    turn, _ = Rotation.align_vectors(measured - shift, predicted - middle)
+    numbers = _three("tracker/turn", turn.as_rotvec(), "rad", _TURN)
+    numbers += _three("tracker/offset", shift - turn.apply(middle), "m", _PLACE)
+    for name in dict.fromkeys(body.name for body, _ in bodies):
+        numbers += _body([(b, poses) for b, poses in bodies if b.name == name], turn)
+    return numbers
+
+
+def _body(same: Sequence[tuple[Plate | Marker, Array]], turn: Rotation) -> list[Number]:
+    body = same[0][0]
+    if isinstance(body, Marker):
+        return [] if body.offset else _three(f"{body.name}/offset", np.zeros(3), "m", _MARKER)
+    sections = Rotation.from_matrix(np.concatenate([poses[:, :3, :3] for _, poses in same]))
+    shown = Rotation.from_quat(np.concatenate([b.quaternion for b, _ in same if isinstance(b, Plate)]))
+    mount = (sections.inv() * turn.inv() * shown).mean()
+    return [
+        *_three(f"{body.name}/turn", mount.as_rotvec(), "rad", _TURN),
+        *_three(f"{body.name}/offset", np.zeros(3), "m", _BODY),
+    ]
+
+
+def _camera(shape: Shape) -> list[Number]:
+    at = f"frame/{shape.name}"
+    return [
+        Number(f"{at}/turn", 0.0, "rad", "shift", _TURN, -np.pi, np.pi),
+        *(Number(f"{at}/offset_{x}", 0.0, "1/m", "shift", _CURVATURE, -1e3, 1e3) for x in "xy"),
+    ]
+
+
+def _three(name: str, values: Array, unit: str, doubt: float) -> list[Number]:
+    return [
+        Number(f"frame/{name}_{axis}", float(v), unit, "shift", doubt, -1e3, 1e3)
+        for axis, v in zip("xyz", values, strict=True)
+    ]

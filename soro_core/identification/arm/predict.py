@@ -1,0 +1,104 @@
+"""What a sensor should show, for an arm in given coordinates and the frames of the measurement.
+
+The frame of the tracker has the world of the robot at (R_t, p_t); the body that a tracker sees sits at
+(R_b, o_b) on its cross-section (R, p):
+
+    position = p_t + R_t (p + R o_b),   rotation = R_t R R_b.
+
+A camera that sees curvatures turns them and adds those of the arm when straight (`MeasurementFrame`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import singledispatch
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from soro_core.identification.frame import MeasurementFrame
+from soro_core.identification.recording.streams import Bend, Curvature, Marker, Plate, Shape
+from soro_core.model import SoftArm
+from soro_core.robot.coordinates import strain_fields
+from soro_core.rotation import rotation_exp
+
+Array: TypeAlias = NDArray[np.float64]
+Frames: TypeAlias = Mapping[str, float]
+
+
+@singledispatch
+def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
+    """Return measured minus predicted, one row a sample.
+
+    Parameters
+    ----------
+    shape : Plate, Marker, Curvature or Bend
+    arm : SoftArm
+    q : (n, n_q)
+        Coordinates at its samples.
+    frames : mapping of str to float
+        Numbers of `frame_numbers` by name; what is absent is 0.
+
+    Returns
+    -------
+    Array
+        (n, 6) position [m] and rotation vector [rad] of a plate, (n, 3) [m] of a marker, (n, 2) [1/m] of a
+        curvature, (n, 1) [rad] of a bending angle.
+    """
+    raise TypeError(f"{type(shape).__name__}: allowed are plates, markers, curvatures and bending angles")
+
+
+@difference.register
+def _(shape: Plate, arm: SoftArm, q: Array, frames: Frames) -> Array:
+    poses = _sections(arm, q, shape)
+    turn, _ = tracker(frames)
+    predicted = turn @ poses[:, :3, :3] @ rotation_exp(_vector(frames, f"{shape.name}/turn"))
+    apart = Rotation.from_matrix(predicted).inv() * Rotation.from_quat(shape.quaternion)
+    return np.column_stack([_position(shape, poses, frames, np.zeros(3)), apart.as_rotvec()])
+
+
+@difference.register
+def _(shape: Marker, arm: SoftArm, q: Array, frames: Frames) -> Array:
+    known = np.zeros(3) if shape.offset is None else np.array(shape.offset)
+    return _position(shape, _sections(arm, q, shape), frames, known)
+
+
+@difference.register
+def _(shape: Curvature, arm: SoftArm, q: Array, frames: Frames) -> Array:
+    at = f"frame/{shape.name}"
+    offset = frames.get(f"{at}/offset_x", 0.0), frames.get(f"{at}/offset_y", 0.0)
+    frame = MeasurementFrame(frames.get(f"{at}/turn", 0.0), offset)
+    bent = np.column_stack([_mean(arm, q, shape.link, s) for s in ("bending_x", "bending_y")])
+    return np.asarray(shape.curvature - frame.apply(bent))
+
+
+@difference.register
+def _(shape: Bend, arm: SoftArm, q: Array, frames: Frames) -> Array:
+    length = arm.robot.links[shape.link].length * (1.0 + _mean(arm, q, shape.link, "elongation"))
+    return np.asarray(shape.angle - _mean(arm, q, shape.link, "bending_y") * length)[:, None]
+
+
+def tracker(frames: Frames) -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) [m] of the world of the robot in the frame of the tracker."""
+    return rotation_exp(_vector(frames, "tracker/turn")), _vector(frames, "tracker/offset")
+
+
+def _sections(arm: SoftArm, q: Array, shape: Plate | Marker) -> Array:
+    return arm.poses(q, shape.place.along(arm.robot))
+
+
+def _position(shape: Plate | Marker, poses: Array, frames: Frames, known: Array) -> Array:
+    turn, offset = tracker(frames)
+    body = known + _vector(frames, f"{shape.name}/offset")
+    return np.asarray(shape.position - (poses[:, :3, 3] + poses[:, :3, :3] @ body) @ turn.T - offset)
+
+
+def _vector(frames: Frames, name: str) -> Array:
+    return np.array([frames.get(f"frame/{name}_{axis}", 0.0) for axis in "xyz"])
+
+
+def _mean(arm: SoftArm, q: Array, link: int, strain: str) -> Array:
+    fields = strain_fields(arm.robot)
+    return np.asarray(q @ (fields.of(strain, link) * fields.mean))

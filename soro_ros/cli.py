@@ -34,6 +34,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.emulate import emulate
     from soro_ros.commands.film import film
     from soro_ros.commands.gains import gains
+    from soro_ros.commands.identify import identify
     from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.play import play
     from soro_ros.commands.reach import reach
@@ -57,6 +58,7 @@ def application() -> typer.Typer:
     app.command()(board)
     app.command()(reach)
     app.command()(gains)
+    app.command()(identify)
     app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)

@@ -72,3 +72,9 @@ def freed(robot: Robot, laws: Iterable[Law], kinds: str) -> tuple[tuple[Number, 
             if own in starts:
                 begin[name] = starts[own]
     return tuple(numbers), begin
+
+
+def is_of_law(name: str) -> bool:
+    """Whether a number belongs to a law that was added."""
+    own = name.split("/", 1)[1]
+    return any(own == key.format(kind) for law in LAWS for key in law.keys for kind in "eb")

@@ -112,6 +112,9 @@ class Solution:
     cost : float
         Half the sum of the soft losses and of the squares of `x`.
     converged : bool
+        Whether the search ended by itself.
+    interrupted : bool
+        Whether Ctrl-C ended it: then these are the best numbers until there.
     """
 
     values: dict[str, float]
@@ -120,12 +123,14 @@ class Solution:
     jacobian: Array
     cost: float
     converged: bool
+    interrupted: bool = False
 
 
 def solve(
     problem: Problem,
     start: Mapping[str, float] | None = None,
     most: int = 30,
+    tolerance: float = 1e-5,
     progress: Callable[[float], None] = lambda cost: None,
 ) -> Solution:
     """Find the most likely numbers: soft least squares over all rows, and the prior.
@@ -137,6 +142,8 @@ def solve(
         Values to start from; default the middle of the prior.
     most : int
         Largest number of steps.
+    tolerance : float
+        Relative change of the cost, or of the numbers, at which the search ends.
     progress : callable
         Called with the cost after each step that is tried.
 
@@ -148,22 +155,27 @@ def solve(
     search = _Search(problem, progress)
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
+    search.best = np.inf, x0
     search.rows_at(x0, hopeless=False)
-    found: Any = least_squares(
-        search.residuals,
-        x0,
-        jac=search.jacobian,
-        bounds=(low, high),
-        loss=search.loss,
-        max_nfev=most,
-        ftol=1e-5,
-        xtol=1e-5,
-        x_scale="jac",
-    )
-    x = np.asarray(found.x)
+    interrupted = False
+    try:
+        found: Any = least_squares(
+            search.residuals,
+            x0,
+            jac=search.jacobian,
+            bounds=(low, high),
+            loss=search.loss,
+            max_nfev=most,
+            ftol=tolerance,
+            xtol=tolerance,
+            x_scale="jac",
+        )
+        x, converged = np.asarray(found.x), bool(found.status > 0)
+    except KeyboardInterrupt:
+        x, converged, interrupted = search.best[1], False, True
     rows = search.rows_at(x, hopeless=False)
     jacobian = search.jacobian(x)[: len(rows)]
-    return Solution(problem.value(x), x, rows, jacobian, float(found.cost), bool(found.status > 0))
+    return Solution(problem.value(x), x, rows, jacobian, search.cost(rows, x), converged, interrupted)
 
 
 class _Search:
@@ -173,6 +185,7 @@ class _Search:
         self.problem, self.progress = problem, progress
         self.last: tuple[bytes, SoftArm, Coordinates] | None = None
         self.size = 0
+        self.best: tuple[float, Array] = np.inf, np.zeros(len(problem.numbers))
         self.frames = [n.name.startswith("frame/") for n in problem.numbers]
 
     def rows_at(self, x: Array, hopeless: bool = True) -> Array:
@@ -190,8 +203,16 @@ class _Search:
 
     def residuals(self, x: Array) -> Array:
         rows = self.rows_at(x)
-        self.progress(float(0.5 * (2 * np.sum(np.sqrt(1 + rows**2) - 1) + x @ x)))
+        cost = self.cost(rows, x)
+        if cost < self.best[0]:
+            self.best = cost, x.copy()
+        self.progress(self.best[0])
         return np.concatenate([rows, x])
+
+    @staticmethod
+    def cost(rows: Array, x: Array) -> float:
+        """Half the sum of the soft losses and of the squares of `x`."""
+        return float(np.sum(np.sqrt(1.0 + rows**2) - 1.0) + 0.5 * x @ x)
 
     def jacobian(self, x: Array) -> Array:
         base = self.rows_at(x)

@@ -15,7 +15,7 @@ from soro_core.identification.arm.certainty import Certainty, certainty
 from soro_core.identification.arm.choose import Choice, Trial, choose
 from soro_core.identification.arm.frames import frame_numbers
 from soro_core.identification.arm.judge import Error, errors, ranges, share_of_range
-from soro_core.identification.arm.laws import LAWS, Law, freed, plain
+from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import Number, with_numbers
 from soro_core.identification.arm.problem import Problem, Solution, solve
 from soro_core.identification.recording import Plate, Recording, hold_out, rest_states, sections
@@ -77,7 +77,8 @@ class Identified:
     held_out_share : float
         RMS error on the held-out sections in ranges moved; nan where there are none.
     kept : dict
-        Numbers that the data do not determine, with the combinations that stay open; they are as described.
+        Numbers that the data do not determine, with the combinations that stay open: as described, or, of a law, where
+        the fit had them.
     """
 
     robot: Robot
@@ -134,14 +135,14 @@ def identify(
         return Problem(robot, tuple(cases), (*numbers, *frames), expected), starts
 
     first, _ = problem((), fit_cases)
-    linear = solve(first, values, options.most, lambda cost: progress("linear", cost))
+    linear = solve(first, values, options.most, progress=lambda cost: progress("linear", cost))
     expected.update(_residual(first, linear))
 
     def trial(laws: tuple[Law, ...], start: dict[str, float]) -> Trial | None:
         name = " + ".join(law.name for law in laws) or "linear"
         own, begin = problem(laws, fit_cases)
         try:
-            found = solve(own, {**linear.values, **begin, **start}, options.most, lambda c: progress(name, c))
+            found = solve(own, {**linear.values, **begin, **start}, options.most, 1e-3, lambda c: progress(name, c))
             squares = _squares(replace(own, cases=tuple(held)), found, moved)
         except (ModelError, ConfigError):
             return None
@@ -160,7 +161,7 @@ def identify(
     own_values = {k: v for k, v in solution.values.items() if not k.startswith("frame/")}
     share = share_of_range(judged, moved) if judged else float("nan")
     return Identified(
-        with_numbers(robot, own_values), last, solution, sure, choice, fitted, judged, share, kept
+        with_numbers(last.robot, own_values), last, solution, sure, choice, fitted, judged, share, kept
     )
 
 
@@ -170,7 +171,7 @@ def _determined(
     """Fit, and fix the least certain number as described as long as the data do not determine it."""
     kept: dict[str, tuple[str, ...]] = {}
     while True:
-        solution = solve(problem, start, options.most, lambda cost: progress("all data", cost))
+        solution = solve(problem, start, options.most, progress=lambda cost: progress("all data", cost))
         sure = certainty(problem, solution)
         doubts = {n.name: n.doubt for n in problem.numbers}
         candidates = [name for name in sure.undetermined if not name.startswith("frame/")]
@@ -179,7 +180,13 @@ def _determined(
         worst = max(candidates, key=lambda name: sure.deviations[name] / doubts[name])
         kept[worst] = sure.undetermined[worst]
         start = {k: v for k, v in solution.values.items() if k != worst}
-        problem = replace(problem, numbers=tuple(n for n in problem.numbers if n.name != worst))
+        # A number of a law stays where the fit has it: the law was chosen because it predicts.
+        robot = problem.robot
+        if is_of_law(worst):
+            robot = with_numbers(robot, {worst: solution.values[worst]})
+        problem = replace(
+            problem, robot=robot, numbers=tuple(n for n in problem.numbers if n.name != worst)
+        )
 
 
 def _at_rest(
@@ -200,7 +207,7 @@ def _at_rest(
         x = draw.normal(0.0, 0.5, len(numbers)) * (k > 0)
         start = problem.value(np.concatenate([x, np.zeros(len(frames))]))
         try:
-            found = solve(problem, start, options.most, lambda cost: progress("rest", cost))
+            found = solve(problem, start, options.most, progress=lambda cost: progress("rest", cost))
         except (ModelError, ConfigError):
             if k == options.starts - 1 and best is None:
                 raise

@@ -13,11 +13,15 @@ from soro_core.errors import ConfigError
 def identify(
     robot: Annotated[
         str,
-        typer.Argument(help="Robot file whose geometry and masses hold; its other numbers are first guesses."),
+        typer.Argument(
+            help="Robot file whose geometry and masses hold; its other numbers are first guesses."
+        ),
     ],
     recordings: Annotated[
         list[Path],
-        typer.Argument(help="Bags (folders of runs or of bags, MCAP files) and CSV files.", show_default=False),
+        typer.Argument(
+            help="Bags (folders of runs or of bags, MCAP files) and CSV files.", show_default=False
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
     columns: Annotated[
@@ -26,12 +30,16 @@ def identify(
     ] = None,
     accept: Annotated[
         float,
-        typer.Option(min=0.0, help="Largest RMS error on held-out sections, in % of the range moved; above it, exit 1."),
+        typer.Option(
+            min=0.0, help="Largest RMS error on held-out sections, in % of the range moved; above it, exit 1."
+        ),
     ] = 10.0,
     laws: Annotated[
         str | None,
-        typer.Option(help="Laws that may be added, with commas: " + "hyper-elastic, area slope, creep, slow creep, "
-        "Dahl hysteresis; none for the linear law. Default: all."),
+        typer.Option(
+            help="Laws that may be added, with commas: " + "hyper-elastic, area slope, creep, slow creep, "
+            "Dahl hysteresis; none for the linear law. Default: all."
+        ),
     ] = None,
     step_ms: Annotated[float, typer.Option(min=0.1, max=50.0, help="Step of simulations.")] = 5.0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
@@ -99,7 +107,8 @@ def identify(
         typer.echo("nothing could be held out: the error on other data is not known", err=True)
     elif 100 * found.held_out_share > accept:
         typer.echo(
-            f"not accepted: RMS error {100 * found.held_out_share:.3g} % of the range, more than {accept:g} %", err=True
+            f"not accepted: RMS error {100 * found.held_out_share:.3g} % of the range, more than {accept:g} %",
+            err=True,
         )
         raise typer.Exit(1)
 

@@ -93,12 +93,12 @@ class Whole:
         times, table = self._pressures
         q0 = equilibrium(arm, table[0, 0])
         dt = self.dt
-        result = simulate(
-            arm, q0, np.zeros(arm.n_q), t_end=(len(times) - 1) * dt, dt=dt, pressure=table
-        )
+        result = simulate(arm, q0, np.zeros(arm.n_q), t_end=(len(times) - 1) * dt, dt=dt, pressure=table)
         q = np.asarray(result.q, float)
         if len(q) != len(times) or not np.isfinite(q).all():
-            raise ModelError(f"{self.name} failed after {result.t[-1]:.3g} s: {result.status.message}", self.name)
+            raise ModelError(
+                f"{self.name} failed after {result.t[-1]:.3g} s: {result.status.message}", self.name
+            )
         return [np.column_stack([np.interp(s.t, times, column) for column in q.T]) for s in self.shapes]
 
     @cached_property

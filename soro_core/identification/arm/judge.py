@@ -68,9 +68,7 @@ def errors(
             turn = np.linalg.norm(rows[:, 3:], axis=1) if isinstance(shape, Plate) else np.array([np.nan])
             off = float(np.mean(np.abs(rows / expected[shape.name]).max(axis=1) > _WRITTEN_OFF))
             worst, rms = float(size.max()), _rms(size)
-            found.append(
-                Error(case.name, shape.name, unit_of(shape), rms, worst, _rms(turn), len(rows), off)
-            )
+            found.append(Error(case.name, shape.name, unit_of(shape), rms, worst, _rms(turn), len(rows), off))
     return tuple(found)
 
 
@@ -80,7 +78,9 @@ def ranges(cases: Sequence[Case]) -> dict[str, float]:
     for case in cases:
         for shape in case.shapes:
             values.setdefault(shape.name, []).append(shape.motion())
-    return {name: float(np.linalg.norm(np.ptp(np.concatenate(rows), axis=0))) for name, rows in values.items()}
+    return {
+        name: float(np.linalg.norm(np.ptp(np.concatenate(rows), axis=0))) for name, rows in values.items()
+    }
 
 
 def share_of_range(found: Sequence[Error], moved: Mapping[str, float]) -> float:

@@ -60,9 +60,7 @@ def freed(robot: Robot, laws: Iterable[Law], kinds: str) -> tuple[tuple[Number, 
     laws = tuple(laws)
     keys = [*_ALWAYS, *(key for law in laws for key in law.keys)]
     wanted = {key.format(kind) for key in keys for kind in kinds}
-    starts = {
-        key.format(kind): value for law in laws for key, value in law.starts.items() for kind in kinds
-    }
+    starts = {key.format(kind): value for law in laws for key, value in law.starts.items() for kind in kinds}
     numbers, begin = [], {}
     for name, number in found.items():
         own = name.split("/", 1)[1]

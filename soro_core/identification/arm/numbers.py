@@ -210,10 +210,17 @@ def _dahl(link: Link, strain: str) -> tuple[float, float]:
 
 
 def _refuse(robot: Robot, link: Link, name: str) -> None:
-    odd = [s for s, field in link.strains.items() if field.varies or s not in ("elongation", "bending_x", "bending_y")]
+    odd = [
+        s
+        for s, field in link.strains.items()
+        if field.varies or s not in ("elongation", "bending_x", "bending_y")
+    ]
     if odd:
         raise ModelError(
-            f"{robot.name}, {name}/{odd[0]}: identification takes constant elongation and bending", f"{name}/{odd[0]}"
+            f"{robot.name}, {name}/{odd[0]}: identification takes constant elongation and bending",
+            f"{name}/{odd[0]}",
         )
     if len(link.creep) > len(_BRANCHES) or len(link.hysteresis) > 1:
-        raise ModelError(f"{robot.name}, {name}: identification takes two creep branches and one Dahl element", name)
+        raise ModelError(
+            f"{robot.name}, {name}: identification takes two creep branches and one Dahl element", name
+        )

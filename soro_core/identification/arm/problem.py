@@ -50,7 +50,9 @@ class Problem:
     def value(self, x: Array) -> dict[str, float]:
         """Return the numbers at `x` (n,), in deviations of the prior from its middle."""
         return {
-            n.name: n.value * float(np.exp(v * n.doubt)) if n.kind == "factor" else n.value + float(v) * n.doubt
+            n.name: n.value * float(np.exp(v * n.doubt))
+            if n.kind == "factor"
+            else n.value + float(v) * n.doubt
             for n, v in zip(self.numbers, x, strict=True)
         }
 
@@ -58,7 +60,8 @@ class Problem:
         """Return `x` of values; the middle of the prior for a number that is not given."""
         return np.array(
             [
-                (np.log(values[n.name] / n.value) if n.kind == "factor" else values[n.name] - n.value) / n.doubt
+                (np.log(values[n.name] / n.value) if n.kind == "factor" else values[n.name] - n.value)
+                / n.doubt
                 if n.name in values
                 else 0.0
                 for n in self.numbers
@@ -240,7 +243,11 @@ class _Search:
         out = np.empty((3, len(z)))
         out[0], out[1], out[2] = z, 1.0, 0.0
         t = 1.0 + z[: self.size]
-        out[0, : self.size], out[1, : self.size], out[2, : self.size] = 2 * (t**0.5 - 1), t**-0.5, -0.5 * t**-1.5
+        out[0, : self.size], out[1, : self.size], out[2, : self.size] = (
+            2 * (t**0.5 - 1),
+            t**-0.5,
+            -0.5 * t**-1.5,
+        )
         return out
 
     def _simulated(self, x: Array, values: Mapping[str, float]) -> tuple[SoftArm, Coordinates]:
@@ -249,5 +256,3 @@ class _Search:
             arm = self.problem.arm(values)
             self.last = key, arm, self.problem.coordinates(arm)
         return self.last[1], self.last[2]
-
-

@@ -142,7 +142,9 @@ def identify(
         name = " + ".join(law.name for law in laws) or "linear"
         own, begin = problem(laws, fit_cases)
         try:
-            found = solve(own, {**linear.values, **begin, **start}, options.most, 1e-3, lambda c: progress(name, c))
+            found = solve(
+                own, {**linear.values, **begin, **start}, options.most, 1e-3, lambda c: progress(name, c)
+            )
             squares = _squares(replace(own, cases=tuple(held)), found, moved)
         except (ModelError, ConfigError):
             return None
@@ -184,9 +186,7 @@ def _determined(
         robot = problem.robot
         if is_of_law(worst):
             robot = with_numbers(robot, {worst: solution.values[worst]})
-        problem = replace(
-            problem, robot=robot, numbers=tuple(n for n in problem.numbers if n.name != worst)
-        )
+        problem = replace(problem, robot=robot, numbers=tuple(n for n in problem.numbers if n.name != worst))
 
 
 def _at_rest(
@@ -256,7 +256,11 @@ def _of_means(shape: Shape, t: Array, values: Array) -> Shape:
         return replace(shape, t=t, position=values[:, :3], quaternion=values[:, 3:])
     if isinstance(shape, Marker):
         return replace(shape, t=t, position=values)
-    return replace(shape, t=t, curvature=values) if isinstance(shape, Curvature) else replace(shape, t=t, angle=values[:, 0])
+    return (
+        replace(shape, t=t, curvature=values)
+        if isinstance(shape, Curvature)
+        else replace(shape, t=t, angle=values[:, 0])
+    )
 
 
 def _first(shape: Shape, moved: float) -> Array:
@@ -280,7 +284,10 @@ def _residual(problem: Problem, solution: Solution) -> dict[str, Array]:
         groups = [squares[:3], squares[3:]] if len(squares) == 6 else [squares]
         least = [_LEAST["m"], _LEAST["rad"]]
         expected[name] = np.concatenate(
-            [np.full(len(g), max(float(np.sqrt(g.mean())), low)) for g, low in zip(groups, least, strict=False)]
+            [
+                np.full(len(g), max(float(np.sqrt(g.mean())), low))
+                for g, low in zip(groups, least, strict=False)
+            ]
         )
     return expected
 

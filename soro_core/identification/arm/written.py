@@ -77,11 +77,23 @@ def _rows(found: Identified, described: Robot) -> Iterator[tuple[str, str, str, 
             value, origin = before[name].value, "as described"
             if is_of_law(name):
                 value, origin = number.value, "likely"
-            yield name, f"{value:.5g}", "-", number.unit, f"{origin}: not determined{only}; {experiment(name)}"
+            yield (
+                name,
+                f"{value:.5g}",
+                "-",
+                number.unit,
+                f"{origin}: not determined{only}; {experiment(name)}",
+            )
     for name, number in searched.items():
         if name.startswith("frame/"):
             value = found.solution.values[name]
-            yield name, f"{value:.5g}", _deviation(number, found), number.unit, "identified, of the measurement"
+            yield (
+                name,
+                f"{value:.5g}",
+                _deviation(number, found),
+                number.unit,
+                "identified, of the measurement",
+            )
 
 
 def _deviation(number: Number, found: Identified) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.config import read_yaml
-from soro_core.errors import ConfigError
+from soro_core.errors import BagError, ConfigError
 from soro_core.identification.recording import cdr
 from soro_core.identification.recording.clean import Raw, raw, usable, without_stale
 from soro_core.identification.recording.from_csv import pressure_limits
@@ -77,13 +77,18 @@ def read_bag(
         readers = {cdr.JOINT_STATE: cdr.joint_state, cdr.POSE: cdr.pose_stamped, cdr.IMU: cdr.imu}
         messages: dict[str, list[cdr.Values | cdr.Efforts]] = {name: [] for name in sorted(wanted)}
         for item in reader.messages(wanted):
-            messages[item.topic].append(readers[types[item.topic]](item.data))
+            try:
+                messages[item.topic].append(readers[types[item.topic]](item.data))
+            except BagError as error:
+                raise BagError(str(error), where, error.code, item.topic) from None
         notes = reader.problems
-    pressures = _pressures("pressure", messages[prefix + _STATE], robot, f"{where}: {prefix}{_STATE}")
-    start_ns = pressures[1]
-    found = [pressures[0]]
-    if messages.get(prefix + _COMMAND):
-        found.append(_pressures("command", messages[prefix + _COMMAND], robot, where, start_ns)[0])
+    efforts = {
+        stream: _efforts(messages[prefix + name], robot, where, prefix + name)
+        for stream, name in (("pressure", _STATE), ("command", _COMMAND))
+        if prefix + name in messages
+    }
+    start_ns = efforts["pressure"][0][0]
+    found = [_pressures(stream, *rows, robot, start_ns) for stream, rows in efforts.items()]
     frames = set()
     for name in sensors:
         samples = [each for each in messages[prefix + name] if isinstance(each, cdr.Values)]
@@ -92,7 +97,7 @@ def read_bag(
     cleaned = without_stale([usable(each, where) for each in found], ("command",), limits)
     streams = [stream for stream, _ in cleaned]
     series = {stream.name: stream for stream in streams if isinstance(stream, Series)}
-    return Recording(
+    recording = Recording(
         name=folder.parent.name if folder.name == "bag" else folder.stem,
         chambers=robot.chamber_names,
         pressure=series["pressure"],
@@ -103,6 +108,19 @@ def read_bag(
         faults=tuple(faults for _, faults in cleaned),
         notes=(*notes, *(note for _, note in known.values() if note)),
     )
+    _check_clocks(recording, where)
+    return recording
+
+
+def _check_clocks(recording: Recording, where: str) -> None:
+    """Refuse poses that were stamped by another clock than the pressures."""
+    first, last = recording.pressure.t[[0, -1]]
+    for plate in recording.plates:
+        if plate.t[0] >= last or plate.t[-1] <= first:
+            got = f"stamps from {plate.t[0]:.3f} to {plate.t[-1]:.3f} s after the first pressure"
+            raise ConfigError(
+                where, plate.name, got, f"stamps of the clock of the pressures, {first:.3f} to {last:.3f} s"
+            )
 
 
 def _prefix(types: Mapping[str, str], namespace: str | None, where: str) -> str:
@@ -177,10 +195,10 @@ def _locations(twin: object, kind: str) -> tuple[float, ...]:
     return tuple(float(n) for n in numbers if isinstance(n, int | float) and 0.0 <= n <= 1.0)
 
 
-def _pressures(
-    name: str, messages: list[cdr.Values | cdr.Efforts], robot: Robot, where: str, start_ns: int | None = None
-) -> tuple[Raw, int]:
-    """Return pressures (n, n_u) [Pa] in the robot's order, and the stamp [ns] from which times count."""
+def _efforts(
+    messages: list[cdr.Values | cdr.Efforts], robot: Robot, where: str, topic: str
+) -> tuple[list[int], Array]:
+    """Return stamps [ns] and pressures (n, n_u) [Pa] in the robot's order."""
     chambers = robot.chamber_names
     rows, stamps = [], []
     for message in messages:
@@ -190,16 +208,18 @@ def _pressures(
         given = dict(zip(message.names, message.efforts, strict=False))
         if set(given) != set(chambers) or len(message.efforts) != len(chambers):
             got = f"{', '.join(message.names) or 'no names'} with {len(message.efforts)} efforts"
-            raise ConfigError(where, "name", got, f"one effort each of {', '.join(chambers)}")
+            raise ConfigError(where, topic, got, f"one effort each of {', '.join(chambers)}")
         rows.append([given[chamber] for chamber in chambers])
         stamps.append(message.stamp_ns)
     if not rows:
-        raise ConfigError(where, "", "no message", f"pressures of {', '.join(chambers)}")
-    start = stamps[0] if start_ns is None else start_ns
-    values = np.array(rows, dtype=np.float64)
+        raise ConfigError(where, topic, "no pressures", f"pressures of {', '.join(chambers)}")
+    return stamps, np.array(rows, dtype=np.float64)
+
+
+def _pressures(name: str, stamps: list[int], values: Array, robot: Robot, start_ns: int) -> Raw:
     low, high = pressure_limits(robot)
     outside = ((values < low) | (values > high)).any(axis=1)
-    return raw(Series(name, _seconds(stamps, start), values), None, outside), start
+    return raw(Series(name, _seconds(stamps, start_ns), values), None, outside)
 
 
 def _sensor(name: str, samples: list[cdr.Values], place: Place, start_ns: int) -> Stream:

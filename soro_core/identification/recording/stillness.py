@@ -167,7 +167,8 @@ def _still(stream: Stream, edges: Array, limits: StillLimits) -> tuple[Mask, Mas
         moved: Mask = (np.abs(np.nan_to_num(mean[step:] - mean[:-step])) > band).any(axis=1)
         return moved
 
-    jumped = np.flatnonzero(apart(1))
+    # A step within a block moves its mean: the blocks beside it are still.
+    jumped = np.flatnonzero(apart(1) & still[1:] & still[:-1])
     still[jumped] = still[jumped + 1] = False
     # A slow motion that no pair of blocks shows is seen over a second without a jump.
     lag = max(2, round(1.0 / (edges[1] - edges[0])))

@@ -169,7 +169,7 @@ def find_config(name: str | Path, kind: str) -> Path:
     name : str or Path
         A path that exists, or the name of a shipped file without its ending.
     kind : str
-        robots, platforms, scenes or controllers.
+        robots, platforms, scenes, controllers or recordings.
     """
     if not isinstance(name, str | Path):
         raise ConfigError(kind, "", name, "a path ending in .yaml, or the name of a shipped file")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -111,6 +111,47 @@ def read_columns(
         If the file is missing, lacks a column, holds a value that is not finite, or time does not rise.
     """
     where = str(path)
+    columns = read_table(path, required, also)
+    for name, column in columns.items():
+        bad = np.isinf(column) if gaps and name.startswith(gaps) else ~np.isfinite(column)
+        if bad.any():
+            row = int(np.flatnonzero(bad)[0])
+            raise ConfigError(where, name, f"{column[row]} in data row {row + 1}", "finite numbers")
+    if not (np.diff(columns[required[0]]) > 0).all():
+        raise ConfigError(where, required[0], "times that do not rise", "strictly rising times [s]")
+    return columns
+
+
+def read_table(
+    path: str | Path,
+    required: tuple[str, ...],
+    also: Callable[[str], bool] | None = None,
+    asked_by: Mapping[str, str] | None = None,
+) -> dict[str, Array]:
+    """Return the columns of a CSV file under one line of names; nan where a field is empty.
+
+    Parameters
+    ----------
+    path : path
+        File.
+    required : tuple of str
+        Required columns.
+    also : callable, optional
+        Predicate of the name that selects other columns; all by default.
+    asked_by : mapping of str to str, optional
+        What asks for each required column, for errors.
+
+    Returns
+    -------
+    dict of str to ndarray (n,)
+        Columns by name.
+
+    Raises
+    ------
+    ConfigError
+        If the file is missing, lacks a column, or holds a value that is no number.
+    """
+    where = str(path)
     try:
         with open(path, encoding="utf-8") as file:
             names = [name.strip() for name in file.readline().split(",")]
@@ -124,18 +165,11 @@ def read_columns(
         raise ConfigError(where, "", str(error), "a CSV file of numbers under one line of names") from None
     for name in required:
         if name not in names:
-            raise ConfigError(where, name, f"columns {', '.join(names)}", "this column is required")
+            allowed = f"a column for {asked_by[name]}" if asked_by else "this column is required"
+            raise ConfigError(where, name, f"columns {', '.join(names)}", allowed)
     if table.shape[0] < 2:
         raise ConfigError(where, "", f"{table.shape[0]} rows", "two or more rows of numbers")
-    columns = {names[place]: np.ascontiguousarray(table[:, i]) for i, place in enumerate(places)}
-    for name, column in columns.items():
-        bad = np.isinf(column) if gaps and name.startswith(gaps) else ~np.isfinite(column)
-        if bad.any():
-            row = int(np.flatnonzero(bad)[0])
-            raise ConfigError(where, name, f"{column[row]} in data row {row + 1}", "finite numbers")
-    if not (np.diff(columns[required[0]]) > 0).all():
-        raise ConfigError(where, required[0], "times that do not rise", "strictly rising times [s]")
-    return columns
+    return {names[place]: np.ascontiguousarray(table[:, i]) for i, place in enumerate(places)}
 
 
 def _number(text: str) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from soro_core.bag import BagReader
+from soro_core.identification.recording import Place, read_bag
 from soro_core.scene import load_scene
 from soro_ros.middleware import DELIVERY_S
 from soro_ros.recording import read
@@ -145,6 +146,24 @@ def test_the_nodes_compute_what_one_process_computes(held_up):
         assert len(series.value) >= TICKS - 2
         np.testing.assert_array_equal(series.value, expected[: len(series.value)], err_msg=name)
     assert np.ptp(recorded.command.value) > 10e3
+
+
+def test_the_run_is_a_recording_for_identification(held_up):
+    """Every sensor with the place that its scene states; the readings are those that ROS reads."""
+    found = read_bag(held_up, load_scene(held_up / "scene_used.yaml").loaded_robot)
+    assert [(plate.name, plate.place) for plate in found.plates] == [
+        ("sensors/pose0", Place(0)),
+        ("sensors/pose1", Place(0, 0.032)),
+    ]
+    assert [(imu.name, imu.place) for imu in found.imus] == [("sensors/imu0", Place(0))]
+    recorded = read(held_up / "bag", "track_circle")
+    pose, first_s = recorded.measured_tip, recorded.reading.t[0]
+    np.testing.assert_array_equal(found.plates[0].position, pose.value)
+    np.testing.assert_allclose(found.plates[0].t, pose.t - first_s, atol=1e-9)
+    fresh = np.concatenate([[True], (np.diff(recorded.reading.value, axis=0) != 0.0).any(axis=1)])
+    np.testing.assert_array_equal(found.pressure.values, recorded.reading.value[fresh])
+    assert np.linalg.norm(found.imus[0].accel, axis=1).mean() == pytest.approx(9.81, abs=0.5)
+    assert found.notes == ()
 
 
 @pytest.mark.parametrize("platform", ["itv_serial", "veab_tcp", "vtem_modbus"])

@@ -1,0 +1,236 @@
+"""Recordings in bags: chambers/state, chambers/command, sensors/pose0 ... and sensors/imu0 ... of one arm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.config import read_yaml
+from soro_core.errors import BagError, ConfigError
+from soro_core.identification.recording import cdr
+from soro_core.identification.recording.clean import Raw, raw, usable, without_stale
+from soro_core.identification.recording.from_csv import pressure_limits
+from soro_core.identification.recording.place import Place, place_of_part
+from soro_core.identification.recording.recording import Recording
+from soro_core.identification.recording.stale import StaleLimits
+from soro_core.identification.recording.streams import Imu, Plate, Series, Stream
+from soro_core.robot import Robot
+
+Array: TypeAlias = NDArray[np.float64]
+
+_STATE, _COMMAND = "chambers/state", "chambers/command"
+_SENSOR = re.compile(r"sensors/(pose|imu)(\d+)")
+_TYPES = {"pose": cdr.POSE, "imu": cdr.IMU}
+_SCENES = ("scene_used.yaml", "scene.yaml")
+
+
+def read_bag(
+    path: str | Path,
+    robot: Robot,
+    places: Mapping[str, Place] | None = None,
+    namespace: str | None = None,
+    limits: StaleLimits | None = None,
+) -> Recording:
+    """Read a bag as `soro run` or a lab with the same topics leaves it.
+
+    Parameters
+    ----------
+    path : path
+        Folder of the bag or of the run, or an MCAP file.
+    robot : Robot
+        Robot of the recording, which names the chambers.
+    places : mapping of str to Place, optional
+        Places of sensors by topic (``sensors/pose0``); they precede those of a scene file beside the bag.
+        Without both, sensors/pose0 and sensors/imu0 are taken to sit at the tip, which `notes` states.
+    namespace : str, optional
+        Namespace of the arm, where the bag has several.
+    limits : StaleLimits, optional
+        When readings are repeated or frozen.
+
+    Raises
+    ------
+    ConfigError
+        If pressures or poses are missing, chambers have other names, a place is not known, or a stream has
+        no usable samples.
+    BagError
+        If the bag cannot be read.
+    """
+    from soro_core.bag import BagReader  # its packages are those of the extra `ros`
+
+    folder = Path(path)
+    folder = folder / "bag" if (folder / "bag").is_dir() else folder
+    where = str(folder)
+    with BagReader(folder) as reader:
+        counted = zip(reader.topics, reader.counts, strict=True)
+        # A twin without IMUs still announces their topic.
+        types = {topic.name: topic.type for topic, count in counted if count}
+        prefix = _prefix(types, namespace, where)
+        sensors = _sensors(types, prefix, where)
+        known = _places(folder, robot, places or {}, sensors)
+        wanted = {prefix + name for name in (_STATE, _COMMAND, *sensors) if prefix + name in types}
+        readers: dict[str, Callable[[bytes], cdr.Values | cdr.Efforts]]
+        readers = {cdr.JOINT_STATE: cdr.joint_state, cdr.POSE: cdr.pose_stamped, cdr.IMU: cdr.imu}
+        messages: dict[str, list[cdr.Values | cdr.Efforts]] = {name: [] for name in sorted(wanted)}
+        for item in reader.messages(wanted):
+            try:
+                messages[item.topic].append(readers[types[item.topic]](item.data))
+            except BagError as error:
+                raise BagError(str(error), where, error.code, item.topic) from None
+        notes = reader.problems
+    efforts = {
+        stream: _efforts(messages[prefix + name], robot, where, prefix + name)
+        for stream, name in (("pressure", _STATE), ("command", _COMMAND))
+        if prefix + name in messages
+    }
+    start_ns = efforts["pressure"][0][0]
+    found = [_pressures(stream, *rows, robot, start_ns) for stream, rows in efforts.items()]
+    frames = set()
+    for name in sensors:
+        samples = [each for each in messages[prefix + name] if isinstance(each, cdr.Values)]
+        frames |= {sample.frame for sample in samples if "pose" in name}
+        found.append(raw(_sensor(name, samples, known[name][0], start_ns)))
+    cleaned = without_stale([usable(each, where) for each in found], ("command",), limits)
+    streams = [stream for stream, _ in cleaned]
+    series = {stream.name: stream for stream in streams if isinstance(stream, Series)}
+    recording = Recording(
+        name=folder.parent.name if folder.name == "bag" else folder.stem,
+        chambers=robot.chamber_names,
+        pressure=series["pressure"],
+        command=series.get("command"),
+        plates=tuple(s for s in streams if isinstance(s, Plate)),
+        imus=tuple(s for s in streams if isinstance(s, Imu)),
+        frame=", ".join(sorted(frames)) or "world",
+        faults=tuple(faults for _, faults in cleaned),
+        notes=(*notes, *(note for _, note in known.values() if note)),
+    )
+    _check_clocks(recording, where)
+    return recording
+
+
+def _check_clocks(recording: Recording, where: str) -> None:
+    """Refuse poses that were stamped by another clock than the pressures."""
+    first, last = recording.pressure.t[[0, -1]]
+    for plate in recording.plates:
+        if plate.t[0] >= last or plate.t[-1] <= first:
+            got = f"stamps from {plate.t[0]:.3f} to {plate.t[-1]:.3f} s after the first pressure"
+            raise ConfigError(
+                where, plate.name, got, f"stamps of the clock of the pressures, {first:.3f} to {last:.3f} s"
+            )
+
+
+def _prefix(types: Mapping[str, str], namespace: str | None, where: str) -> str:
+    """Return the namespace of the arm with a slash at both ends."""
+    ending = f"/{_STATE}"
+    found = [name.removesuffix(_STATE) for name in types if name.endswith(ending)]
+    if namespace is not None:
+        wanted = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+        if wanted not in found:
+            allowed = ", ".join(prefix.strip("/") or "/" for prefix in found) or f"a bag with {_STATE}"
+            raise ConfigError(where, "namespace", namespace, allowed)
+        return wanted
+    if not found:
+        raise ConfigError(where, _STATE, f"topics {', '.join(types) or 'none'}", f"pressures on {_STATE}")
+    if len(found) > 1:
+        names = ", ".join(prefix.strip("/") or "/" for prefix in found)
+        raise ConfigError(where, "namespace", f"pressures of {len(found)} arms", f"one of {names}")
+    if types[found[0] + _STATE] != cdr.JOINT_STATE:
+        raise ConfigError(where, found[0] + _STATE, types[found[0] + _STATE], cdr.JOINT_STATE)
+    return found[0]
+
+
+def _sensors(types: Mapping[str, str], prefix: str, where: str) -> list[str]:
+    """Return the topics of poses and IMUs without the namespace, in the order of their numbers."""
+    found = []
+    for topic, type_name in types.items():
+        match = _SENSOR.fullmatch(topic.removeprefix(prefix)) if topic.startswith(prefix) else None
+        if match is None:
+            continue
+        if type_name != _TYPES[match[1]]:
+            raise ConfigError(where, topic, type_name, _TYPES[match[1]])
+        found.append((match[1] == "imu", int(match[2]), match[0]))
+    names = [name for _, _, name in sorted(found)]
+    if not any("pose" in name for name in names):
+        text = f"topics {', '.join(types)}"
+        raise ConfigError(where, f"{prefix}sensors/pose0", text, f"poses on {prefix}sensors/pose0 ...")
+    return names
+
+
+def _places(
+    bag: Path, robot: Robot, given: Mapping[str, Place], sensors: list[str]
+) -> dict[str, tuple[Place, str]]:
+    """Return the place of each sensor, and a note where it is assumed."""
+    for name in given:
+        if name not in sensors:
+            raise ConfigError(str(bag), name, "no such topic", f"places of {', '.join(sensors)}")
+    file = next((f for d in (bag, bag.parent) for n in _SCENES if (f := d / n).is_file()), None)
+    twin = read_yaml(file).get("twin") if file else None
+    found: dict[str, tuple[Place, str]] = {}
+    for name in sensors:
+        kind, number = "pose" if "pose" in name else "imu", int(re.sub(r"\D", "", name))
+        parts = _locations(twin, kind) if file else ()
+        if name in given:
+            found[name] = given[name], ""
+        elif number < len(parts):
+            found[name] = place_of_part(robot, parts[number]), ""
+        elif number == 0:
+            found[name] = Place(len(robot.links) - 1), f"{name} is taken to sit at the tip: no file states it"
+        else:
+            allowed = f"its place: an option, or twin.{kind}.locations in scene_used.yaml beside the bag"
+            raise ConfigError(str(bag), name, "no place", allowed)
+    return found
+
+
+def _locations(twin: object, kind: str) -> tuple[float, ...]:
+    """Return the places that the scene of a run states, as parts of the arm's length."""
+    section = twin.get(kind) if isinstance(twin, dict) else None
+    stated = section.get("locations") if isinstance(section, dict) else None
+    if isinstance(section, dict) and stated is None and "location" in section:
+        stated = [section["location"]]
+    numbers = stated if isinstance(stated, list) else []
+    return tuple(float(n) for n in numbers if isinstance(n, int | float) and 0.0 <= n <= 1.0)
+
+
+def _efforts(
+    messages: list[cdr.Values | cdr.Efforts], robot: Robot, where: str, topic: str
+) -> tuple[list[int], Array]:
+    """Return stamps [ns] and pressures (n, n_u) [Pa] in the robot's order."""
+    chambers = robot.chamber_names
+    rows, stamps = [], []
+    for message in messages:
+        # In lockstep an empty message says that there is no command at this tick.
+        if not isinstance(message, cdr.Efforts) or (not message.names and not message.efforts.size):
+            continue
+        given = dict(zip(message.names, message.efforts, strict=False))
+        if set(given) != set(chambers) or len(message.efforts) != len(chambers):
+            got = f"{', '.join(message.names) or 'no names'} with {len(message.efforts)} efforts"
+            raise ConfigError(where, topic, got, f"one effort each of {', '.join(chambers)}")
+        rows.append([given[chamber] for chamber in chambers])
+        stamps.append(message.stamp_ns)
+    if not rows:
+        raise ConfigError(where, topic, "no pressures", f"pressures of {', '.join(chambers)}")
+    return stamps, np.array(rows, dtype=np.float64)
+
+
+def _pressures(name: str, stamps: list[int], values: Array, robot: Robot, start_ns: int) -> Raw:
+    low, high = pressure_limits(robot)
+    outside = ((values < low) | (values > high)).any(axis=1)
+    return raw(Series(name, _seconds(stamps, start_ns), values), None, outside)
+
+
+def _sensor(name: str, samples: list[cdr.Values], place: Place, start_ns: int) -> Stream:
+    t = _seconds([sample.stamp_ns for sample in samples], start_ns)
+    values = np.array([sample.values for sample in samples])
+    if "pose" in name:
+        return Plate(name, t, place, values[:, :3], values[:, 3:])
+    known = values[0, 4] >= 0.0  # REP 145: the first number of the covariance is -1 without an orientation
+    return Imu(name, t, place, values[:, 5:8], values[:, 8:11], values[:, :4] if known else None)
+
+
+def _seconds(stamps_ns: list[int], start_ns: int) -> Array:
+    # Differences of whole nanoseconds: seconds since 1970 as a float have steps of 0.2 us.
+    return np.array([stamp - start_ns for stamp in stamps_ns], dtype=np.float64) * 1e-9

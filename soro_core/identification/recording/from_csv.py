@@ -1,0 +1,175 @@
+"""Recordings in CSV files, read with a column map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.config import find_config, load
+from soro_core.errors import ConfigError
+from soro_core.identification.recording.base_frame import in_frame_of
+from soro_core.identification.recording.clean import Raw, raw, usable, without_stale
+from soro_core.identification.recording.columns import (
+    FACTORS,
+    Columns,
+    PoseColumns,
+    PressureColumns,
+    check_columns,
+)
+from soro_core.identification.recording.place import Place
+from soro_core.identification.recording.recording import Recording
+from soro_core.identification.recording.stale import StaleLimits
+from soro_core.identification.recording.streams import Bend, Curvature, Marker, Plate, Series
+from soro_core.identification.records import read_table
+from soro_core.robot import Robot
+
+Array: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+
+
+def read_csv(
+    path: str | Path, columns: Columns | str | Path, robot: Robot, limits: StaleLimits | None = None
+) -> Recording:
+    """Read a CSV file of numbers under one line of names.
+
+    Parameters
+    ----------
+    path : path
+        File.
+    columns : Columns or path
+        The column map, its YAML file, or the name of a shipped one (config/recordings).
+    robot : Robot
+        Robot of the recording, which names the chambers.
+    limits : StaleLimits, optional
+        When readings are repeated or frozen.
+
+    Raises
+    ------
+    ConfigError
+        If a file is missing, the map does not fit robot or file, or a stream has no usable samples.
+    """
+    map_file = "columns" if isinstance(columns, Columns) else str(find_config(columns, "recordings"))
+    columns = columns if isinstance(columns, Columns) else load(map_file, Columns)
+    check_columns(columns, robot, map_file)
+    file = Path(path).stem
+    _check_chambers(columns.pressures, robot, file, map_file)
+    asked = _asked(columns, map_file)
+    table = read_table(path, tuple(asked), lambda name: False, asked)
+    t = table[columns.time.column] * FACTORS[columns.time.unit]
+    found = [usable(each, str(path)) for each in _raw_streams(columns, robot, table, t, file)]
+    found = without_stale(
+        found, ("command",) if columns.pressures.columns else ("command", "pressure"), limits
+    )
+    if columns.base is not None:
+        base = next(stream for stream, _ in found if stream.name == "base")
+        assert isinstance(base, Plate)
+        found = [(in_frame_of(base, stream, columns.base.moves), faults) for stream, faults in found]
+    streams = [stream for stream, _ in found]
+    series = {stream.name: stream for stream in streams if isinstance(stream, Series)}
+    return Recording(
+        name=file,
+        chambers=robot.chamber_names,
+        pressure=series["pressure"],
+        command=series.get("command"),
+        plates=tuple(s for s in streams if isinstance(s, Plate) and s.name != "base"),
+        markers=tuple(s for s in streams if isinstance(s, Marker)),
+        curvatures=tuple(s for s in streams if isinstance(s, Curvature)),
+        bends=tuple(s for s in streams if isinstance(s, Bend)),
+        is_stated=not columns.pressures.columns,
+        frame="base" if columns.base else columns.frame,
+        faults=tuple(faults for _, faults in found),
+    )
+
+
+def _check_chambers(section: PressureColumns, robot: Robot, file: str, where: str) -> None:
+    """Refuse a map that gives a chamber no pressure, or two."""
+    stated = section.levels(file)
+    for name in robot.chamber_names:
+        if name not in section.columns and name not in stated:
+            key = f"pressures.stated_by_file.{file}" if section.stated_by_file else "pressures.columns"
+            raise ConfigError(where, key, f"nothing for {name}", "a column or stated levels of each chamber")
+        if name in section.columns and name in stated:
+            raise ConfigError(where, f"pressures.stated.{name}", stated[name], "no levels beside a column")
+
+
+def _asked(columns: Columns, where: str) -> dict[str, str]:
+    """Return all columns that the map names, and the key of each."""
+    asked = {columns.time.column: "time.column"}
+    for key, section in (("pressures", columns.pressures), ("commands", columns.commands)):
+        if section is not None:
+            asked |= {column: f"{key}.columns.{name}" for name, column in section.columns.items()}
+    bodies: dict[str, PoseColumns] = {f"plates.{name}": body for name, body in columns.plates.items()}
+    bodies |= {"base": columns.base} if columns.base else {}
+    for key, body in bodies.items():
+        asked |= dict.fromkeys(body.position, f"{key}.position")
+        asked |= dict.fromkeys(body.quaternion, f"{key}.quaternion")
+        asked |= {body.ok: f"{key}.ok"} if body.ok else {}
+    for name, marker in columns.markers.items():
+        asked |= dict.fromkeys(marker.position, f"markers.{name}.position")
+    for name, curvature in columns.curvatures.items():
+        asked |= dict.fromkeys(curvature.columns, f"curvatures.{name}.columns")
+    asked |= {bend.column: f"bends.{name}.column" for name, bend in columns.bends.items()}
+    return {column: f"{key} of {where}" for column, key in asked.items()}
+
+
+def _raw_streams(columns: Columns, robot: Robot, table: dict[str, Array], t: Array, file: str) -> list[Raw]:
+    def stack(names: tuple[str, ...], unit: str = "m") -> Array:
+        return np.column_stack([table[name] for name in names]) * FACTORS[unit]
+
+    def plate(name: str, body: PoseColumns, place: Place) -> Raw:
+        bad = None if body.ok is None else ~(table[body.ok] > 0.0)
+        turn = np.column_stack([table[column] for column in body.quaternion])
+        return raw(Plate(name, t, place, stack(body.position, body.unit), turn), bad)
+
+    found = [_pressures("pressure", columns.pressures, robot, table, t, file)]
+    if columns.commands is not None:
+        found.append(_pressures("command", columns.commands, robot, table, t, file))
+    if columns.base is not None:
+        found.append(plate("base", columns.base, Place(0, 0.0)))
+    found += [plate(name, body, body.place) for name, body in columns.plates.items()]
+    for name, marker in columns.markers.items():
+        position = stack(marker.position, marker.unit)
+        found.append(raw(Marker(name, t, marker.place, position, marker.offset_m)))
+    for name, curvature in columns.curvatures.items():
+        values = stack(curvature.columns, curvature.unit)
+        limits = None if curvature.range is None else np.array(curvature.range) * FACTORS[curvature.unit]
+        found.append(raw(Curvature(name, t, curvature.link, values), None, _outside(values, limits)))
+    for name, bend in columns.bends.items():
+        found.append(raw(Bend(name, t, bend.link, stack((bend.column,), bend.unit)[:, 0])))
+    return found
+
+
+def _pressures(
+    name: str, section: PressureColumns, robot: Robot, table: dict[str, Array], t: Array, file: str
+) -> Raw:
+    """Return pressures or set points (n, n_u) [Pa]; set points of chambers without any are not finite."""
+    stated = section.levels(file)
+    values = np.full((len(t), robot.n_u), np.nan)
+    for k, chamber in enumerate(robot.chamber_names):
+        if chamber in section.columns:
+            values[:, k] = table[section.columns[chamber]]
+        elif chamber in stated:
+            times, levels = np.array(stated[chamber]).T
+            values[:, k] = levels[np.clip(np.searchsorted(times, t, side="right") - 1, 0, None)]
+    values = values * section.factor + section.offset_pa
+    limits = pressure_limits(robot)
+    if section.range is not None:
+        limits = np.array(section.range) * section.factor + section.offset_pa
+    return raw(Series(name, t, values), None, _outside(values, limits) if section.columns else None)
+
+
+def pressure_limits(robot: Robot) -> Array:
+    """Return the pressures [Pa] (2,) beyond which a reading cannot be one: the robot's range, half wider."""
+    low, high = robot.pressure_range_pa
+    half = 0.5 * (high - low)
+    return np.array([low - half, high + half])
+
+
+def _outside(values: Array, limits: Array | None) -> Mask | None:
+    if limits is None:
+        return None
+    out: Mask = ((values < limits[0]) | (values > limits[1])).any(axis=1)
+    return out

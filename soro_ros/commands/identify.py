@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from soro_core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from soro_core.identification.recording import Recording
+    from soro_core.robot import Robot
 
 
 def identify(
@@ -25,8 +29,12 @@ def identify(
     ],
     out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
     columns: Annotated[
-        str | None,
-        typer.Option(help="Column map of the CSV files: a YAML file, or the name of a shipped one."),
+        list[str] | None,
+        typer.Option(
+            help="Column map of the CSV files: a YAML file, or the name of a shipped one. One for all, or one for "
+            "each CSV file in their order.",
+            show_default=False,
+        ),
     ] = None,
     accept: Annotated[
         float,
@@ -47,10 +55,11 @@ def identify(
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
     force: Annotated[bool, typer.Option(help="Replace --out if it exists.")] = False,
 ) -> None:
-    """Find stiffness, damping, gains and laws of an arm; write a robot file with deviation and origin of each number.
+    """Find stiffness, damping, gains and laws of an arm from recordings; write its robot file.
 
-    Some sections of every recording are held out: they choose the laws, and their error is the one that counts.
-    Ctrl-C keeps the best so far. Exit status: 0 found, 1 not accepted, 2 wrong use. See docs/identification.md.
+    The file has the deviation and the origin of each number. Some sections of every recording are held out: they
+    choose the laws, and their error is the one that counts. Ctrl-C keeps the best so far. Exit status: 0 found,
+    1 not accepted, 2 wrong use. See docs/identification.md.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -68,7 +77,7 @@ def identify(
         raise ConfigError("soro identify", "--out", str(out), "a name that ends with .yaml")
     described = load_robot(robot)
     console = Console(stderr=True)
-    read = [_read(path, columns, described) for path in recordings]
+    read = _read(recordings, columns or [], described)
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
     names = [law.name for law in LAWS] if laws is None else [name.strip() for name in laws.split(",")]
@@ -107,17 +116,18 @@ def identify(
         typer.echo("nothing could be held out: the error on other data is not known", err=True)
     elif 100 * found.held_out_share > accept:
         typer.echo(
-            f"not accepted: RMS error {100 * found.held_out_share:.3g} % of the range, more than {accept:g} %",
+            f"not accepted: RMS error {100 * found.held_out_share:.3g} % of the range; allowed is {accept:g} %",
             err=True,
         )
         raise typer.Exit(1)
 
 
-def _read(path: Path, columns: str | None, robot: object):  # type: ignore[no-untyped-def]
+def _read(paths: list[Path], columns: list[str], robot: Robot) -> list[Recording]:
     from soro_core.identification.recording import read_bag, read_csv
 
-    if path.suffix == ".csv":
-        if columns is None:
-            raise ConfigError(str(path), "--columns", "none", "the column map of a CSV file")
-        return read_csv(path, columns, robot)  # type: ignore[arg-type]
-    return read_bag(path, robot)  # type: ignore[arg-type]
+    tables = [path for path in paths if path.suffix == ".csv"]
+    if tables and len(columns) not in (1, len(tables)):
+        allowed = "one column map, or one for each CSV file"
+        raise ConfigError("soro identify", "--columns", f"{len(columns)} for {len(tables)} files", allowed)
+    maps = dict(zip(tables, columns * len(tables) if len(columns) == 1 else columns, strict=False))
+    return [read_csv(p, maps[p], robot) if p in maps else read_bag(p, robot) for p in paths]

@@ -1,4 +1,4 @@
-"""What a fit compares: whole runs, and states at rest; each gives the coordinates of an arm at its samples."""
+"""What a fit compares: whole runs, and states at rest, with the coordinates of an arm at their samples."""
 
 from __future__ import annotations
 
@@ -106,7 +106,8 @@ class Whole:
         """Times of the steps, and pressures (n, 3, n_u) at the start, the middle and the end of each."""
         begin = float(self.recording.pressure.t[0])
         end = max((float(s.t[-1]) for s in self.shapes if s.t.size), default=begin)
-        times = begin + self.dt * np.arange(max(1, int(np.ceil((end - begin) / self.dt - 1e-9))) + 1)
+        steps = max(1, int(np.ceil((end - begin) / self.dt - 1e-9)))
+        times: Array = begin + self.dt * np.arange(steps + 1, dtype=np.float64)
         at = self.recording.pressure.at
         start, middle = at(times), at(times + 0.5 * self.dt)
         return times, np.stack([start, middle, np.vstack([start[1:], start[-1:]])], axis=1)

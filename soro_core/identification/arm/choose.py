@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +18,17 @@ class Trial:
     ----------
     laws : tuple of Law
     squares : tuple of float
-        Mean square error of each held-out section, in ranges moved.
+        Mean square error of each held-out stretch, in ranges moved.
     values : dict
         The numbers that were found.
+    interrupted : bool
+        Whether Ctrl-C ended the fit.
     """
 
     laws: tuple[Law, ...]
     squares: tuple[float, ...]
     values: dict[str, float]
+    interrupted: bool = False
 
     @property
     def error(self) -> float:
@@ -46,7 +49,9 @@ class Choice:
     tried: tuple[Trial, ...]
 
 
-def choose(laws: Sequence[Law], fit: Callable[[tuple[Law, ...], dict[str, float]], Trial | None]) -> Choice:
+def choose(
+    laws: Sequence[Law], fit: Callable[[tuple[Law, ...], Mapping[str, float]], Trial | None]
+) -> Choice:
     """Add one law after the other, as long as held-out sections gain; then take the simplest that is as good.
 
     Parameters
@@ -67,8 +72,12 @@ def choose(laws: Sequence[Law], fit: Callable[[tuple[Law, ...], dict[str, float]
         raise ValueError("the linear law cannot be fitted: it is the start of every other")
     tried, best = [first], first
     while True:
-        left = [law for law in laws if law not in best.laws]
-        found = [t for law in left if (t := fit((*best.laws, law), best.values)) is not None]
+        found: list[Trial] = []
+        for law in (law for law in laws if law not in best.laws):
+            trial = fit((*best.laws, law), best.values)
+            found += [trial] if trial is not None else []
+            if trial is not None and trial.interrupted:
+                return Choice(best, (*tried, *found))
         tried += found
         if not found or min(t.error for t in found) >= best.error:
             break
@@ -79,6 +88,6 @@ def choose(laws: Sequence[Law], fit: Callable[[tuple[Law, ...], dict[str, float]
 
 
 def _standard_error(trial: Trial, best: Trial) -> float:
-    """Standard error of the mean difference of the squares over the sections; 0 where there is one section."""
+    """Standard error of the mean difference of the squares over the stretches; 0 where there is one."""
     apart = np.subtract(trial.squares, best.squares)
     return float(apart.std(ddof=1) / np.sqrt(len(apart))) if len(apart) > 1 else 0.0

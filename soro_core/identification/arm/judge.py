@@ -1,4 +1,4 @@
-"""How far a prediction is from what was measured: errors by run and section, and of the range that was moved."""
+"""How far a prediction is from what was measured: by run and shape, and in parts of the range moved."""
 
 from __future__ import annotations
 
@@ -69,6 +69,38 @@ def errors(
             off = float(np.mean(np.abs(rows / expected[shape.name]).max(axis=1) > _WRITTEN_OFF))
             worst, rms = float(size.max()), _rms(size)
             found.append(Error(case.name, shape.name, unit_of(shape), rms, worst, _rms(turn), len(rows), off))
+    return tuple(found)
+
+
+def squares(
+    cases: Sequence[Case],
+    differences: Sequence[Sequence[Array]],
+    moved: Mapping[str, float],
+    block_s: float = 2.0,
+) -> tuple[float, ...]:
+    """Return the mean square error of each stretch of `block_s` seconds, in ranges moved.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+    differences : sequence of sequences of array
+        Of each shape of each case, as `difference` gives them.
+    moved : mapping of str to float
+        `ranges` of all cases.
+    block_s : float
+        Samples of one stretch have one error in common, and count as one.
+    """
+    found = []
+    for case, own in zip(cases, differences, strict=True):
+        parts: dict[int, list[float]] = {}
+        for shape, rows in zip(case.shapes, own, strict=True):
+            if not moved[shape.name] > 0.0:
+                continue
+            size = np.sum(rows[:, : _places(shape)] ** 2, axis=1) / moved[shape.name] ** 2
+            for block in np.unique(np.floor(shape.t / block_s)):
+                inside = size[np.floor(shape.t / block_s) == block]
+                parts.setdefault(int(block), []).append(float(inside.mean()))
+        found += [float(np.mean(parts[block])) for block in sorted(parts)]
     return tuple(found)
 
 

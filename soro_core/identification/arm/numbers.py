@@ -1,8 +1,9 @@
 """The numbers of an arm that recordings can determine, as one flat list: from a robot, and back to one.
 
-A robot file states its laws by the coefficients of their equations, (17), (18) and (21) to (25) of docs/model.md.
-Some of those have no meaning alone: the stiffness at rest is a1 - a2. Each number here has one: the stiffness at
-rest, how much it rises, the factor of all chambers of a link, that of one chamber against the others.
+A robot file states its laws by the coefficients of their equations, (17), (18) and (21) to (25) of
+docs/model.md. Some of those have no meaning alone: the stiffness at rest is a1 - a2. Each number here has one:
+the stiffness at rest, how much it rises, the factor of all chambers of a link, that of one chamber against the
+others.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from soro_core.errors import ModelError
 from soro_core.robot import Link, Robot, link_stiffness
 from soro_core.robot.parts import fields
 
-# A law that a robot does not use yet starts with these: rates at which tanh saturates at some strain of the data.
+# A law that a robot does not use yet starts with these: tanh saturates within usual strains.
 _RATES = {"e": 45.0, "b": 3.0}
 _DAHL_RANGE = 1.0
 # Branches of creep by name, with the relaxation time [s] of one that a robot does not have yet.
@@ -172,7 +173,7 @@ def _axes(link: Link) -> Iterator[tuple[str, str]]:
 
 
 def _law(link: Link, which: int) -> tuple[float, float, float]:
-    """Stiffness at rest, rise over rest and rate of k_e (0) or k_b (1); of a material, those of the section."""
+    """Stiffness at rest, rise over rest and rate of k_e (0) or k_b (1); of a material, of the section."""
     law = (link.k_e, link.k_b)[which]
     if law is not None:
         rest = law[0] - law[1]

@@ -22,7 +22,7 @@ from soro_core.robot import Robot
 Array: TypeAlias = NDArray[np.float64]
 Coordinates: TypeAlias = list[list[Array]]
 
-# Step of the derivatives, in deviations of the prior: above the round-off of a simulation, below any curvature.
+# Step of the derivatives, in deviations of the prior: above the round-off of a simulation.
 _STEP = 1e-4
 
 
@@ -89,6 +89,11 @@ class Problem:
             [difference(shape, arm, q, values) for q, shape in zip(own, case.shapes, strict=True)]
             for own, case in zip(found, self.cases, strict=True)
         ]
+
+    def predicted(self, values: Mapping[str, float]) -> list[list[Array]]:
+        """Return measured minus predicted of each shape of each case, for given numbers."""
+        arm = self.arm(values)
+        return self.differences(arm, self.coordinates(arm), values)
 
     def rows(self, arm: SoftArm, found: Coordinates, values: Mapping[str, float]) -> Array:
         """Return all differences in expected errors, one long row."""

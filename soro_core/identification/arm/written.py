@@ -106,7 +106,8 @@ def _quality(found: Identified) -> Iterator[str]:
     yield f"Laws: {laws}."
     for e in found.held_out or found.fitted:
         what = "held out" if found.held_out else "fitted"
-        yield f"RMS error {what}, {e.case}, {e.shape}: {_size(e.rms, e.unit)}, worst {_size(e.worst, e.unit)}."
+        rms, worst = _size(e.rms, e.unit), _size(e.worst, e.unit)
+        yield f"RMS error {what}, {e.case}, {e.shape}: {rms}, worst {worst}."
     if found.held_out:
         yield f"RMS error on what was held out: {100 * found.held_out_share:.2g} % of the range moved."
 

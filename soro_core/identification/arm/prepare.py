@@ -1,0 +1,98 @@
+"""What a fit begins with: cases from recordings, states at rest, and how large errors may be expected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import ConfigError
+from soro_core.identification.arm.cases import Interval, Rests, Whole
+from soro_core.identification.arm.problem import Problem
+from soro_core.identification.recording import Plate, Recording, hold_out, rest_states, sections
+from soro_core.identification.recording.streams import Curvature, Marker, Shape
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Expected errors before any fit, in parts of the range that a shape moved, and of a plate's angle [rad].
+_FIRST_SHARE, _FIRST_TURN = 0.03, 0.05
+# No expected error is smaller than this: m, rad, 1/m.
+_LEAST = {"m": 1e-4, "rad": 1e-3, "1/m": 1e-3}
+
+
+def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple[list[Whole], list[Whole]]:
+    """Cases of the fit and of the judge: sections of each kind are held out of every recording."""
+    fit: list[Whole] = []
+    held: list[Whole] = []
+    for recording in recordings:
+        used, out = hold_out(sections(recording))
+        for parts, into in ((used, fit), (out, held)):
+            if parts:
+                judged: tuple[Interval, ...] = tuple((p.start, p.end) for p in parts)
+                into.append(Whole(recording, dt_s, judged, rate_hz))
+    if not fit:
+        raise ConfigError("recordings", "", "no section with pressures and shape", "a recording with both")
+    return fit, held
+
+
+def rests_of(recordings: Sequence[Recording]) -> Rests | None:
+    """All states at rest of all recordings; None where there are fewer than three."""
+    pressure: list[Array] = []
+    rows: dict[str, list[tuple[int, Array, Shape]]] = {}
+    for recording in recordings:
+        by_name = {shape.name: shape for shape in recording.shapes}
+        for state in rest_states(recording):
+            for mean in state.shapes:
+                rows.setdefault(mean.stream, []).append((len(pressure), mean.value, by_name[mean.stream]))
+            pressure.append(state.pressure.value)
+    if len(pressure) < 3 or not any(isinstance(r[0][2], Plate | Marker) for r in rows.values()):
+        return None
+    shapes = tuple(
+        _of_means(r[0][2], np.array([k for k, _, _ in r], float), np.array([v for _, v, _ in r]))
+        for r in rows.values()
+    )
+    return Rests("states at rest", np.array(pressure), shapes)
+
+
+def _of_means(shape: Shape, t: Array, values: Array) -> Shape:
+    if isinstance(shape, Plate):
+        return replace(shape, t=t, position=values[:, :3], quaternion=values[:, 3:])
+    if isinstance(shape, Marker):
+        return replace(shape, t=t, position=values)
+    return (
+        replace(shape, t=t, curvature=values)
+        if isinstance(shape, Curvature)
+        else replace(shape, t=t, angle=values[:, 0])
+    )
+
+
+def first_errors(shape: Shape, moved: float) -> Array:
+    """Expected error of each column before any fit."""
+    if isinstance(shape, Plate):
+        return np.array([max(_FIRST_SHARE * moved, _LEAST["m"])] * 3 + [_FIRST_TURN] * 3)
+    width = shape.motion().reshape(len(shape.t), -1).shape[1] if len(shape.t) else 1
+    least = _LEAST["m" if isinstance(shape, Marker) else "1/m" if isinstance(shape, Curvature) else "rad"]
+    return np.full(width, max(_FIRST_SHARE * moved, least))
+
+
+def residual_errors(problem: Problem, values: Mapping[str, float]) -> dict[str, Array]:
+    """Expected errors after a fit: the RMS of what is left of each shape, of places and angles apart."""
+    found: dict[str, list[Array]] = {}
+    for case, own in zip(problem.cases, problem.predicted(values), strict=True):
+        for shape, rows in zip(case.shapes, own, strict=True):
+            found.setdefault(shape.name, []).append(rows)
+    expected = {}
+    for name, parts in found.items():
+        squares = np.mean(np.concatenate(parts) ** 2, axis=0)
+        groups = [squares[:3], squares[3:]] if len(squares) == 6 else [squares]
+        least = [_LEAST["m"], _LEAST["rad"]]
+        expected[name] = np.concatenate(
+            [
+                np.full(len(g), max(float(np.sqrt(g.mean())), low))
+                for g, low in zip(groups, least, strict=False)
+            ]
+        )
+    return expected

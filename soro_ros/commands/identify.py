@@ -31,8 +31,8 @@ def identify(
     columns: Annotated[
         list[str] | None,
         typer.Option(
-            help="Column map of the CSV files: a YAML file, or the name of a shipped one. One for all, or one for "
-            "each CSV file in their order.",
+            help="Column map of the CSV files: a YAML file, or the name of a shipped one. One for all, or "
+            "one for each CSV file in their order.",
             show_default=False,
         ),
     ] = None,
@@ -49,7 +49,10 @@ def identify(
             "Dahl hysteresis; none for the linear law. Default: all."
         ),
     ] = None,
-    step_ms: Annotated[float, typer.Option(min=0.1, max=50.0, help="Step of simulations.")] = 5.0,
+    step_ms: Annotated[
+        float,
+        typer.Option(min=0.1, max=50.0, help="Step of simulations of the last fit; others take twice that."),
+    ] = 2.5,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
@@ -57,9 +60,9 @@ def identify(
 ) -> None:
     """Find stiffness, damping, gains and laws of an arm from recordings; write its robot file.
 
-    The file has the deviation and the origin of each number. Some sections of every recording are held out: they
-    choose the laws, and their error is the one that counts. Ctrl-C keeps the best so far. Exit status: 0 found,
-    1 not accepted, 2 wrong use. See docs/identification.md.
+    The file has the deviation and the origin of each number. Some sections of every recording are held out:
+    they choose the laws, and their error is the one that counts. Ctrl-C keeps the best so far. Exit status:
+    0 found, 1 not accepted, 2 wrong use. See docs/identification.md.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -75,17 +78,17 @@ def identify(
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError("soro identify", "--out", str(out), "a name that ends with .yaml")
-    described = load_robot(robot)
-    console = Console(stderr=True)
-    read = _read(recordings, columns or [], described)
-    for recording in read:
-        console.print(summary(recording), highlight=False, markup=False)
     names = [law.name for law in LAWS] if laws is None else [name.strip() for name in laws.split(",")]
     if names == ["none"]:
         names = []
     odd = [name for name in names if name not in {law.name for law in LAWS}]
     if odd:
         raise ConfigError("soro identify", "--laws", odd[0], ", ".join(law.name for law in LAWS))
+    described = load_robot(robot)
+    console = Console(stderr=True)
+    read = _read(recordings, columns or [], described)
+    for recording in read:
+        console.print(summary(recording), highlight=False, markup=False)
     options = Options(
         dt_s=1e-3 * step_ms,
         rate_hz=rate_hz,
@@ -106,8 +109,9 @@ def identify(
         for trial in found.choice.tried:
             mark = "*" if trial is found.choice.chosen else " "
             typer.echo(f"{mark} {100 * trial.error:6.2f} % of the range, held out: {trial.name}")
-    for error in (*found.fitted, *found.held_out):
-        typer.echo(f"  {error}")
+    for what, those in (("fitted", found.fitted), ("held out", found.held_out)):
+        for error in those:
+            typer.echo(f"  {what}: {error}")
     typer.echo("\n".join(number_table(found, described)))
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(robot_text(found, described, [path.name for path in recordings]), encoding="utf-8")
@@ -115,10 +119,8 @@ def identify(
     if not found.held_out:
         typer.echo("nothing could be held out: the error on other data is not known", err=True)
     elif 100 * found.held_out_share > accept:
-        typer.echo(
-            f"not accepted: RMS error {100 * found.held_out_share:.3g} % of the range; allowed is {accept:g} %",
-            err=True,
-        )
+        size = f"{100 * found.held_out_share:.3g} % of the range"
+        typer.echo(f"not accepted: RMS error {size}; allowed is {accept:g} %", err=True)
         raise typer.Exit(1)
 
 

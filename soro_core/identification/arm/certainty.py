@@ -38,8 +38,8 @@ class Certainty:
     correlation : (n, n)
         Between the numbers, in the order of the problem.
     undetermined : dict
-        Numbers that the data do not determine alone; with each, the combinations that stay open, as names with
-        signs.
+        Numbers that the data do not determine alone; with each, the combinations that stay open, as names
+        with signs.
     at_bound : tuple of str
         Numbers at a bound: a finding about the model, not a result.
     """

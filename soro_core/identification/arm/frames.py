@@ -16,8 +16,8 @@ from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Deviations before any data, about what `frame_numbers` finds: of the tracker, of a body whose place is stated,
-# and of a marker whose place is not.
+# Deviations before any data, about what `frame_numbers` finds: of the tracker, of a body whose place is
+# stated, and of a marker whose place is not.
 _TURN, _PLACE = 0.5, 0.1
 _BODY, _MARKER = 0.005, 0.05
 _CURVATURE = 1.0
@@ -26,8 +26,8 @@ _CURVATURE = 1.0
 def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
     """Return the numbers of all frames, each at its best for the arm as it is described.
 
-    The rotation and place of the tracker come from the positions of all bodies (Kabsch), the rotation of a body
-    on its section from the mean of what is left.
+    The rotation and place of the tracker come from the positions of all bodies (Kabsch), the rotation of a
+    body on its section from the mean of what is left.
 
     Parameters
     ----------

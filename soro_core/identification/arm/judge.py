@@ -45,6 +45,12 @@ class Error:
     samples: int
     written_off: float
 
+    def __str__(self) -> str:
+        turn = "" if np.isnan(self.turn_rms) else f", angle {np.degrees(self.turn_rms):.2g} deg"
+        off = f"; {100 * self.written_off:.0f} % beyond three expected errors" if self.written_off else ""
+        size, worst = _size(self.rms, self.unit), _size(self.worst, self.unit)
+        return f"{self.case}, {self.shape}: RMS {size}{turn}, worst {worst}{off}"
+
 
 def errors(
     cases: Sequence[Case], differences: Sequence[Sequence[Array]], expected: Mapping[str, Array]
@@ -137,6 +143,10 @@ def unit_of(shape: Shape) -> str:
     if isinstance(shape, Plate | Marker):
         return "m"
     return "1/m" if isinstance(shape, Curvature) else "rad"
+
+
+def _size(value: float, unit: str) -> str:
+    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
 def _places(shape: Shape) -> int:

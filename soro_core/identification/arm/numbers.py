@@ -1,9 +1,9 @@
 """The numbers of an arm that recordings can determine, as one flat list: from a robot, and back to one.
 
 A robot file states its laws by the coefficients of their equations, (17), (18) and (21) to (25) of
-docs/model.md. Some of those have no meaning alone: the stiffness at rest is a1 - a2. Each number here has one:
-the stiffness at rest, how much it rises, the factor of all chambers of a link, that of one chamber against the
-others.
+docs/model.md. Some of those have no meaning alone: the stiffness at rest is a1 - a2. Each number here has
+one: the stiffness at rest, how much it rises, the factor of all chambers of a link, that of one chamber
+against the others.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from soro_core.robot.parts import fields
 # A law that a robot does not use yet starts with these: tanh saturates within usual strains.
 _RATES = {"e": 45.0, "b": 3.0}
 _DAHL_RANGE = 1.0
+# A single branch of creep with a longer relaxation time [s] is the slow one.
+_SLOW_S = 0.5
 # Branches of creep by name, with the relaxation time [s] of one that a robot does not have yet.
 _BRANCHES = {"creep": 0.05, "slow": 5.0}
 
@@ -196,7 +198,11 @@ def _rest(link: Link, strain: str) -> float:
 def _creep(link: Link, strain: str) -> dict[str, tuple[float, float]]:
     """Stiffness over that at rest, and relaxation time, of each branch by name."""
     at, found = list(link.strains).index(strain), {name: (0.0, tau) for name, tau in _BRANCHES.items()}
-    for name, branch in zip(_BRANCHES, sorted(link.creep, key=lambda c: c.tau), strict=False):
+    branches = sorted(link.creep, key=lambda c: c.tau)
+    names = list(_BRANCHES)
+    if len(branches) == 1 and min(branches[0].tau) > _SLOW_S:
+        names = names[1:]
+    for name, branch in zip(names, branches, strict=False):
         tau = branch.tau[at if len(branch.tau) > 1 else 0]
         found[name] = branch.stiffness[at] / _rest(link, strain), tau
     return found

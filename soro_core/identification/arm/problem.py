@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -40,12 +40,15 @@ class Problem:
         begin with ``frame/`` belong to the measurement, all others to the robot.
     expected : mapping of str to array
         Expected error of each column of a shape's difference, by its name: a row counts less beyond it.
+    fixed : mapping of str to float
+        Numbers of the robot that are not searched and differ from it.
     """
 
     robot: Robot
     cases: tuple[Case, ...]
     numbers: tuple[Number, ...]
     expected: Mapping[str, Array]
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     def value(self, x: Array) -> dict[str, float]:
         """Return the numbers at `x` (n,), in deviations of the prior from its middle."""
@@ -76,8 +79,12 @@ class Problem:
 
     def arm(self, values: Mapping[str, float]) -> SoftArm:
         """Return the arm with the robot's share of the numbers."""
+        return SoftArm(self.robot_of(values))
+
+    def robot_of(self, values: Mapping[str, float]) -> Robot:
+        """Return the robot with its share of the numbers, and those that are fixed."""
         own = {name: v for name, v in values.items() if not name.startswith("frame/")}
-        return SoftArm(with_numbers(self.robot, own))
+        return with_numbers(self.robot, {**self.fixed, **own})
 
     def coordinates(self, arm: SoftArm) -> Coordinates:
         """Return the coordinates of each shape of each case."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import yaml
 
-from soro_core.identification.arm.laws import is_of_law
 from soro_core.identification.arm.numbers import Number, numbers_of
 from soro_core.identification.arm.stages import Identified
 from soro_core.robot import Robot
@@ -66,7 +65,7 @@ def experiment(name: str) -> str:
 def _rows(found: Identified, described: Robot) -> Iterator[tuple[str, str, str, str, str]]:
     searched = {n.name: n for n in found.problem.numbers}
     before = numbers_of(described)
-    for name, number in numbers_of(found.robot).items():
+    for name, number in before.items():
         if name in searched:
             value = found.solution.values[name]
             at = "; at its bound" if name in found.certainty.at_bound else ""
@@ -75,8 +74,8 @@ def _rows(found: Identified, described: Robot) -> Iterator[tuple[str, str, str, 
             open_ = "; ".join(c for c in found.kept[name] if c != f"+{name}")
             only = f" (open: {open_})" if open_ else ""
             value, origin = before[name].value, "as described"
-            if is_of_law(name):
-                value, origin = number.value, "likely"
+            if name in found.problem.fixed:
+                value, origin = found.problem.fixed[name], "likely"
             yield (
                 name,
                 f"{value:.5g}",
@@ -104,16 +103,10 @@ def _deviation(number: Number, found: Identified) -> str:
 def _quality(found: Identified) -> Iterator[str]:
     laws = found.choice.chosen.name if found.choice else "linear (nothing could be held out)"
     yield f"Laws: {laws}."
-    for e in found.held_out or found.fitted:
-        what = "held out" if found.held_out else "fitted"
-        rms, worst = _size(e.rms, e.unit), _size(e.worst, e.unit)
-        yield f"RMS error {what}, {e.case}, {e.shape}: {rms}, worst {worst}."
+    what = "Held out" if found.held_out else "Fitted"
+    yield from (f"{what}: {error}." for error in found.held_out or found.fitted)
     if found.held_out:
         yield f"RMS error on what was held out: {100 * found.held_out_share:.2g} % of the range moved."
-
-
-def _size(value: float, unit: str) -> str:
-    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
 def _plain(value: object) -> object:

@@ -1,0 +1,108 @@
+"""The numbers of an arm, from a robot and back; what a sensor should show."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from soro_core import SoftArm, load_robot
+from soro_core.errors import ModelError
+from soro_core.identification.arm.laws import LAWS, freed, plain
+from soro_core.identification.arm.numbers import numbers_of, with_numbers
+from soro_core.identification.arm.predict import difference
+from soro_core.identification.recording import Curvature, Marker, Place, Plate
+
+
+@pytest.mark.parametrize("name", ["tue_three_bellow", "asu_two_segment"])
+def test_numbers_of_a_robot_give_the_same_robot(name: str) -> None:
+    robot = load_robot(name)
+    same = with_numbers(robot, {key: number.value for key, number in numbers_of(robot).items()})
+    one, other = SoftArm(robot), SoftArm(same)
+    q = np.tile([0.02, 1.0, -2.0], len(robot.links))
+    for arm in (one, other):
+        assert arm.n_internal == one.n_internal
+    p = np.linspace(1e4, 3e4, one.n_u)
+    np.testing.assert_allclose(
+        other.forward_dynamics(q, 0.1 * q, p), one.forward_dynamics(q, 0.1 * q, p), rtol=1e-12
+    )
+
+
+def test_numbers_change_what_they_name() -> None:
+    robot = load_robot("tue_three_bellow")
+    changed = with_numbers(
+        robot,
+        {
+            "link0/k_b": 0.01,
+            "link0/rise_b": 0.5,
+            "link0/rate_b": 2.0,
+            "link0/gain": 2.0,
+            "link0/chamber1/gain": 1.5,
+        },
+    )
+    a4, a5, a6 = changed.links[0].k_b
+    assert (a4 - a5, a5, a6) == pytest.approx((0.01, 0.005, 2.0))
+    before, after = robot.links[0].chambers, changed.links[0].chambers
+    assert [b.alpha_eps / a.alpha_eps for a, b in zip(before, after, strict=True)] == pytest.approx(
+        [2.0, 3.0, 2.0]
+    )
+
+
+def test_slow_creep_alone_stays_slow_creep() -> None:
+    robot = with_numbers(
+        plain(load_robot("tue_three_bellow")), {"link0/slow_b": 0.3, "link0/slow_b_tau": 2.0}
+    )
+    found = numbers_of(robot)
+    assert found["link0/slow_b"].value == pytest.approx(0.3)
+    assert found["link0/slow_b_tau"].value == pytest.approx(2.0)
+    assert found["link0/creep_b"].value == 0.0
+
+
+def test_an_unknown_number_is_refused_with_the_names_allowed() -> None:
+    with pytest.raises(ModelError, match="link0/k_b") as caught:
+        with_numbers(load_robot("tue_three_bellow"), {"link0/stiffness": 1.0})
+    assert caught.value.key == "link0/stiffness"
+
+
+def test_a_strain_that_varies_is_refused() -> None:
+    with pytest.raises(ModelError) as caught:
+        numbers_of(load_robot("silicone_rod_planar"))
+    assert caught.value.key == "link0/bending_x"
+
+
+def test_laws_free_what_the_recordings_show() -> None:
+    robot = plain(load_robot("tue_three_bellow"))
+    names = {n.name for n in freed(robot, (), "b")[0]}
+    assert "link0/k_b" in names
+    assert "link0/k_e" not in names
+    assert "link0/creep_b" not in names
+    numbers, starts = freed(robot, LAWS, "eb")
+    assert {"link0/creep_e", "link0/dahl_b_range", "link0/area_slope", "link0/k_e"} <= {
+        n.name for n in numbers
+    }
+    assert starts["link0/creep_b"] > 0.0
+
+
+def test_a_plate_shows_its_section_through_tracker_and_mount() -> None:
+    arm = SoftArm(load_robot("tue_three_bellow"))
+    q = np.array([[0.02, 3.0, -1.0], [0.0, 0.0, 0.0]])
+    turn, mount = Rotation.from_rotvec([0.2, 0.1, -0.4]), Rotation.from_rotvec([0.0, 0.1, 0.3])
+    at, offset = np.array([1.0, 2.0, 3.0]), np.array([0.01, 0.0, -0.02])
+    position, quaternion = [], []
+    for row in q:
+        pose = arm.pose(row, 0.05)
+        position.append(turn.as_matrix() @ (pose[:3, 3] + pose[:3, :3] @ offset) + at)
+        quaternion.append((turn * Rotation.from_matrix(pose[:3, :3]) * mount).as_quat())
+    frames = {f"frame/tracker/turn_{x}": v for x, v in zip("xyz", turn.as_rotvec(), strict=True)}
+    frames |= {f"frame/tracker/offset_{x}": v for x, v in zip("xyz", at, strict=True)}
+    frames |= {f"frame/top/turn_{x}": v for x, v in zip("xyz", mount.as_rotvec(), strict=True)}
+    frames |= {f"frame/top/offset_{x}": v for x, v in zip("xyz", offset, strict=True)}
+    plate = Plate("top", np.arange(2.0), Place(0, 0.05), np.array(position), np.array(quaternion))
+    np.testing.assert_allclose(difference(plate, arm, q, frames), 0.0, atol=1e-12)
+    marker = Marker("top", np.arange(2.0), Place(0, 0.05), [*np.array(position), 0.0, 0.0, 0.001])
+    np.testing.assert_allclose(difference(marker, arm, q, frames), [[0, 0, 1e-3]] * 2, atol=1e-12)
+
+
+def test_a_camera_turns_and_shifts_curvatures() -> None:
+    arm = SoftArm(load_robot("tue_three_bellow"))
+    frames = {"frame/camera/turn": np.pi / 2, "frame/camera/offset_x": 0.5}
+    seen = Curvature("camera", np.arange(1.0), 0, np.array([[0.5, 2.0]]))
+    np.testing.assert_allclose(difference(seen, arm, np.array([[0.01, 2.0, 0.0]]), frames), 0.0, atol=1e-12)

@@ -161,6 +161,18 @@ def test_sections_end_at_gaps_and_long_ones_are_cut() -> None:
     assert (len(kept), out) == (3, (parts[1],))
 
 
+@pytest.mark.parametrize(("seconds", "number"), [(8.0, 1), (12.0, 2)])
+def test_a_single_sweep_is_cut_in_two_so_that_one_half_can_be_held_out(seconds: float, number: int) -> None:
+    t = np.arange(0.0, seconds, 0.02)
+    moving = 1e4 * np.column_stack([np.sin(t), np.cos(t)])
+    bend = Bend("bend", t, 0, np.sin(t))
+    recording = Recording("sweep", CHAMBERS, Series("pressure", t, moving), bends=(bend,))
+    parts = sections(recording)
+    assert [part.kind for part in parts] == ["sweep"] * number
+    assert len(hold_out(parts)[1]) == number - 1
+    assert parts[0].end - parts[0].start == pytest.approx(t[-1] / number)
+
+
 def test_a_release_is_a_section_of_its_own() -> None:
     """Constant pressures, a tip that a person bends and lets go, and rest at both ends."""
     t = np.arange(0.0, 10.0, 0.01)

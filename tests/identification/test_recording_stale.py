@@ -42,6 +42,7 @@ def between(start, end):
 def test_readings_that_a_logger_repeats_count_once(tmp_path):
     """Each stream by itself; set points stand still by nature."""
     columns = table()
+    columns["ca"] = columns["cb"] = 1e3 * np.floor(T / 0.5)
     for name, every in (("pa", 2), ("pb", 2), ("x", 3)):
         columns[name] = np.repeat(columns[name][::every], every)[: len(T)]
     found, faults = read(tmp_path, columns)

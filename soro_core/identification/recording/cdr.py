@@ -51,10 +51,10 @@ def joint_state(data: bytes) -> Efforts:
     """
     cursor = _Cursor(data)
     stamp_ns, frame = cursor.header()
-    names = tuple(cursor.text() for _ in range(cursor.count(4)))
+    names = tuple(cursor.text() for _ in range(cursor.count()))
     for _ in range(2):  # position, velocity
-        cursor.doubles(cursor.count(8))
-    return Efforts(stamp_ns, frame, names, cursor.doubles(cursor.count(8)))
+        cursor.doubles(cursor.count())
+    return Efforts(stamp_ns, frame, names, cursor.doubles(cursor.count()))
 
 
 def pose_stamped(data: bytes) -> Values:
@@ -87,14 +87,11 @@ class _Cursor:
 
     def text(self) -> str:
         """Return a text; its length counts the zero at its end."""
-        return bytes(self._take(1, self.count(1))).rstrip(b"\0").decode("utf-8", "replace")
+        return bytes(self._take(1, self.count())).rstrip(b"\0").decode("utf-8", "replace")
 
-    def count(self, size: int) -> int:
-        """Return the length of a sequence whose elements have so many bytes at least."""
-        number = int(struct.unpack(f"{self._order}I", self._take(4, 4))[0])
-        if number * size > len(self._data) - self._at:
-            raise BagError(f"a sequence of {number}", code="damaged", place=f"byte {self._at}")
-        return number
+    def count(self) -> int:
+        """Return the length of a sequence."""
+        return int(struct.unpack(f"{self._order}I", self._take(4, 4))[0])
 
     def doubles(self, number: int) -> Array:
         """Return numbers (number,)."""

@@ -65,6 +65,8 @@ def sections(
 ) -> tuple[Section, ...]:
     """Cut a recording where a rest ends, so that each part begins at rest and ends with the next rest.
 
+    Of two sweeps one can be held out: a single one of twice `sweep_s` or more is cut in two.
+
     Parameters
     ----------
     recording : Recording
@@ -89,10 +91,14 @@ def sections(
             cuts += [(float(a), float(b)) for a, b in itertools.pairwise(edges)]
     moving = [(phase.start, phase.end) for phase in excited(recording, still)]
     free = [(phase.start, phase.end) for phase in decays(recording, still)]
+    kinds = [_kind(start, end, moving, free, limits) for start, end in cuts]
+    if kinds.count("sweep") == 1:
+        at = kinds.index("sweep")
+        cuts[at : at + 1], kinds[at : at + 1] = _halves(*cuts[at], limits)
     found = []
-    for start, end in cuts:
+    for (start, end), kind in zip(cuts, kinds, strict=True):
         at_rest = any(a <= start + 1e-9 and start < b for a, b in rests)
-        found.append(Section(_kind(start, end, moving, free, limits), start, end, at_rest))
+        found.append(Section(kind, start, end, at_rest))
     return tuple(found)
 
 
@@ -106,6 +112,13 @@ def hold_out(parts: Sequence[Section], every: int = 4) -> tuple[tuple[Section, .
         by_kind[part.kind].append(part)
     out = {id(part) for group in by_kind.values() for part in group[1::every]}
     return tuple(p for p in parts if id(p) not in out), tuple(p for p in parts if id(p) in out)
+
+
+def _halves(start: float, end: float, limits: SectionLimits) -> tuple[list[tuple[float, float]], list[Kind]]:
+    if end - start < 2.0 * limits.sweep_s:
+        return [(start, end)], ["sweep"]
+    middle = 0.5 * (start + end)
+    return [(start, middle), (middle, end)], ["sweep", "sweep"]
 
 
 def _without_gaps(recording: Recording, gap_s: float) -> list[tuple[float, float]]:

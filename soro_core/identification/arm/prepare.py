@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from soro_core.errors import ConfigError
 from soro_core.identification.arm.cases import Interval, Rests, Whole
 from soro_core.identification.arm.problem import Problem
-from soro_core.identification.recording import Plate, Recording, hold_out, rest_states, sections
+from soro_core.identification.recording import (
+    Plate,
+    Recording,
+    hold_out,
+    rest_states,
+    sections,
+    still_limits,
+)
 from soro_core.identification.recording.streams import Curvature, Marker, Shape
 
 Array: TypeAlias = NDArray[np.float64]
@@ -27,8 +34,9 @@ def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple
     """Cases of the fit and of the judge: sections of each kind are held out of every recording."""
     fit: list[Whole] = []
     held: list[Whole] = []
+    still = still_limits(recordings)
     for recording in recordings:
-        used, out = hold_out(sections(recording))
+        used, out = hold_out(sections(recording, still=still))
         for parts, into in ((used, fit), (out, held)):
             if parts:
                 judged: tuple[Interval, ...] = tuple((p.start, p.end) for p in parts)
@@ -42,9 +50,10 @@ def rests_of(recordings: Sequence[Recording]) -> Rests | None:
     """All states at rest of all recordings; None where there are fewer than three."""
     pressure: list[Array] = []
     rows: dict[str, list[tuple[int, Array, Shape]]] = {}
+    still = still_limits(recordings)
     for recording in recordings:
         by_name = {shape.name: shape for shape in recording.shapes}
-        for state in rest_states(recording):
+        for state in rest_states(recording, still):
             for mean in state.shapes:
                 rows.setdefault(mean.stream, []).append((len(pressure), mean.value, by_name[mean.stream]))
             pressure.append(state.pressure.value)

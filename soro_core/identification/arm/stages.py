@@ -39,8 +39,8 @@ class Options:
     Attributes
     ----------
     dt_s : float
-        Step of simulations [s] of the last fit; laws are compared with twice that. Steps of 5 ms make an arm of
-        8 Hz look 1 % stiffer than it is.
+        Step of simulations [s] of the last fit; laws are compared with twice that. Steps of 5 ms make an arm
+        of 8 Hz look 1 % stiffer than it is.
     rate_hz : float
         Samples a second that are compared.
     laws : tuple of Law

@@ -87,7 +87,7 @@ def imus(topics: Topics, has_orientation: bool) -> tuple[str, list[tuple[int, by
 
 def with_sensors(folder: Path, locations: str = "") -> Path:
     topics = arm_topics()
-    for number in (1, 10):
+    for number in (2, 10):
         topics[f"/arm/sensors/pose{number}"] = topics["/arm/sensors/pose0"]
     topics["/arm/sensors/imu0"] = imus(topics, True)
     topics["/arm/sensors/length"] = topics["/arm/chambers/state"]  # another sensor is left alone
@@ -104,22 +104,22 @@ def test_places_come_from_the_scene_and_an_option_precedes_it(tmp_path):
     given = {"sensors/pose10": Place(0, 0.03)}
     for path in (run, run / "bag"):
         recording = read_bag(path, robot(), given)
-        assert [plate.name for plate in recording.plates] == [f"sensors/pose{k}" for k in (0, 1, 10)]
+        assert [plate.name for plate in recording.plates] == [f"sensors/pose{k}" for k in (0, 2, 10)]
         places = [plate.place for plate in recording.plates]
         assert places[0] == Place(1)
         assert places[1].link == 1
-        assert places[1].s == pytest.approx(0.09)
+        assert places[1].s == pytest.approx(0.08)
         assert places[2] == Place(0, 0.03)
         assert recording.imus[0].place == Place(0, 0.05)
         assert recording.name == tmp_path.name
     # Half of the length is the end of the first link, wherever a fit puts it.
-    (tmp_path / "scene_used.yaml").write_text(scene.replace("0.95", "0.5"))
+    (tmp_path / "scene_used.yaml").write_text(scene.replace("0.9,", "0.5,"))
     assert read_bag(run, robot()).plates[1].place == Place(0)
 
 
 def test_a_sensor_without_a_place_is_refused(tmp_path):
     run = with_sensors(tmp_path)
-    with fails(ConfigError, where=str(run / "bag"), key="sensors/pose1"):
+    with fails(ConfigError, where=str(run / "bag"), key="sensors/pose2"):
         read_bag(run, robot())
     with fails(ConfigError, "sensors/pose0", "sensors/pose10", "sensors/imu0", key="sensors/pose7"):
         read_bag(run, robot(), {"sensors/pose7": Place(0)})

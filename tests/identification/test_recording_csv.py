@@ -173,6 +173,7 @@ def test_time_that_runs_backwards_is_refused(tmp_path):
         ({"pressures": {**PRESSURES, "stated": {"left": [[0.0, 0.0]]}}}, "pressures.stated", CHAMBERS),
         ({"pressures": {"columns": {CHAMBERS[0]: "pa"}}}, "pressures.columns", ()),
         ({"commands": {"columns": {"left": "pa"}}}, "commands.columns", CHAMBERS),
+        ({"commands": {"columns": {CHAMBERS[0]: "pa"}}}, "commands.columns", ()),
         ({"markers": {"tip": {**POINT, "link": 2}}}, "markers.tip.link", ("0 to 1",)),
         ({"markers": {"tip": {**POINT, "s_m": 0.2}}}, "markers.tip.s_m", ("0.1",)),
         ({"curvatures": {"bent": {"link": 5}}}, "curvatures.bent.link", ("0 to 1",)),

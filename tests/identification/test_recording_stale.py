@@ -91,6 +91,22 @@ def test_a_tracker_that_lost_its_marker_is_frozen(tmp_path):
     assert len(found.markers[0].t) == len(T) - faults["tip"].left_out
 
 
+def test_a_tracker_without_noise_is_frozen_if_the_pressures_move(tmp_path):
+    """Positions of coarse steps stand still at each rest; only those that miss a motion are left out."""
+    columns = table()
+    smooth = np.convolve(columns["pa"], np.ones(20) / 20)[: len(T)]
+    columns["x"] = np.round(1e-6 * smooth, 3)
+    _, faults = read(tmp_path, columns)
+    assert faults["tip"].frozen == ()
+    rows = between(4.0, 8.0)
+    columns["x"][rows] = columns["x"][rows][0]
+    _, faults = read(tmp_path, columns)
+    assert len(faults["tip"].frozen) == 1
+    start, end = faults["tip"].frozen[0]
+    assert start <= 4.0
+    assert end == pytest.approx(7.95)
+
+
 @pytest.mark.parametrize("with_commands", [True, False])
 def test_a_sensor_of_coarse_steps_at_rest_is_not_frozen(tmp_path, with_commands):
     """It gives one value for seconds, and all of them count: a line through the first would be a ramp."""

@@ -55,7 +55,9 @@ def read_csv(
     columns = columns if isinstance(columns, Columns) else load(map_file, Columns)
     check_columns(columns, robot, map_file)
     file = Path(path).stem
-    _check_chambers(columns.pressures, robot, file, map_file)
+    for key, section in (("pressures", columns.pressures), ("commands", columns.commands)):
+        if section is not None:
+            _check_chambers(key, section, robot, file, map_file)
     asked = _asked(columns, map_file)
     table = read_table(path, tuple(asked), lambda name: False, asked)
     t = table[columns.time.column] * FACTORS[columns.time.unit]
@@ -84,15 +86,17 @@ def read_csv(
     )
 
 
-def _check_chambers(section: PressureColumns, robot: Robot, file: str, where: str) -> None:
+def _check_chambers(name: str, section: PressureColumns, robot: Robot, file: str, where: str) -> None:
     """Refuse a map that gives a chamber no pressure, or two."""
     stated = section.levels(file)
-    for name in robot.chamber_names:
-        if name not in section.columns and name not in stated:
-            key = f"pressures.stated_by_file.{file}" if section.stated_by_file else "pressures.columns"
-            raise ConfigError(where, key, f"nothing for {name}", "a column or stated levels of each chamber")
-        if name in section.columns and name in stated:
-            raise ConfigError(where, f"pressures.stated.{name}", stated[name], "no levels beside a column")
+    for chamber in robot.chamber_names:
+        if chamber not in section.columns and chamber not in stated:
+            key = f"{name}.stated_by_file.{file}" if section.stated_by_file else f"{name}.columns"
+            raise ConfigError(
+                where, key, f"nothing for {chamber}", "a column or stated levels of each chamber"
+            )
+        if chamber in section.columns and chamber in stated:
+            raise ConfigError(where, f"{name}.stated.{chamber}", stated[chamber], "no levels beside a column")
 
 
 def _asked(columns: Columns, where: str) -> dict[str, str]:

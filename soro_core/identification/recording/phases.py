@@ -48,10 +48,7 @@ def decays(recording: Recording, limits: StillLimits | None = None) -> tuple[Pha
     """
     limits = still_limits([recording]) if limits is None else limits
     found = blocks(recording, limits)
-    held = found.pressure_known & found.pressure_still & found.shape_known
-    moving = held & ~found.shape_still
-    # One block between two in which the arm moves: noise, or the turning point of a slow oscillation.
-    moving[1:-1] |= held[1:-1] & moving[:-2] & moving[2:]
+    moving = found.pressure_known & found.pressure_still & found.shape_known & ~found.shape_still
     phases: list[Phase] = []
     for begin, end in stretches(moving):
         stop = float(found.edges[end])

@@ -1,0 +1,153 @@
+"""A first reference that an arm can follow within its range of pressures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.control.kinematics import elongation_for_pressure
+from soro_core.control.reachable import is_stable
+from soro_core.errors import ModelError
+from soro_core.model import SoftArm
+from soro_core.model.statics import equilibrium
+from soro_core.robot import Robot
+from soro_core.robot.coordinates import StrainFields, strain_fields
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Bend of a link and of the whole arm on the circle, at most [rad].
+LINK_BEND, ARM_BEND = 0.8, 1.2
+# Parts of the range of pressures that are left to the feedback, at its lower and at its upper end.
+LOWER, UPPER = 0.1, 0.15
+# Part of the largest curvature that these pressures hold.
+USED = 0.8
+_SHRINK, _STEPS, _POINTS, _MISSED = 0.85, 40, 12, 1e-3
+# Pressures of a resting place: middle and swing over the chambers of a link, parts of the range.
+MIDDLE, SWING = 0.4, 0.25
+
+
+@dataclass(frozen=True)
+class FirstReference:
+    """A reference.
+
+    Attributes
+    ----------
+    kind : str
+        circle, set_point or hold.
+    curvature_per_m : float
+        Of a circle.
+    set_point : tuple of float
+        Of a set point: the coordinates.
+    """
+
+    kind: str
+    curvature_per_m: float = 0.0
+    set_point: tuple[float, ...] = ()
+
+
+def first_reference(robot: Robot, load_kg: float) -> FirstReference:
+    """Return a circle where the chambers of every link drive all its strains, else a resting place.
+
+    Parameters
+    ----------
+    robot : Robot
+        With its range of pressures.
+    load_kg : float
+        Mass at the tip beside that of the robot [kg].
+    """
+    arm = SoftArm(robot.replace(tip_mass=robot.tip_mass + load_kg))
+    fields = strain_fields(robot)
+    if all(link.n_q == 3 for link in robot.links) and _rank(arm) == arm.n_q:
+        curvature = _circle(arm, fields)
+        if curvature > 0.0:
+            return FirstReference("circle", curvature)
+    place = _resting_place(arm)
+    if place is None:
+        return FirstReference("hold")
+    return FirstReference("set_point", set_point=tuple(float(f"{x:.4g}") for x in place))
+
+
+def rests(robot: Robot, load_kg: float) -> bool:
+    """Return whether the arm has a stable rest at its lowest pressures that is not far from straight.
+
+    Parameters
+    ----------
+    robot : Robot
+    load_kg : float
+        Mass at the tip beside that of the robot [kg].
+    """
+    arm = SoftArm(robot)
+    low = np.full(arm.n_u, max(robot.pressure_range_pa[0], 0.0))
+    try:
+        q = equilibrium(arm, low, None, load_kg)
+    except ModelError:
+        return False
+    return is_stable(arm, low, q, load_kg)
+
+
+def _rank(arm: SoftArm) -> int:
+    actuation = arm.actuation_matrix(np.zeros(arm.n_q))
+    size = np.max(np.abs(actuation), axis=1, keepdims=True)
+    return int(np.linalg.matrix_rank(actuation / np.where(size > 0.0, size, 1.0), tol=1e-6))
+
+
+def _circle(arm: SoftArm, fields: StrainFields) -> float:
+    """Return a curvature [1/m] of every link that the pressures hold all round; 0 without one."""
+    low, high = arm.robot.pressure_range_pa
+    span = high - low
+    ends = np.full(arm.n_u, low), np.full(arm.n_u, high)
+    across, along, stretch = (fields.of(s) * fields.uniform for s in ("bending_x", "bending_y", "elongation"))
+    longest = max(link.length for link in arm.robot.links)
+    curvature = min(LINK_BEND / longest, ARM_BEND / arm.length)
+    for _ in range(_STEPS):
+        middle = elongation_for_pressure(arm, fields, curvature * across, stretch, low + 0.5 * span, *ends)
+        turns = 2.0 * math.pi * np.arange(_POINTS) / _POINTS
+        ring = [middle * stretch + curvature * (math.cos(x) * across + math.sin(x) * along) for x in turns]
+        if all(_held(arm, q, low + LOWER * span, high - UPPER * span) for q in ring):
+            return float(f"{USED * curvature:.2g}")
+        curvature *= _SHRINK
+    return 0.0
+
+
+def _held(arm: SoftArm, q: Array, low: float, high: float) -> bool:
+    """Whether pressures of a range hold the arm at rest.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        With its load.
+    q : ndarray (n_q,)
+        Coordinates.
+    low, high : float
+        Range [Pa gauge].
+    """
+    from scipy.optimize import lsq_linear
+
+    actuation = arm.actuation_matrix(q)
+    unit = np.max(np.abs(actuation), axis=1) * (high - low)
+    load = (arm.gravity_force(q) + arm.elastic_force(q)) / unit
+    found = lsq_linear(
+        actuation * (high - low) / unit[:, None], load, (low / (high - low), high / (high - low))
+    )
+    return bool(np.max(np.abs(found.fun)) < _MISSED)
+
+
+def _resting_place(arm: SoftArm) -> Array | None:
+    """Return coordinates (n_q,) of a stable rest, bent towards angle 0; None without one."""
+    low, high = arm.robot.pressure_range_pa
+    angles = np.array([chamber.angle_rad for link in arm.robot.links for chamber in link.chambers])
+    for size in (1.0, 0.5, 0.25, 0.0):
+        target = low + (high - low) * (MIDDLE + size * SWING * np.cos(angles))
+        q = np.zeros(arm.n_q)
+        try:
+            for part in (0.25, 0.5, 0.75, 1.0):
+                q = equilibrium(arm, part * target, q)
+        except ModelError:
+            continue
+        if is_stable(arm, target, q, 0.0):
+            return q
+    return None

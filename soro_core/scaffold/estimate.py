@@ -81,7 +81,7 @@ def section_of(radius: float, area: float, offset: float, angles: Sequence[float
     angles : sequence of float
         Of the chambers [rad].
     planar : bool
-        Whether the link bends towards angle 0 only.
+        Whether the link bends in the plane of angle 0 only.
     """
     full, second = math.pi * radius**2, math.pi * radius**4 / 4
     across = sum(math.cos(angle) ** 2 for angle in angles)

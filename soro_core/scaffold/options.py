@@ -143,7 +143,17 @@ def read_range(text: str) -> tuple[float, float] | None:
 
 
 def read_one(kind: Quantity, text: str, option: str) -> float | None:
-    """Return the number of an option of the whole arm, or None where it is not given."""
+    """Return the number of an option of the whole arm, or None where it is not given.
+
+    Parameters
+    ----------
+    kind : Quantity
+        What it is.
+    text : str
+        As it is written.
+    option : str
+        For errors.
+    """
     values = _numbers(kind, text, option)
     if len(values) > 1:
         raise ConfigError(WHERE, option, text, f"one value for the whole arm, like {kind.example}")

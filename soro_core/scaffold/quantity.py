@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
 
-_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*|)")
 
 
 @dataclass(frozen=True)

@@ -137,7 +137,7 @@ def _held(arm: SoftArm, q: Array, low: float, high: float) -> bool:
 
 
 def _resting_place(arm: SoftArm) -> Array | None:
-    """Return coordinates (n_q,) of a stable rest, bent towards angle 0; None without one."""
+    """Return coordinates (n_q,) of a stable rest, bent away from angle 0; None without one."""
     low, high = arm.robot.pressure_range_pa
     angles = np.array([chamber.angle_rad for link in arm.robot.links for chamber in link.chambers])
     for size in (1.0, 0.5, 0.25, 0.0):

@@ -61,7 +61,7 @@ def _link(link: NewLink, planar: bool, damping: tuple[float, float]) -> dict[str
         "radius": link.radius,
         "mass": link.mass,
         **(
-            {"strains": Noted(strains, "it bends towards local x only, the direction of angle 0")}
+            {"strains": Noted(strains, "it bends in the plane of local x only, the direction of angle 0")}
             if planar
             else {}
         ),

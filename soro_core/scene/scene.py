@@ -291,7 +291,7 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
 def _beside(folder: Path, name: Any) -> Any:
     """Return the path of a file in a folder by its name there; any other value as it is."""
     if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-        return str((folder / name).resolve())
+        return str((folder / name).absolute())
     return name
 
 

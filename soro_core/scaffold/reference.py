@@ -71,16 +71,18 @@ def first_reference(robot: Robot, load_kg: float) -> FirstReference:
     return FirstReference("set_point", set_point=tuple(float(f"{x:.4g}") for x in place))
 
 
-def rests(robot: Robot, load_kg: float) -> bool:
-    """Return whether the arm has a stable rest at its lowest pressures that is not far from straight.
+def rests(robot: Robot, load_kg: float, parts: int) -> bool:
+    """Return whether the arm has a stable rest at its lowest pressures, found from the straight arm.
 
     Parameters
     ----------
     robot : Robot
     load_kg : float
         Mass at the tip beside that of the robot [kg].
+    parts : int
+        Links for each of the robot: an arm of more links buckles under a smaller load.
     """
-    arm = SoftArm(robot)
+    arm = SoftArm(robot.refine(parts))
     low = np.full(arm.n_u, max(robot.pressure_range_pa[0], 0.0))
     try:
         q = equilibrium(arm, low, None, load_kg)

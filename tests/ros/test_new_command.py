@@ -23,7 +23,7 @@ def test_a_new_arm_runs_at_once_from_another_folder(soro, domain, tmp_path, monk
     shutil.move(tmp_path / "made", tmp_path / "mine")
     monkeypatch.chdir(tmp_path)
     scene = f"mine/{name}_scene.yaml"
-    status, output, folder = run(tmp_path / "runs", "mode=lockstep", "duration_s=4", scene=scene)
+    status, output, folder = run(tmp_path / "runs", "mode=lockstep", "duration_s=6", scene=scene)
     assert status == 0, output
     found = summary(folder)
     assert found["verdict"] == "good"

@@ -43,6 +43,8 @@ _ITV_SCALES = (100e3, 500e3, 900e3)
 _SHIPPED, RATING = 90e3, 100.0 / 90.0
 _SUPPLY_MARGIN = 60e3
 _OF_RANGE = "the range of the arm"
+# What the numbers of tables are.
+_TABLES = {"ports": "I2C bus and addresses; ", "scales": "[V, Pa gauge] of set points and readings; "}
 
 
 def platform_name(given: str, n_chambers: int) -> str:
@@ -181,9 +183,10 @@ def _noted(
         if isinstance(value, Mapping) and isinstance(part, BaseModel):
             tree[key] = _noted(value, part, name, own, here)
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-            tree[key] = [Noted(item, "") for item in value]
+            tree[key] = [Noted(item, f"{_TABLES.get(key, '')}as in {name}") for item in value]
         elif isinstance(value, Mapping):
-            tree[key] = {inner: Noted(item, "") for inner, item in value.items()}
+            about = f"{_TABLES.get(key, '')}as in {name}"
+            tree[key] = {inner: Noted(item, about) for inner, item in value.items()}
         else:
             field = type(model).model_fields.get(key)
             described = field.description if field is not None and field.description else ""

@@ -46,7 +46,7 @@ def _what(arm: NewArm) -> str:
     links = "one link" if len(counts) == 1 else f"{len(counts)} links"
     chambers = f"{counts[0]}" if len(set(counts)) == 1 else " ".join(map(str, counts))
     plane = " that bends in one plane" if arm.planar else ""
-    return f"{links}{plane} of {chambers} chambers{' each' if len(counts) > 1 else ''}"
+    return f"{links} of {chambers} chambers{' each' if len(set(counts)) < len(counts) else ''}{plane}"
 
 
 def _link(link: NewLink, planar: bool, damping: tuple[float, float]) -> dict[str, Any]:

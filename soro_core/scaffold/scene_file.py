@@ -139,10 +139,10 @@ def _sensor(places: tuple[float, ...], rate_hz: float, delay_s: float) -> dict[s
 
 def _controller(arm: NewArm, reference: FirstReference, period: float) -> dict[str, Any]:
     low, high = arm.pressure_range.value
-    middle = Noted(
-        rounded(0.5 * (low + high)), "Pa gauge, where the force leaves a choice; middle of the range"
-    )
-    pressures: dict[str, Noted] = {"preferred_pa": middle}
+    preferred = reference.mean_pressure_pa if reference.kind == "circle" else rounded(0.5 * (low + high))
+    pressures = {
+        "preferred_pa": Noted(preferred, "Pa gauge, where the force leaves a choice; guess: the middle")
+    }
     if low > 0.0:
         pressures["minimum_pa"] = Noted(low, "Pa gauge, lowest set point of the law: the range of the arm")
     if arm.planar:
@@ -154,20 +154,23 @@ def _controller(arm: NewArm, reference: FirstReference, period: float) -> dict[s
         "adapt": Noted(True, "whether it learns"),
         "gains": Noted("auto", "from the model of the arm and the delay of the platform: docs/gains.md"),
         "pressures": pressures,
-        "reference": _reference(reference, middle.value, period),
+        "reference": _reference(reference, period),
     }
 
 
-def _reference(reference: FirstReference, middle_pa: float, period: float) -> dict[str, Noted]:
+def _reference(reference: FirstReference, period: float) -> dict[str, Noted]:
     if reference.kind == "circle":
         return {
             "kind": Noted("circle", "of the tip"),
             "curvature_per_m": Noted(
                 reference.curvature_per_m,
-                "1/m, of every link; estimated: four fifths of what 10 to 85 % of the range hold all round",
+                "1/m, of every link; estimated: four fifths of what the range holds all round",
             ),
             "period_s": Noted(period, "s; at least four, and six periods of the first bending"),
-            "mean_pressure_pa": Noted(middle_pa, "Pa gauge, decides the elongation; middle of the range"),
+            "mean_pressure_pa": Noted(
+                reference.mean_pressure_pa,
+                "Pa gauge, decides the elongation; guess: the middle of the range, or less for a soft arm",
+            ),
         }
     if reference.kind == "set_point":
         return {

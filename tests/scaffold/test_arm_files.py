@@ -13,7 +13,9 @@ from soro_core.hardware import load_platform
 from soro_core.loop import loop_of
 from soro_core.model.statics import equilibrium
 from soro_core.scaffold import Options, files, new_arm, write_arm
+from soro_core.scaffold.reference import LINK_BEND, LONGEST
 from soro_core.scaffold.robot_file import DAMPING
+from soro_core.scaffold.text import scalar
 from soro_core.scene import load_scene
 from tests.refused import refused
 
@@ -51,13 +53,20 @@ def test_every_number_has_a_comment(written, options):
 
 @ARMS
 def test_any_reader_of_yaml_reads_the_same_numbers(written, options):
-    """YAML 1.1 takes 1e-7 for a text."""
     made = written[options.name]
     plain = yaml.safe_load(made.robot.read_text())
     robot = load_robot(made.robot)
     for link, read in zip(plain["links"], robot.links, strict=True):
         assert tuple(link["damping"]) == read.damping
         assert [chamber["area_m2"] for chamber in link["chambers"]] == [c.area_m2 for c in read.chambers]
+
+
+@pytest.mark.parametrize("value", [1e-7, 2.5e-7, 5.0, 90e3, 1e20, -0.1, 2.0 * np.pi / 3.0])
+def test_a_number_is_one_to_readers_of_yaml_1_1(value):
+    """They take 1e-7 for a text, and 5 for an integer."""
+    read = yaml.safe_load(scalar(value))
+    assert isinstance(read, float)
+    assert read == pytest.approx(value, rel=1e-11)
 
 
 def test_what_was_given_is_in_the_robot(written):
@@ -104,6 +113,18 @@ def test_the_files_stand_together_in_any_folder(written, options, tmp_path, monk
 def test_the_pressures_hold_the_reference(written, options):
     scene = load_scene(written[options.name].scene)
     check_reach(loop_of(scene).controller, 1e-3)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_the_reference_of_a_soft_arm_is_no_longer_or_more_bent_than_arms_are(tmp_path, planar):
+    soft = {"material": "ecoflex-0050", "pressure_range": "0,300kPa", "planar": planar}
+    scene = load_scene(write_arm(new_arm(Options("soft", length="60mm", mass="20g", **soft)), tmp_path).scene)
+    controller = loop_of(scene).controller
+    q = controller.configured.sample(0.0).q
+    assert scene.controller.reference.kind == ("set_point" if planar else "circle")
+    assert 0.0 < q[0] <= LONGEST
+    assert 0.1 < abs(q[1]) * 0.06 <= LINK_BEND
+    check_reach(controller, 1e-3)
 
 
 def test_a_reference_that_is_too_far_is_seen(written):

@@ -36,6 +36,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.gains import gains
     from soro_ros.commands.identify import identify
     from soro_ros.commands.move import CONTEXT, move
+    from soro_ros.commands.new import new
     from soro_ros.commands.play import play
     from soro_ros.commands.reach import reach
     from soro_ros.commands.run import run
@@ -59,6 +60,7 @@ def application() -> typer.Typer:
     app.command()(reach)
     app.command()(gains)
     app.command()(identify)
+    app.command()(new)
     app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)

@@ -22,7 +22,7 @@ FOLDERS = (
     "soro_core/model",
     "soro_core/pneumatics",
     "soro_core/robot",
-    "soro_core/scene",
+    "soro_core/scaffold",
     "soro_core/safety",
     "soro_core/scene",
     "soro_core/testing",

@@ -23,6 +23,9 @@ from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 
+# Keys of a scene that name files.
+_FILES = ("robot", "platform", "controller")
+
 
 class RecorderSection(Strict):
     """Keys of the recorder."""
@@ -260,6 +263,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
 def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene:
     """Read a scene, by path or by name, with changes like ``{"controller.adapt": False}`` applied.
 
+    Files that it names are found beside it, else from the working directory; those of the changes from there.
+
     Raises
     ------
     ConfigError
@@ -267,6 +272,7 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     """
     path = find_config(name, "scenes")
     data = read_yaml(path)
+    data |= {key: _beside(path.parent, data[key]) for key in _FILES if key in data}
     _read_controller(data)
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))
@@ -280,6 +286,13 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
             allowed = f"one of {', '.join(platform.chamber_names)}"
             raise ConfigError(str(path), f"faults[{number}].chamber", fault.chamber, allowed)
     return scene
+
+
+def _beside(folder: Path, name: Any) -> Any:
+    """Return the path of a file in a folder by its name there; any other value as it is."""
+    if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
+        return str((folder / name).absolute())
+    return name
 
 
 def _read_controller(data: dict[str, Any]) -> None:

@@ -100,7 +100,17 @@ def test_the_command_lines_are_of_every_subcommand_that_needs_an_extra():
     app = application()
     names = {command.name or command.callback.__name__ for command in app.registered_commands}
     names |= {group.name for group in app.registered_groups}
-    assert names == {line[1] for line in commands("bag")} | {"fit", "reach", "gains"}
+    assert names == {line[1] for line in commands("bag")} | {"fit", "reach", "gains", "new"}
+
+
+def test_a_new_arm_is_written_without_any_extra(tmp_path):
+    lines = [
+        ["soro", "new", f"arm{k}", "--platform", platform, "--out", str(tmp_path)]
+        for k, platform in enumerate(("emulated", "itv", "vtem"))
+    ]
+    answers = said(modules("hardware", "ros", "board", "dask"), lines)
+    assert set(map(tuple, answers.values())) == {(0, "")}
+    assert len(list(tmp_path.glob("*_scene.yaml"))) == 3
 
 
 def test_a_node_without_ros_ends_with_one_line():

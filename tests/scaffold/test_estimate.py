@@ -1,0 +1,107 @@
+"""Estimates of a new arm against other ways to the same number."""
+
+import math
+
+import numpy as np
+import pytest
+
+from soro_core.scaffold import Options, estimate, new_arm
+from soro_core.scaffold.material import MATERIALS, find_material
+from tests.refused import refused
+
+
+@pytest.mark.parametrize("n", range(1, 8))
+def test_chambers_fit_into_their_section(n):
+    area, offset = estimate.chamber_of(0.01, n)
+    own = math.sqrt(area / math.pi)
+    assert own + offset < 0.01  # a wall outside
+    angles = 2.0 * math.pi * np.arange(n) / n
+    centres = offset * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for k in range(1, n):
+        assert np.linalg.norm(centres[k] - centres[0]) > 2.0 * own  # a wall between two
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_the_section_is_that_of_a_grid_of_points(planar):
+    radius, area, offset, angles = 0.015, 4e-5, 0.009, [0.3, 2.3, 4.4]
+    line = np.linspace(-radius, radius, 1501)
+    x, y = np.meshgrid(line, line)
+    solid = np.hypot(x, y) < radius
+    for angle in angles:
+        away = np.hypot(x - offset * math.cos(angle), y - offset * math.sin(angle))
+        solid &= away > math.sqrt(area / math.pi)
+    cell = (line[1] - line[0]) ** 2
+    second = float(np.sum(x[solid] ** 2) * cell)
+    if not planar:
+        second = 0.5 * (second + float(np.sum(y[solid] ** 2) * cell))
+    found = estimate.section_of(radius, area, offset, angles, planar)
+    assert found.area_m2 == pytest.approx(np.sum(solid) * cell, rel=5e-3)
+    assert found.second_moment_m4 == pytest.approx(second, rel=5e-3)
+
+
+def test_the_radius_from_the_mass_gives_that_mass():
+    radius = estimate.radius_of(0.08, 0.03, 1070.0, 3)
+    area, offset = estimate.chamber_of(radius, 3)
+    section = estimate.section_of(radius, area, offset, [0.0, 2.1, 4.2], False)
+    assert 1070.0 * section.area_m2 * 0.08 == pytest.approx(0.03)
+
+
+def test_the_modulus_for_the_weight_grows_with_load_and_length():
+    section = estimate.Section(1e-4, 1e-9)
+    # A beam that stands: E I = m g (L / 2) L / SAG.
+    alone = estimate.modulus_for_weight([section], [0.1], [0.02], 0.0)
+    assert alone == pytest.approx(9.81 * 0.02 * 0.05 * 0.1 / (estimate.SAG * 1e-9))
+    assert estimate.modulus_for_weight([section], [0.1], [0.02], 0.01) == pytest.approx(2.0 * alone)
+    # The same beam in two halves.
+    halves = estimate.modulus_for_weight([section] * 2, [0.05] * 2, [0.01] * 2, 0.0)
+    assert halves == pytest.approx(alone)
+
+
+def test_a_material_that_is_not_given_moves_over_the_range_of_pressures():
+    """Its stretch by all chambers at the highest pressure, from the numbers of the arm."""
+    (link,) = new_arm(
+        Options("arm", length="60mm", radius="15mm", mass="20g", pressure_range="0,50kPa")
+    ).links
+    stretch = 3 * link.area.value * 50e3 / (link.k_e.value * 0.06)
+    bend = link.area.value * link.offset.value * 50e3 / link.k_b.value
+    assert max(stretch / estimate.STRETCH, bend / estimate.BEND) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_named_materials_have_moduli_of_their_data_sheets():
+    # Stress of a neo-Hookean material of this modulus at 100 % strain [psi].
+    for name, psi in (("ecoflex-0030", 10.0), ("ecoflex-0050", 12.0), ("dragonskin-30", 86.0)):
+        assert MATERIALS[name].youngs_modulus_pa / 3 * (2 - 0.25) / 6894.757 == pytest.approx(psi)
+    assert find_material("Ecoflex 00-30") is MATERIALS["ecoflex-0030"]
+    assert all(material.source for material in MATERIALS.values())
+    with refused("--material", "jelly", tuple(MATERIALS)):
+        find_material("jelly")
+
+
+def test_stiffness_follows_section_and_modulus():
+    options = Options("arm", length="0.1", radius="10mm", area="20mm2", offset="5mm", youngs_modulus="1MPa")
+    (link,) = new_arm(options).links
+    area = math.pi * 1e-4 - 3 * 20e-6
+    second = math.pi * 1e-8 / 4 - 3 * (20e-6**2 / (4 * math.pi) + 0.5 * 20e-6 * 25e-6)
+    assert link.k_e.value == pytest.approx(1e6 * area / 0.1, rel=1e-3)
+    assert link.k_b.value == pytest.approx(1e6 * second / 0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"name": "My-Arm"}, "ARM"),
+        ({"name": "../arm"}, "ARM"),
+        ({"name": "3arm"}, "ARM"),
+        ({"mounting": "leaning"}, "--mounting"),
+        ({"material": "tpu-85a", "youngs_modulus": "12MPa"}, "--youngs-modulus"),
+        ({"area": "3cm2", "radius": "10mm"}, "--area"),
+        ({"mass": "10kg", "radius": "10mm"}, "--mass"),
+        ({"mass": "0.1g", "radius": "30mm"}, "--mass"),
+        ({"planar": True, "angles": "90,270"}, "--angles"),
+        ({"density": "1.07"}, "--density"),
+        ({"payload": "20"}, "--payload"),
+    ],
+)
+def test_an_arm_that_cannot_be_is_refused(changes, key):
+    with refused(key):
+        new_arm(Options(**{"name": "arm", "length": "80mm", **changes}))

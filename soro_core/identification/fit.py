@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from soro_core.errors import ModelError
+from soro_core.identification.candidates import Values, residuals_or_none, slopes
 
 Array: TypeAlias = NDArray[np.float64]
-Values: TypeAlias = Mapping[str, float]
-
-# Residual of a candidate that cannot be simulated: larger than any other, yet finite.
-_FAILED = 1e3
 
 
 @dataclass(frozen=True)
@@ -91,15 +88,15 @@ def fit(
         Unknowns.
     residuals : callable
         Function of the values by name that returns residuals (n,), each divided by its expected error: the
-        loss changes from squares to absolute values at 1. Values that are not finite, or a ModelError, mark a
-        candidate that cannot be simulated.
+        loss changes from squares to absolute values at 1. Values that are not finite, or a SoroError, mark a
+        hopeless candidate (`soro_core.identification.candidates`).
     loss : str
         Loss of scipy.optimize.least_squares; soft_l1 limits the effect of outliers.
     max_iterations : int
         Largest number of iterations.
     relative_step : float
-        Step of the numerical derivatives, in units of the parameters; it must exceed the round-off of a
-        simulation.
+        Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must
+        exceed the round-off of a simulation.
 
     Returns
     -------
@@ -111,6 +108,8 @@ def fit(
         If two parameters share a name, a start lies outside its bounds or a unit is 0.
     ModelError
         If the start cannot be simulated.
+    SoroError
+        Whatever the residuals raise at the start.
     """
     names = [p.name for p in parameters]
     if len(set(names)) != len(names) or not names:
@@ -124,29 +123,37 @@ def fit(
     def values_of(x: Array) -> dict[str, float]:
         return dict(zip(names, (float(v) for v in x * unit), strict=True))
 
-    def evaluate(x: Array) -> Array:
-        nonlocal calls
-        calls += 1
-        try:
-            result = np.asarray(residuals(values_of(x)), float)
-        except ModelError:
-            return np.full(shape, _FAILED)
-        return np.where(np.isfinite(result), result, _FAILED)
-
     start = np.array([p.initial for p in parameters]) / unit
     first = np.asarray(residuals(values_of(start)), float)
     if not np.isfinite(first).all():
         text = "the starting values of the fit cannot be simulated (residuals that are not finite)"
         raise ModelError(text, "start")
-    shape = first.shape
+    latest = start, first
     bounds = np.array([p.lower for p in parameters]) / unit, np.array([p.upper for p in parameters]) / unit
+
+    def evaluate(x: Array) -> Array | None:
+        nonlocal calls
+        calls += 1
+        return residuals_or_none(residuals, values_of(x))
+
+    def costly(x: Array) -> Array:
+        nonlocal latest
+        if not np.array_equal(latest[0], x):
+            found = evaluate(x)
+            latest = x.copy(), np.full(first.shape, np.inf) if found is None else found
+        known: Array = latest[1]
+        return known
+
+    def derivatives(x: Array) -> Array:
+        return slopes(evaluate, x, costly(x), relative_step, bounds)
+
     found: Any = least_squares(
-        evaluate,
+        costly,
         start,
+        jac=derivatives,
         bounds=bounds,
         loss=loss,
         max_nfev=max_iterations,
-        diff_step=relative_step,
         x_scale="jac",
     )
     deviations = _deviations(found, unit)

@@ -20,7 +20,7 @@ MOST_NODES, MOST_STEPS = 500, 100_000
 
 REASONS = {
     dynamics.NOT_FINITE: "a coordinate or velocity is not finite",
-    dynamics.COLLAPSED: "an elongation is -1 or less: a link would be compressed to nothing",
+    dynamics.COLLAPSED: "an elongation is at its least or below: a link would be compressed to nothing",
     dynamics.SINGULAR: "the inertia matrix is not positive definite at this state",
     dynamics.NOT_CONVERGED: "Newton's iteration did not converge",
     dynamics.BAD_INPUT: "a pressure or wrench is not finite",

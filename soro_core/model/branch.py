@@ -1,7 +1,7 @@
 """The branch of equilibria that begins at rest, followed while the pressures grow, docs/model.md (53).
 
 Equilibria are a curve in the space of coordinates and share of the pressures. Followed by its own length
-(pseudo-arclength continuation), it can be passed where it turns back in the pressures: there an arm snaps or
+(pseudo-arclength continuation [K77]), it can be passed where it turns back in the pressures: there an arm snaps or
 collapses.
 """
 
@@ -21,7 +21,7 @@ Force: TypeAlias = Callable[[Array, float], Array]
 
 # Of the curve's length, where all pressures count 1, a strain 1, and a curvature its product with the length.
 LONGEST, SHORTEST, MOST_STEPS = 0.1, 1e-5, 1000
-MOST_ITERATIONS = 6
+MOST_ITERATIONS = 8
 TOLERANCE = 1e-9
 # Steps of the numerical derivatives by the coordinates and by the share, in which forces are linear.
 DIFFERENCE, BY_SHARE = 1e-6, 1e-2
@@ -66,56 +66,57 @@ def follow(force: Force, rest: Array, weight: Array, scale: Array) -> Branch:
     def balance(z: Array) -> Array:
         return weight / scale * force(z[:-1] / weight, float(z[-1]))
 
-    n = rest.size
     z = np.append(rest * weight, 0.0)
-    heading = np.append(np.zeros(n), 1.0)
+    forward = np.append(np.zeros(rest.size), 1.0)
     length, furthest = LONGEST, 0.0
     try:
-        heading = _tangent(balance, z, heading)
+        slope = _slope(balance, z)
+        heading = _along(slope, forward)
         for _ in range(MOST_STEPS):
-            after = _step(balance, z, heading, length)
-            turns = after is not None and heading[-1] > 0.0 > after[1][-1]
-            if after is None or (turns and length > TURN):
+            after = _step(balance, z, slope, heading, length)
+            if after is not None:
+                slope_after = _slope(balance, after)
+                turned = _along(slope_after, heading)
+                turns = heading[-1] > 0.0 > turned[-1] and length > TURN
+            if after is None or turns or turned @ heading < STRAIGHT:
                 length *= 0.5
                 if length < SHORTEST:
                     break
                 continue
-            if after[0][-1] >= 1.0:
-                part = (1.0 - z[-1]) / (after[0][-1] - z[-1])
-                return Branch((z + part * (after[0] - z))[:-1] / weight, 1.0)
-            z, heading = after
+            if after[-1] >= 1.0:
+                part = (1.0 - z[-1]) / (after[-1] - z[-1])
+                return Branch((z + part * (after - z))[:-1] / weight, 1.0)
+            z, slope, heading = after, slope_after, turned
             furthest = max(furthest, float(z[-1]))
             if z[-1] <= 0.0:  # it has turned back to no pressure
                 break
             length = min(1.5 * length, LONGEST)
-    except np.linalg.LinAlgError:  # a matrix that is not finite: beyond all bounds
+    except (ModelError, np.linalg.LinAlgError):  # beyond the model, or all bounds
         pass
     return Branch(z[:-1] / weight, furthest)
 
 
 def _step(
-    balance: Callable[[Array], Array], z: Array, heading: Array, length: float
-) -> tuple[Array, Array] | None:
-    """Next point and heading; None where the step is too long for the curve."""
+    balance: Callable[[Array], Array], z: Array, slope: Array, heading: Array, length: float
+) -> Array | None:
+    """Next point; None where the step is too long for the curve. The derivatives are those at the start."""
     ahead = z + length * heading
     x = ahead
     try:
+        inverse = np.linalg.inv(np.vstack((slope, heading)))
         for _ in range(MOST_ITERATIONS):
-            matrix = np.vstack((_slope(balance, x), heading))
-            off = np.append(balance(x), heading @ (x - ahead))
-            change = np.linalg.solve(matrix, off)
+            change = inverse @ np.append(balance(x), heading @ (x - ahead))
             x = x - change
             if np.abs(change).max() < TOLERANCE:
-                turned = _tangent(balance, x, heading)
-                return (x, turned) if turned @ heading > STRAIGHT else None
+                return np.asarray(x)
     except (ModelError, np.linalg.LinAlgError):
         pass
     return None
 
 
-def _tangent(balance: Callable[[Array], Array], z: Array, heading: Array) -> Array:
+def _along(slope: Array, heading: Array) -> Array:
     """Unit vector along the curve, on the side of the heading."""
-    along: Array = np.linalg.svd(_slope(balance, z))[2][-1]
+    along: Array = np.linalg.svd(slope)[2][-1]
     return along if along @ heading > 0.0 else -along
 
 

@@ -1,5 +1,5 @@
 """Elastic force as the gradient of a potential, its Hessian and its features, docs/model.md (16) to (18)
-and (50).
+and (52).
 
 U = int_0^x k_e(s) s ds + int_0^beta k_b(s) s ds, x = eps L, with k(s) = a1 + a2 (tanh^2(a3 s) - 1); or a
 quadratic form of the coordinates from a material. Walls that touch at a least elongation add to k_e. The

@@ -97,7 +97,7 @@ def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, s
         reached = branch.share * p
         raise NoBalanceError(
             f"no equilibrium at pressures {listed(p)} Pa of {arm.robot.name}: no balance beyond"
-            f" {branch.share:.3f} of them, {listed(reached)} Pa; lower the pressures or the load",
+            f" {listed(reached)} Pa, on the way there from no pressure; lower the pressures or the load",
             tuple(float(one) for one in reached),
         )
     return _search(forces, 1.0, branch.q)

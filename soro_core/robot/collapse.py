@@ -1,4 +1,4 @@
-"""Pressures at which a link has no balance and collapses, docs/model.md (51), (52).
+"""Pressures at which a link has no balance and collapses, docs/model.md (50), (51).
 
 With `bend_angle: deformed` the stiffness against curvature falls as a link gets shorter: bending pulls it
 short, which lets it bend more.

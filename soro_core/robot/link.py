@@ -161,7 +161,7 @@ class Link(Strict):
         ge=LEAST_ELONGATION,
         lt=0,
         description="elongation at which its walls or coils touch: towards it compression stiffens beyond all"
-        " bounds, docs/model.md (50); default: it does not",
+        " bounds, docs/model.md (52); default: it does not",
     )
     damping: Floats | None = Field(
         None, description="viscous damping of each coordinate, added to that of the material; default 0"

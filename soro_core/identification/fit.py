@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from soro_core.errors import ModelError
-from soro_core.identification.candidates import Values, residuals_or_none, slopes
+from soro_core.identification.candidates import Values, residuals_or_none
+from soro_core.identification.search import Loss, Search
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ class Fit:
 def fit(
     parameters: Sequence[Parameter],
     residuals: Callable[[Values], Array],
-    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "soft_l1",
+    loss: Loss = "soft_l1",
     max_iterations: int = 30,
     relative_step: float = 1e-4,
 ) -> Fit:
@@ -93,7 +93,8 @@ def fit(
     loss : str
         Loss of scipy.optimize.least_squares; soft_l1 limits the effect of outliers.
     max_iterations : int
-        Largest number of iterations.
+        Largest number of iterations of a search. One that hopeless candidates have stopped is begun anew
+        beside them (`soro_core.identification.search`).
     relative_step : float
         Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must
         exceed the round-off of a simulation.
@@ -128,7 +129,6 @@ def fit(
     if not np.isfinite(first).all():
         text = "the starting values of the fit cannot be simulated (residuals that are not finite)"
         raise ModelError(text, "start")
-    latest = start, first
     bounds = np.array([p.lower for p in parameters]) / unit, np.array([p.upper for p in parameters]) / unit
 
     def evaluate(x: Array) -> Array | None:
@@ -136,26 +136,7 @@ def fit(
         calls += 1
         return residuals_or_none(residuals, values_of(x))
 
-    def costly(x: Array) -> Array:
-        nonlocal latest
-        if not np.array_equal(latest[0], x):
-            found = evaluate(x)
-            latest = x.copy(), np.full(first.shape, np.inf) if found is None else found
-        known: Array = latest[1]
-        return known
-
-    def derivatives(x: Array) -> Array:
-        return slopes(evaluate, x, costly(x), relative_step, bounds)
-
-    found: Any = least_squares(
-        costly,
-        start,
-        jac=derivatives,
-        bounds=bounds,
-        loss=loss,
-        max_nfev=max_iterations,
-        x_scale="jac",
-    )
+    found = Search(evaluate, start, first, bounds, loss, relative_step).run(max_iterations)
     deviations = _deviations(found, unit)
     return Fit(
         values_of(found.x),

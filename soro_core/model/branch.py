@@ -1,8 +1,8 @@
 """The branch of equilibria that begins at rest, followed while the pressures grow, docs/model.md (53).
 
 Equilibria are a curve in the space of coordinates and share of the pressures. Followed by its own length
-(pseudo-arclength continuation [K77]), it can be passed where it turns back in the pressures: there an arm snaps or
-collapses.
+(pseudo-arclength continuation [K77]), it can be passed where it turns back in the pressures: there an arm
+snaps or collapses.
 """
 
 from __future__ import annotations

@@ -60,13 +60,15 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
 
 
 def _warned(robot: Robot, where: str) -> Robot:
-    """Log one line where a chamber can make a link collapse within the range of pressures."""
+    """Log one line where chambers can make a link collapse within the range of pressures."""
     within = collapsing(robot)
     if within:
         low, high = (1e-3 * end for end in robot.pressure_range_pa)
-        listed = ", ".join(f"{1e-3 * one.pressure_pa:.4g} kPa in {one.chamber}" for one in within)
+        listed = ", ".join(
+            f"{1e-3 * one.pressure_pa:.4g} kPa in {' with '.join(one.chambers)}" for one in within
+        )
         logging.getLogger("soro_core").warning(
-            "%s: pressure_range_pa of %g to %g kPa: a chamber alone makes its link collapse beyond about %s;"
+            "%s: pressure_range_pa of %g to %g kPa: a link can collapse beyond about %s;"
             " allowed without this warning: a range within, or least_elongation of the link",
             where,
             low,

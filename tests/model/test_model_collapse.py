@@ -8,6 +8,7 @@ from differences import extrapolated
 from soro_core import SoftArm, robot_from_dict
 from soro_core.errors import ModelError
 from soro_core.model.statics import NoBalanceError, equilibrium
+from soro_core.robot.collapse import collapsing
 from tests.refused import fails
 
 
@@ -21,6 +22,15 @@ def test_the_branch_from_rest_ends_at_the_limit_of_the_document(alpha_eps, sign)
     e = alpha_eps * reached / (K_E * LENGTH**2)
     assert reached == pytest.approx(sign * LIMIT_PA * (1.0 + e) ** 2, rel=1e-6)
     assert caught.value.key == "equilibrium"
+
+
+def test_two_chambers_collapse_a_link_where_the_check_of_a_robot_file_says():
+    chambers = [{"angle_rad": angle, "alpha_eps": 1e-6, "alpha_kappa": ALPHA_KAPPA} for angle in (0.3, 1.5)]
+    arm = bent_arm(robot={"pressure_range_pa": [0.0, LIMIT_PA]}, chambers=chambers)
+    (limit,) = collapsing(arm.robot)
+    with pytest.raises(NoBalanceError) as caught:
+        equilibrium(arm, [2.0 * LIMIT_PA] * 2)
+    assert caught.value.reached_pa == pytest.approx([limit.pressure_pa] * 2, rel=1e-5)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.99, 0.9999])

@@ -1,5 +1,7 @@
 """A range of pressures that can collapse a link: named at load, with chamber and pressure."""
 
+import cmath
+import itertools
 import logging
 
 import pytest
@@ -66,17 +68,37 @@ def test_a_vacuum_shortens_the_link_beside():
     """The limit P of the chamber alone falls to P (1 - e)^2, e its own compression at that pressure."""
     robot = Robot(**described(1e3, -101325.0, alpha_eps=1e-5))
     (found, *_) = collapsing(robot)
-    assert found.chamber == "link0/chamber0"
+    assert found.chambers == ("link0/chamber0",)
     share = found.pressure_pa / -LIMIT_PA
     e = 1e-5 * -found.pressure_pa / (K_E * LENGTH**2)
     assert share == pytest.approx((1.0 - e) ** 2, rel=1e-4)
     assert 0.5 < share < 0.9
 
 
+@pytest.mark.parametrize("angles", [(0.0, 1.5, 3.1, 4.7), (0.2, 1.2, 0.7)])
+def test_chambers_that_bend_a_link_together_are_named_together(angles):
+    """At the pressure by which the largest sum of their moments is that of one at its limit."""
+    given = [{"angle_rad": angle, "alpha_eps": 0.0, "alpha_kappa": ALPHA} for angle in angles]
+    sums = {}
+    for chosen in itertools.product((False, True), repeat=len(angles)):
+        sums[chosen] = abs(sum(cmath.exp(1j * a) for a, take in zip(angles, chosen, strict=True) if take))
+    most = max(sums, key=sums.get)
+    (found, *_) = collapsing(Robot(**described(0.999 * LIMIT_PA, chambers=given)))
+    assert found.chambers == tuple(f"link0/chamber{k}" for k, take in enumerate(most) if take)
+    assert found.pressure_pa == pytest.approx(LIMIT_PA / sums[most], rel=1e-5)
+    (alone, *_) = collapsing(Robot(**described(1.001 * LIMIT_PA, chambers=given)))
+    assert alone.chambers == ("link0/chamber0",)
+
+
+def test_what_several_chambers_lengthen_a_link_by_counts():
+    given = [{"angle_rad": a, "alpha_eps": 2e-5, "alpha_kappa": ALPHA} for a in (0.0, 1.5)]
+    assert collapsing(Robot(**described(0.999 * LIMIT_PA, chambers=given))) == []
+
+
 def test_parts_of_a_link_collapse_where_it_does():
     robot = Robot(**described(1.5 * LIMIT_PA))
     for one, part in zip(collapsing(robot), collapsing(robot.refine(3)), strict=True):
-        assert part.chamber == one.chamber
+        assert part.chambers == one.chambers
         assert part.pressure_pa == pytest.approx(one.pressure_pa, rel=1e-12)
 
 

@@ -1,5 +1,6 @@
 """Fitting the parameters of a robot and its valves to recorded runs, and judging models against them."""
 
+from soro_core.identification.candidates import residuals_or_none
 from soro_core.identification.fit import Fit, Parameter, fit
 from soro_core.identification.frame import CurvatureErrors, MeasurementFrame, curvature_errors, fit_frame
 from soro_core.identification.records import ForcedRun, ReleaseRun, read_forced, read_release
@@ -29,4 +30,5 @@ __all__ = [
     "read_pressures",
     "read_release",
     "release_bend",
+    "residuals_or_none",
 ]

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from soro_core.errors import ModelError
+from soro_core.identification.candidates import Values, residuals_or_none
+from soro_core.identification.search import Loss, Search
 
 Array: TypeAlias = NDArray[np.float64]
-Values: TypeAlias = Mapping[str, float]
-
-# Residual of a candidate that cannot be simulated: larger than any other, yet finite.
-_FAILED = 1e3
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ class Fit:
 def fit(
     parameters: Sequence[Parameter],
     residuals: Callable[[Values], Array],
-    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "soft_l1",
+    loss: Loss = "soft_l1",
     max_iterations: int = 30,
     relative_step: float = 1e-4,
 ) -> Fit:
@@ -91,15 +88,16 @@ def fit(
         Unknowns.
     residuals : callable
         Function of the values by name that returns residuals (n,), each divided by its expected error: the
-        loss changes from squares to absolute values at 1. Values that are not finite, or a ModelError, mark a
-        candidate that cannot be simulated.
+        loss changes from squares to absolute values at 1. Values that are not finite, or a SoroError, mark a
+        hopeless candidate (`soro_core.identification.candidates`).
     loss : str
         Loss of scipy.optimize.least_squares; soft_l1 limits the effect of outliers.
     max_iterations : int
-        Largest number of iterations.
+        Largest number of iterations of a search. One that hopeless candidates have stopped is begun anew
+        beside them (`soro_core.identification.search`).
     relative_step : float
-        Step of the numerical derivatives, in units of the parameters; it must exceed the round-off of a
-        simulation.
+        Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must
+        exceed the round-off of a simulation.
 
     Returns
     -------
@@ -111,6 +109,8 @@ def fit(
         If two parameters share a name, a start lies outside its bounds or a unit is 0.
     ModelError
         If the start cannot be simulated.
+    SoroError
+        Whatever the residuals raise at the start.
     """
     names = [p.name for p in parameters]
     if len(set(names)) != len(names) or not names:
@@ -124,31 +124,19 @@ def fit(
     def values_of(x: Array) -> dict[str, float]:
         return dict(zip(names, (float(v) for v in x * unit), strict=True))
 
-    def evaluate(x: Array) -> Array:
-        nonlocal calls
-        calls += 1
-        try:
-            result = np.asarray(residuals(values_of(x)), float)
-        except ModelError:
-            return np.full(shape, _FAILED)
-        return np.where(np.isfinite(result), result, _FAILED)
-
     start = np.array([p.initial for p in parameters]) / unit
     first = np.asarray(residuals(values_of(start)), float)
     if not np.isfinite(first).all():
         text = "the starting values of the fit cannot be simulated (residuals that are not finite)"
         raise ModelError(text, "start")
-    shape = first.shape
     bounds = np.array([p.lower for p in parameters]) / unit, np.array([p.upper for p in parameters]) / unit
-    found: Any = least_squares(
-        evaluate,
-        start,
-        bounds=bounds,
-        loss=loss,
-        max_nfev=max_iterations,
-        diff_step=relative_step,
-        x_scale="jac",
-    )
+
+    def evaluate(x: Array) -> Array | None:
+        nonlocal calls
+        calls += 1
+        return residuals_or_none(residuals, values_of(x))
+
+    found = Search(evaluate, start, first, bounds, loss, relative_step).run(max_iterations)
     deviations = _deviations(found, unit)
     return Fit(
         values_of(found.x),

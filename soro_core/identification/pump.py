@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
-from soro_core.identification.fit import Fit, Parameter, Values, fit
+from soro_core.identification.candidates import Values
+from soro_core.identification.fit import Fit, Parameter, fit
 from soro_core.identification.records import read_columns
 from soro_core.identification.steps import crossing
 from soro_core.pneumatics.chamber import chamber_pressures, make_gas, masses_at

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.identification.records import ForcedRun
@@ -63,8 +63,10 @@ def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int =
     return begin + np.asarray(result.t, float), q @ means.T
 
 
-def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> tuple[Array, Array]:
-    """Simulate the release of the arm from a bending angle, at rest, relaxed and without pressure.
+def release_bend(
+    arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3, internal: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Simulate the release of the arm from a bending angle, at rest and without pressure.
 
     Parameters
     ----------
@@ -74,6 +76,10 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
         Bending angle at the start [rad].
     t_end, dt : float
         Duration and time step [s].
+    internal : array_like of shape (n_internal,), optional
+        States of creep and hysteresis at the start; default 0, relaxed: the arm was held bent for long. An
+        arm that was bent at once has those of creep at -q. A recording does not show them, so a fit may have
+        them as parameters.
 
     Returns
     -------
@@ -83,7 +89,7 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
     Raises
     ------
     ModelError
-        If the arm has more than one link or no bending_y, or the simulation fails.
+        If the arm has more than one link or no bending_y, `internal` is not allowed, or the simulation fails.
     """
     if len(arm.robot.links) != 1:
         raise ModelError(
@@ -95,7 +101,7 @@ def release_bend(arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3) -> t
     q0 = equilibrium(arm, np.zeros(arm.n_u))
     shape = fields.of("bending_y") * fields.uniform
     q0 += shape * bend / (length * (1 + stretch @ q0) * (curvature @ shape))
-    result = simulate(arm, q0, np.zeros(arm.n_q), t_end=t_end, dt=dt, pressure=None)
+    result = simulate(arm, q0, np.zeros(arm.n_q), t_end=t_end, dt=dt, pressure=None, internal0=internal)
     q = np.asarray(result.q, float)
     if not np.isfinite(q).all() or result.t[-1] < t_end - 1.5 * dt:
         raise ModelError(f"the release failed at {result.t[-1]} s: {result.status.message}")

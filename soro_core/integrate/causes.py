@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
 from soro_core.integrate.explicit import MAX_STEPS
 from soro_core.integrate.state import OK, Status
 from soro_core.integrate.system import CLOSED, NOT_RESOLVED, TOO_STIFF
+from soro_core.model import SoftArm
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
+from soro_core.robot.coordinates import strain_fields
+
+Array: TypeAlias = NDArray[np.float64]
 
 _CAUSES = {
     NOT_FINITE: "the state is not finite, or grew beyond all bounds",
-    COLLAPSED: "a link was compressed to nothing (elongation -1 or less)",
+    COLLAPSED: "a link was compressed to nothing (to its least elongation or beyond)",
     SINGULAR: "the equations became singular",
     NOT_CONVERGED: "Newton's iteration did not converge",
     BAD_INPUT: "a pressure or wrench is not finite",
@@ -19,7 +28,8 @@ _CAUSES = {
 }
 _CURES = {
     NOT_FINITE: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
-    COLLAPSED: "lower the load or the pressure, raise the axial stiffness, or use a smaller dt"
+    COLLAPSED: "lower the load or the pressure, raise the axial stiffness, give the link a least_elongation"
+    " towards which it stiffens, or use a smaller dt"
     " (with an explicit integrator a much smaller one, or integrator='trapezoidal')",
     SINGULAR: "use a smaller dt, and check masses and stiffnesses of the robot",
     NOT_CONVERGED: "use a smaller dt, or integrator='tr_bdf2'",
@@ -30,8 +40,32 @@ _CURES = {
 }
 
 
+def shortest_link(arm: SoftArm, q: Array) -> str:
+    """Return which link is compressed the most, and how far, to follow the time of a failure."""
+    fields = strain_fields(arm.robot)
+    links = [i for i in range(len(arm.robot.links)) if fields.of("elongation", i).any()]
+    means = [(fields.of("elongation", i) * fields.mean) @ q for i in links]
+    least = int(np.argmin(means))
+    return f" in link{links[least]} (elongation {means[least]:.3f})"
+
+
+def describe_at(code: int, arm: SoftArm, q: Array, when: str = "") -> Status:
+    """Return the status of a kernel's code; of a collapse it names the link.
+
+    Parameters
+    ----------
+    code : int
+    arm : SoftArm
+    q : (n_q,)
+        Last good coordinates.
+    when : str
+        Time, inserted before the cause.
+    """
+    return describe(code, when + (shortest_link(arm, q) if code == COLLAPSED else ""))
+
+
 def describe(code: int, when: str = "") -> Status:
-    """Return the status of a kernel's code; `when` is inserted between cause and remedy."""
+    """Return the status of a kernel's code; `when` is inserted before the cause."""
     if code == GOOD:
         return OK
     return Status(f"failed{when}: {_CAUSES[code]}; {_CURES[code]}")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
-from soro_core.integrate.causes import describe
+from soro_core.integrate.causes import describe_at
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
@@ -125,7 +125,7 @@ def simulate(
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
     last, code = run(stepping(arm, air), times, table, w, q, v, z)
     end = last + 1
-    status = describe(code, f" at t = {times[last]:.6g} s")
+    status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s")
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
     return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from soro_core._box import Box
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, Air, air_behind, air_pressures, initial_air, with_air
-from soro_core.integrate.causes import describe
+from soro_core.integrate.causes import describe_at
 from soro_core.integrate.dopri5 import DOPRI5
 from soro_core.integrate.explicit import explicit_run
 from soro_core.integrate.implicit import implicit_run
@@ -227,7 +227,7 @@ class Stepper:
         table[:] = p
         _, code = self._run_with(condition)(self._box, np.array([0.0, number(dt)]), table, w, q, v, z)
         if code != GOOD:
-            return state, describe(code)
+            return state, describe_at(code, arm, q[0])
         return State(q[1], v[1], z[1]), OK
 
     def derivatives(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ from soro_core.model.build_external import external_table, find, places_of, with
 from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
 from soro_core.robot.basis import shape_means, shape_values, strain_rows
+from soro_core.robot.link import LEAST_ELONGATION
 from soro_core.rotation import matrix_from_quaternion
 
 Array: TypeAlias = NDArray[np.float64]
@@ -78,6 +80,8 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         weights=weights,
         columns=np.array([_columns(link, first) for link, first in zip(links, offset, strict=False)]),
         law=np.array([_law(link) for link in links], dtype=np.float64),
+        least=np.array([link.least_elongation or LEAST_ELONGATION for link in links]),
+        wall=np.array([(link.length * (link.least_elongation or math.inf)) ** -2 for link in links]),
         bend_angle=DEFORMED if robot.bend_angle == "deformed" else GEOMETRIC,
         stiffness=_blocks(
             [link_stiffness(link, factor) for link, factor in zip(links, shear_factors(robot), strict=True)]
@@ -174,14 +178,7 @@ def _chambers(
             u += 1
             for i in group:
                 link = robot.links[i]
-                if chamber.area_m2 is not None and chamber.offset_m is not None:
-                    axial = chamber.area_m2 * link.length
-                    bending = axial * chamber.offset_m
-                else:
-                    assert chamber.alpha_eps is not None
-                    assert chamber.alpha_kappa is not None
-                    axial = chamber.alpha_eps * link.length / whole
-                    bending = chamber.alpha_kappa * link.length / whole
+                axial, bending = chamber.gains(link.length, whole)
                 gains = {
                     "elongation": axial,
                     "bending_x": -bending * np.cos(chamber.angle_rad),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from soro_core.errors import ModelError, short
 from soro_core.model import dynamics, entries
 from soro_core.robot import Robot
+from soro_core.robot.link import LEAST_ELONGATION
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -20,7 +21,8 @@ MOST_NODES, MOST_STEPS = 500, 100_000
 
 REASONS = {
     dynamics.NOT_FINITE: "a coordinate or velocity is not finite",
-    dynamics.COLLAPSED: "an elongation is -1 or less: a link would be compressed to nothing",
+    dynamics.COLLAPSED: f"an elongation is near -1 ({LEAST_ELONGATION}, or its link's least_elongation) or"
+    " beyond: a link would be compressed to nothing",
     dynamics.SINGULAR: "the inertia matrix is not positive definite at this state",
     dynamics.NOT_CONVERGED: "Newton's iteration did not converge",
     dynamics.BAD_INPUT: "a pressure or wrench is not finite",

@@ -25,7 +25,7 @@ GOOD, NOT_FINITE, COLLAPSED, SINGULAR, NOT_CONVERGED, BAD_INPUT = 0, 1, 2, 3, 4,
 
 @inner
 def check(t: Tables, q: Array, qd: Array) -> int:
-    """GOOD, NOT_FINITE, or COLLAPSED where a link is compressed to nothing (eps <= -1)."""
+    """GOOD, NOT_FINITE, or COLLAPSED where a link is compressed to its least elongation or beyond."""
     for c in range(q.shape[0]):
         if not (math.isfinite(q[c]) and math.isfinite(qd[c])):
             return NOT_FINITE
@@ -33,7 +33,7 @@ def check(t: Tables, q: Array, qd: Array) -> int:
         if t.columns[i, 0, 0] == t.columns[i, 0, 1]:
             continue
         for k in range(n_samples(t, i)):
-            if not 1.0 + local_strain(t, i, 0, k, q) > 0.0:
+            if not local_strain(t, i, 0, k, q) > t.least[i]:
                 return COLLAPSED
     return GOOD
 

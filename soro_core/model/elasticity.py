@@ -1,8 +1,10 @@
-"""Elastic force as the gradient of a potential, its Hessian and its features, docs/model.md (16) to (18).
+"""Elastic force as the gradient of a potential, its Hessian and its features, docs/model.md (16) to (18)
+and (52).
 
 U = int_0^x k_e(s) s ds + int_0^beta k_b(s) s ds, x = eps L, with k(s) = a1 + a2 (tanh^2(a3 s) - 1); or a
-quadratic form of the coordinates from a material. The bending part is written in w = beta^2 / 2, which is
-smooth at zero curvature, so that nothing is ever divided by it: dU/dq = k_b(beta) dw/dq.
+quadratic form of the coordinates from a material. Walls that touch at a least elongation add to k_e. The
+bending part is written in w = beta^2 / 2, which is smooth at zero curvature, so that nothing is ever divided
+by it: dU/dq = k_b(beta) dw/dq.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ from soro_core.model.tables import DEFORMED, Tables
 
 Array: TypeAlias = NDArray[np.float64]
 Slope: TypeAlias = tuple[float, float, float]
+
+# Least 1 - u^2 of walls that touch: keeps what is evaluated beyond them finite.
+CLOSEST = 1e-12
 
 
 @inner
@@ -47,6 +52,40 @@ def _law_energy(a1: float, a2: float, a3: float, s: float) -> float:
         log_cosh = u + math.log1p(math.exp(-2.0 * u)) - math.log(2.0)
         inner = (u * math.tanh(u) - log_cosh) / (a3 * a3)
     return 0.5 * a1 * s * s - a2 * inner
+
+
+@inner
+def _touch(wall: float, x: float) -> tuple[float, float]:
+    """1 - u^2 and u^2 / (1 - u^2), u = x / (least elongation L): u = 0 in extension, or without walls."""
+    if wall == 0.0 or x >= 0.0:
+        return 1.0, 0.0
+    u2 = wall * x * x
+    left = max(1.0 - u2, CLOSEST)
+    return left, u2 / left
+
+
+@inner
+def _axial(law: Array, wall: float, x: float) -> float:
+    """k_e(x) with that of walls that touch."""
+    _, touch = _touch(wall, x)
+    secant: float = _secant(law[0], law[1], law[2], x) + (law[0] - law[1]) * touch
+    return secant
+
+
+@inner
+def _axial_slope(law: Array, wall: float, x: float) -> float:
+    """d(k_e x)/dx, with that of walls that touch."""
+    left, touch = _touch(wall, x)
+    touching = (law[0] - law[1]) * touch * 2.0 / left
+    slope: float = _axial(law, wall, x) + x * x * _secant_slope(law[1], law[2], x) + touching
+    return slope
+
+
+@inner
+def _wall_energy(law: Array, wall: float, x: float) -> float:
+    """int_0^x of the force of walls that touch: k_e(0) (least L)^2 (-ln(1 - u^2) - u^2) / 2."""
+    left, _ = _touch(wall, x)
+    return 0.5 * (law[0] - law[1]) * (left - 1.0 - math.log(left)) / wall if left < 1.0 else 0.0
 
 
 @inner
@@ -78,7 +117,7 @@ def elastic_force(t: Tables, q: Array, force: Array) -> None:
         for k in range(n_samples(t, i)):
             share, x, _, w, slope = _bend(t, i, k, q)
             k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * w))
-            axial = _secant(law[0], law[1], law[2], x) * x * t.length[i]
+            axial = _axial(law, t.wall[i], x) * x * t.length[i]
             for r in range(3):
                 f = share * (k_b * slope[r] + (axial if r == 0 else 0.0))
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
@@ -99,7 +138,7 @@ def elastic_energy(t: Tables, q: Array) -> float:
             continue
         for k in range(n_samples(t, i)):
             share, x, _, w, _ = _bend(t, i, k, q)
-            energy += share * _law_energy(law[0], law[1], law[2], x)
+            energy += share * (_law_energy(law[0], law[1], law[2], x) + _wall_energy(law, t.wall[i], x))
             energy += share * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * w))
     return energy
 
@@ -120,7 +159,7 @@ def _law_second(t: Tables, i: int, k: int, q: Array, r: int, d: int) -> float:
         elif r == 0 or d == 0:
             second += k_b * 2.0 * slope[r + d] / stretch
     if r == 0 and d == 0:
-        second += (_secant(law[0], law[1], law[2], x) + x * x * _secant_slope(law[1], law[2], x)) * L * L
+        second += _axial_slope(law, t.wall[i], x) * L * L
     return second
 
 
@@ -155,13 +194,14 @@ def elastic_regressor(t: Tables, q: Array, Y: Array) -> None:
             continue
         for k in range(n_samples(t, i)):
             share, x, _, w, slope = _bend(t, i, k, q)
-            axial = _secant(0.0, 1.0, law[2], x) * x * t.length[i]
+            _, touch = _touch(t.wall[i], x)
+            axial = (_secant(0.0, 1.0, law[2], x) - touch) * x * t.length[i]
             feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * w))
             for r in range(3):
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                     f = share * t.shape_node[c, k]
                     if r == 0:
-                        Y[c, 4 * i] += f * x * t.length[i]
+                        Y[c, 4 * i] += f * (1.0 + touch) * x * t.length[i]
                         Y[c, 4 * i + 1] += f * axial
                     Y[c, 4 * i + 2] += f * slope[r]
                     Y[c, 4 * i + 3] += f * feature * slope[r]

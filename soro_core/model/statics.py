@@ -8,13 +8,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
+from soro_core.model.branch import follow
 from soro_core.model.checks import finite, listed, require, shaped
+from soro_core.model.rest_forces import RestForces
 from soro_core.model.soft_arm import SoftArm
+from soro_core.robot.coordinates import strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
 # A stiff hold makes a narrow, bent valley, in which a search from afar stalls: its force is raised in steps.
 SHARES = tuple(np.geomspace(1e-6, 1.0, 13))
+
+
+class NoBalanceError(ModelError):
+    """The branch of equilibria that begins at rest ends before the pressures are reached.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    reached_pa : tuple of float
+        Largest pressures [Pa] on it, in the ratio of those wanted.
+    """
+
+    def __init__(self, text: str, reached_pa: tuple[float, ...]) -> None:
+        self.reached_pa = reached_pa
+        super().__init__(text, "equilibrium")
 
 
 def equilibrium(
@@ -23,7 +42,8 @@ def equilibrium(
     """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
 
     Where contact or a held tip lets the search fail, it follows the equilibrium while these forces grow from
-    a millionth of theirs to all.
+    a millionth of theirs to all. Where the search from the straight arm fails or ends at an unstable
+    equilibrium, it follows the branch from rest without pressure while the pressures grow.
 
     Parameters
     ----------
@@ -31,7 +51,7 @@ def equilibrium(
     pressure : array_like of shape (n_u,)
         [Pa gauge].
     start : array_like of shape (n_q,), optional
-        Where the search starts; default straight.
+        Where the search starts, and which equilibrium it finds; default straight.
     added_tip_mass : float
         Mass at the tip beside that of the robot [kg].
 
@@ -42,20 +62,19 @@ def equilibrium(
     Raises
     ------
     ModelError
-        If an argument is not allowed, or no equilibrium is found from there.
+        If an argument is not allowed, or no equilibrium is found from there; as a `NoBalanceError` where the
+        branch from rest ends before these pressures.
     """
     require(arm, SoftArm, "arm", "a SoftArm")
     name = arm.robot.name
     p = finite(shaped(pressure, (arm.n_u,), "pressure", name), "pressure")
-    begin = np.zeros(arm.n_q)
+    forces = RestForces(arm, p, added_tip_mass)
     if start is not None:
-        begin = finite(shaped(start, (arm.n_q,), "start", name), "start")
-    outside = arm.robot.contacts is not None or arm.robot.tip_constraint is not None
-    q, trouble = _search(arm, p, 1.0 if outside else 0.0, begin, added_tip_mass)
-    if trouble and outside:
-        q = begin
-        for share in SHARES:
-            q, trouble = _search(arm, p, share, q, added_tip_mass)
+        q, trouble = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
+    else:
+        q, trouble = _near(forces, np.zeros(arm.n_q))
+        if p.any() and (trouble or not forces.is_stable(q)):
+            q, trouble = _from_rest(forces, q, trouble)
     if trouble:
         cure = "start the search nearer to it (start), or lower the load"
         raise ModelError(
@@ -64,25 +83,50 @@ def equilibrium(
     return q
 
 
-def _search(arm: SoftArm, p: Array, share: float, begin: Array, added: float) -> tuple[Array, str]:
+def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, str]:
+    """Equilibrium on the branch from rest; what was found before where there is no stable rest."""
+    arm, p = forces.arm, forces.pressure_pa
+    none = RestForces(arm, np.zeros(arm.n_u), forces.added_tip_mass)
+    rest, unrest = _near(none, np.zeros(arm.n_q))
+    if unrest or not none.is_stable(rest):
+        return found, trouble
+    fields = strain_fields(arm.robot)
+    weight = np.where(fields.stretch, 1.0, fields.length)
+    branch = follow(forces.unbalanced, rest, weight, _scale(none, 1.0))
+    if branch.share < 1.0:
+        reached = branch.share * p
+        raise NoBalanceError(
+            f"no equilibrium at pressures {listed(p)} Pa of {arm.robot.name}: no balance beyond"
+            f" {listed(reached)} Pa, on the way there from no pressure; lower the pressures or the load",
+            tuple(float(one) for one in reached),
+        )
+    return _search(forces, 1.0, branch.q)
+
+
+def _near(forces: RestForces, begin: Array) -> tuple[Array, str]:
+    """Equilibrium near a start, and what prevented it."""
+    q, trouble = _search(forces, 1.0, begin)
+    if trouble and forces.outside:
+        q = begin
+        for share in SHARES:
+            q, trouble = _search(forces, share, q)
+    return q, trouble
+
+
+def _scale(forces: RestForces, outside: float) -> Array:
+    """Stiffness of each coordinate of the straight arm: forces on strains and curvatures differ by much."""
+    straight = forces.stiffness(np.zeros(forces.arm.n_q), outside)
+    return np.maximum(np.abs(np.diag(straight)), 1e-12)
+
+
+def _search(forces: RestForces, share: float, begin: Array) -> tuple[Array, str]:
     """Equilibrium with this share of the forces from outside, and what prevented it."""
     from scipy.optimize import root  # loaded late: nodes do without it
 
-    rest = np.zeros(arm.n_q)
-
-    def unbalanced(q: Array) -> Array:
-        force = arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ p
-        if added:
-            force = force + added * arm.mass_regressor(q, rest, rest, rest)[:, 0]
-        return np.asarray(force - share * arm.external_forces(q).generalised if share else force)
-
-    # Forces on elongation and on curvature differ by orders of magnitude: weigh each by its stiffness.
-    step = 1e-6
-    stiffness = np.array([(unbalanced(e) - unbalanced(-e)) / (2 * step) for e in step * np.eye(arm.n_q)])
-    scale = np.maximum(np.abs(np.diag(stiffness)), 1e-12)
+    scale = _scale(forces, share)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # of a search that leaves all bounds
-            found = root(lambda q: unbalanced(q) / scale, begin, tol=1e-10)
+            found = root(lambda q: forces.unbalanced(q, 1.0, share) / scale, begin, tol=1e-10)
     except ModelError as error:
         return begin, str(error).split(" (q = ")[0]
     q = np.asarray(found.x, float)

@@ -85,6 +85,10 @@ class Tables(NamedTuple):
     """First coordinate of elongation, bending_x, bending_y of each link, and behind the last: (n, 3, 2)."""
     law: Array
     """a1 ... a6 of each link, zeros where a material holds: (n, 6)."""
+    least: Array
+    """Elongation at which a link has collapsed, (n,)."""
+    wall: Array
+    """1 / (least elongation L)^2 [1/m^2] where compression stiffens towards it, else 0; (n,)."""
     bend_angle: int
     stiffness: Array
     """Linear stiffness (material), the block of each link: row of a coordinate, (n_q, width)."""

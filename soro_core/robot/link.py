@@ -12,6 +12,9 @@ from soro_core.config import Floats, Strict
 from soro_core.robot.strain import DEFAULT_STRAINS, STRAINS, StrainField, coordinate_names
 from soro_core.robot.vectors import Vector3
 
+# Elongation at which a link has collapsed, where its file names none: a twentieth of its length is left.
+LEAST_ELONGATION = -0.95
+
 
 class Material(Strict):
     """Linear elastic, linear viscous material of a solid round section, docs/model.md (16), (20)."""
@@ -118,6 +121,20 @@ class Chamber(Strict):
             raise ValueError("0 where alpha_eps is 0: the strain of the fibre is not known then")
         return value
 
+    def gains(self, length: float, whole: float) -> tuple[float, float]:
+        """Generalised force per pressure on elongation [m^3] and curvature [m^4] of a link along it.
+
+        Parameters
+        ----------
+        length, whole : float
+            Of that link, and of all links that the chamber runs along [m].
+        """
+        if self.area_m2 is not None and self.offset_m is not None:
+            return self.area_m2 * length, self.area_m2 * length * self.offset_m
+        assert self.alpha_eps is not None
+        assert self.alpha_kappa is not None
+        return self.alpha_eps * length / whole, self.alpha_kappa * length / whole
+
 
 class Link(Strict):
     """One link, of round solid section, with a field for each strain that it carries."""
@@ -138,6 +155,13 @@ class Link(Strict):
     )
     k_b: Vector3 | None = Field(
         None, description="a4, a5 [N m/rad], a6 [1/rad] of the bending law", validate_default=True
+    )
+    least_elongation: float | None = Field(
+        None,
+        ge=LEAST_ELONGATION,
+        lt=0,
+        description="elongation at which its walls or coils touch: towards it compression stiffens beyond all"
+        " bounds, docs/model.md (52); default: it does not",
     )
     damping: Floats | None = Field(
         None, description="viscous damping of each coordinate, added to that of the material; default 0"
@@ -185,6 +209,16 @@ class Link(Strict):
     @classmethod
     def _bending(cls, value: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
         return _law(value, info, "a4 > a5 and a4 > 0, so that the bending stiffness is positive at rest")
+
+    @field_validator("least_elongation")
+    @classmethod
+    def _least(cls, value: float | None, info: ValidationInfo) -> float | None:
+        data = info.data
+        if value is not None and (
+            data.get("material") or "elongation" not in data.get("strains", DEFAULT_STRAINS)
+        ):
+            raise ValueError("none with a material, and none where elongation is not carried")
+        return value
 
     @field_validator("damping")
     @classmethod

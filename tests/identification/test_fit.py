@@ -4,9 +4,18 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
-from soro_core.errors import ModelError
-from soro_core.identification import ForcedRun, Parameter, fit, forced_curvature, release_bend
+from soro_core.errors import ConfigError, ModelError
+from soro_core.identification import (
+    ForcedRun,
+    Parameter,
+    fit,
+    forced_curvature,
+    release_bend,
+    residuals_or_none,
+)
+from soro_core.identification.search import LOSSES, Loss
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, robot_from_dict
 from tests.refused import fails
@@ -106,6 +115,66 @@ def test_a_candidate_that_fails_is_stepped_around() -> None:
 
     assert fit((Parameter("a", 1.2),), of).values["a"] == pytest.approx(2.0, abs=1e-4)
     assert failed
+
+
+def law(values: dict[str, float]) -> np.ndarray:
+    """Stiffness k_b over the angle of a robot that the values describe."""
+    link = {"length": 0.1, "radius": 0.01, "mass": 0.05, "k_e": [400.0, 0.0, 0.0]}
+    robot = robot_from_dict({"links": [{**link, "k_b": [values["a4"], values["a5"], 2.0]}]})
+    a4, a5, a6 = robot.links[0].k_b
+    return a4 + a5 * (np.tanh(a6 * np.linspace(0.0, 2.0, 20)) ** 2 - 1.0)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("start", [(0.1, 0.01), (0.03, 0.029)])
+def test_candidates_that_no_robot_file_allows_are_hopeless_and_not_fatal(
+    start: tuple[float, float], loss: Loss
+) -> None:
+    """Of little stiffness at rest: on the way the search and its differences leave a4 > a5."""
+    true = {"a4": 0.02, "a5": 0.0195}
+    refused = []
+
+    def of(values: dict[str, float]) -> np.ndarray:
+        try:
+            return (law(values) - law(true)) / 1e-3
+        except ConfigError:
+            refused.append(values)
+            raise
+
+    a4, a5 = start
+    found = fit((Parameter("a4", a4, 1e-4, 1.0), Parameter("a5", a5, -1.0, 1.0)), of, loss, 100)
+    assert refused
+    assert all(values["a4"] <= values["a5"] for values in refused)
+    assert found.values == pytest.approx(true, rel=1e-3)
+
+
+def test_the_start_of_a_fit_is_no_candidate_but_must_be_right() -> None:
+    assert residuals_or_none(law, {"a4": 0.01, "a5": 0.02}) is None
+    assert residuals_or_none(law, {"a4": 0.02, "a5": 0.01}) is not None
+    with fails(ConfigError, key="links[0].k_b"):
+        fit((Parameter("a4", 0.01), Parameter("a5", 0.02)), law)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_losses_and_their_slopes_are_those_of_scipy(loss: Loss) -> None:
+    f = np.array([-3.0, 0.2, 1.5])
+    found = least_squares(lambda x: f + x, [0.0, 0.0, 0.0], loss=loss, max_nfev=1)
+    rho, slope = LOSSES[loss]
+    assert 0.5 * rho(f**2).sum() == pytest.approx(found.cost)
+    assert slope(f**2) * f == pytest.approx(found.grad)
+
+
+@pytest.mark.parametrize("edge", [1.0, 1.0 + 5e-5])
+def test_no_derivative_is_taken_across_the_edge(edge: float) -> None:
+    """The start lies at the edge of the candidates; the minimum inside, along both parameters."""
+
+    def of(values: dict[str, float]) -> np.ndarray:
+        if values["a"] > edge:
+            return np.array([np.inf, 0.0])
+        return np.array([values["a"] - 0.7, values["b"] - values["a"]])
+
+    found = fit((Parameter("a", 1.0), Parameter("b", 1.0)), of, max_iterations=10)
+    assert found.values == pytest.approx({"a": 0.7, "b": 0.7}, abs=1e-6)
 
 
 def test_bad_calls_are_refused() -> None:

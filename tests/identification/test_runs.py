@@ -55,6 +55,21 @@ def test_a_release_starts_where_it_is_told_and_ends_straight(arm: SoftArm) -> No
     assert abs(bend[-1]) < 1e-3
 
 
+def test_a_release_starts_from_the_internal_state_that_it_is_given(arm: SoftArm) -> None:
+    """Bent at once, creep holds all of its force, and the arm springs back faster than one held bent."""
+    _, held = release_bend(arm, 0.3, 0.1)
+    kappa = 0.3 / (arm.robot.length * (1.0 + equilibrium(arm, np.zeros(3))[0]))
+    _, sudden = release_bend(arm, 0.3, 0.1, internal=[0.0, 0.0, -kappa])
+    assert sudden[0] == pytest.approx(held[0])
+    assert sudden[5] < held[5] - 1e-3
+    np.testing.assert_array_equal(release_bend(arm, 0.3, 0.1, internal=np.zeros(3))[1], held)
+    q0 = equilibrium(arm, np.zeros(3)) + np.array([0.0, 0.0, kappa])
+    alone = simulate(arm, q0, np.zeros(3), t_end=0.1, dt=1e-3, internal0=[0.0, 0.0, -kappa])
+    np.testing.assert_allclose(sudden, alone.q[:, 2] * arm.robot.length * (1.0 + alone.q[:, 0]), rtol=1e-12)
+    with fails(ModelError, "(2,)", "(3,)", key="internal0"):
+        release_bend(arm, 0.3, 0.1, internal=[0.0, 0.0])
+
+
 def varying(robot: Robot, order: int) -> Robot:
     """Legendre polynomials for every strain of the bellow, losses shared out as those of a uniform strain."""
     data = robot.model_dump(exclude_unset=True)

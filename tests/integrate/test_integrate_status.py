@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rods import EXPLICIT, bellows, bent, rod
 
-from soro_core import simulate
+from soro_core import SoftArm, load_robot, simulate, simulate_many
 from soro_core.integrate import STEPPERS, State, make_stepper
 
 BAD = (np.nan, np.inf, -np.inf)
@@ -93,6 +93,51 @@ def test_a_collapse_is_found_at_the_step_where_it_happens():
         assert "compressed to nothing" in result.status
         assert "lower the load" in result.status
         assert result.t[-1] == pytest.approx(exact.t[-1], abs=2e-3)
+
+
+def asu(least=None):
+    """The arm of two segments; chamber 0 at 204 kPa, which its file does not allow, bends link0 short."""
+    robot = load_robot("asu_two_segment")
+    links = [{**link.model_dump(exclude_unset=True), "least_elongation": least} for link in robot.links]
+    return SoftArm(robot.replace(links=links)), np.array([204e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("name", STEPPERS)
+def test_a_link_that_bending_pulls_short_ends_the_run(name):
+    """Damping asks for ever shorter explicit steps the shorter the link: rk4 does not resolve it at 5 ms."""
+    arm, p = asu()
+    result = simulate(arm, t_end=5.0, dt=5e-3, integrator=name, pressure=p)
+    assert not result.status.ok
+    assert result.t[-1] < 1.4
+    assert -0.951 < result.q[:, 0].min() < -0.5
+    assert np.isfinite(result.qd).all()
+    if name == "rk4":
+        assert "the step is too long" in result.status
+        return
+    assert "compressed to nothing" in result.status
+    assert "link0 (elongation -0.9" in result.status
+    assert "least_elongation" in result.status
+    (again,) = simulate_many(arm, [np.zeros(6)], t_end=5.0, dt=5e-3, integrator=name, pressure=p)
+    assert again.status == result.status
+    end = State(result.q[-1], result.qd[-1])
+    after, status = make_stepper(name, arm).step(end, p, 5e-3)
+    assert after is end
+    assert "link0 (elongation -0.9" in status
+
+
+@pytest.mark.parametrize("name", STEPPERS)
+def test_walls_that_touch_hold_it(name):
+    """At the balance behind the turn of the branch, where one collapses without walls."""
+    arm, p = asu(least=-0.6)
+    result = simulate(arm, t_end=8.0, dt=1e-3 if name == "rk4" else 5e-3, integrator=name, pressure=p)
+    assert result.status == "ok"
+    assert -0.6 < result.q[:, 0].min() < result.q[-1, 0] + 1e-3 < -0.3
+    force = (
+        arm.gravity_force(result.q[-1])
+        + arm.elastic_force(result.q[-1])
+        - arm.actuation_matrix(result.q[-1]) @ p
+    )
+    assert np.abs(force[:3]).max() < 1e-3 * np.abs(arm.elastic_force(result.q[-1])).max()
 
 
 @pytest.mark.parametrize("name", ["trapezoidal", "midpoint_linear", "tr_bdf2_linear"])

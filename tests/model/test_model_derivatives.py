@@ -86,6 +86,23 @@ def test_varying_strain_area_losses_and_internal_states(make):
     assert max(found.values()) < ALLOWED, found
 
 
+@pytest.mark.parametrize("eps", [-0.05, -0.2, -0.27])
+def test_walls_that_touch(eps):
+    """Far from the least elongation of -0.3, near it, and nearer."""
+    link = {
+        "length": 0.1,
+        "radius": 0.02,
+        "mass": 0.05,
+        "k_e": [400.0, 150.0, 20.0],
+        "k_b": [0.05, 0.01, 0.5],
+    }
+    link |= {"least_elongation": -0.3, "chambers": chambers(np.random.default_rng(0))}
+    arm = SoftArm(robot_from_dict({"links": [link, link], "tip_mass": 0.02}))
+    q = np.array([eps, 5.0, -2.0, 0.6 * eps, 3.0, 1.0])
+    found = errors(arm, q, 0.5 * q, np.full(arm.n_u, 2e4), WRENCH)
+    assert max(found.values()) < ALLOWED, found
+
+
 def test_rest_and_straight_are_no_exception():
     arm = SoftArm(load_robot("tue_three_bellow"))
     q = np.zeros(arm.n_q)

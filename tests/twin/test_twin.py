@@ -48,6 +48,25 @@ def test_a_step_of_pressure_settles_in_its_equilibrium(robot):
     assert tip == pytest.approx(twin.plant.arm.pose(wanted, twin.length)[:3, 3], abs=2e-4)
 
 
+def test_a_link_that_collapses_stops_the_plant_with_its_cause():
+    """An arm of softer bending than its file: what the file allows bends it short."""
+    robot = load_robot(find_config("asu_two_segment", "robots"))
+    twin = Twin(robot, TwinConfig(gain_scale=2.2, refine=1))
+    pressure = np.array([105e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    state = twin.initial()
+    for _ in range(2000):
+        before, state = state, twin.step_pressures(state, pressure)
+        if not state.status.ok:
+            break
+    assert "link0" in state.status
+    assert "compressed to nothing" in state.status
+    assert state.arm.q[0] > -0.951
+    assert state.arm.q == pytest.approx(before.arm.q, rel=0.02, abs=0.01)
+    again = twin.step_pressures(state, pressure)
+    assert again.status == state.status
+    assert again.arm is state.arm
+
+
 def run(robot, seed: int, imu: bool = False, places: tuple[float, ...] = (1.0,)) -> list[np.ndarray]:
     """Readings, and poses of the sensor at the tip."""
     pose, imus = SensorConfig(locations=places), SensorConfig(enabled=imu, rate_hz=200.0)

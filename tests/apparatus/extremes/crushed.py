@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import figure, table
 from soro_core import simulate
-from soro_core.integrate.stepper import describe
+from soro_core.integrate.causes import describe
 from soro_core.model.dynamics import COLLAPSED
 from tests.apparatus.extremes.measure import Release, energy, scale_of
 

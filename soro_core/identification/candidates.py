@@ -1,0 +1,70 @@
+"""Candidates of a fit that have no residuals: hopeless, not fatal.
+
+A search tries parameters that no robot file allows (a4 below a5, a stiffness below 0), with which a link
+collapses, or with which there is no equilibrium. Such a candidate costs infinitely much, which least squares
+understands as a step too far, and no derivative is taken across it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import SoroError
+
+Array: TypeAlias = NDArray[np.float64]
+Values: TypeAlias = Mapping[str, float]
+
+
+def residuals_or_none(residuals: Callable[[Values], Array], values: Values) -> Array | None:
+    """Residuals (n,) of a candidate, None if it is hopeless.
+
+    Parameters
+    ----------
+    residuals : callable
+        Function of the values by name. It may raise a SoroError (a ConfigError where no robot file allows the
+        values, a ModelError where a run fails), or return what is not finite.
+    values : mapping
+        Value of each parameter.
+    """
+    try:
+        found = np.asarray(residuals(values), dtype=np.float64)
+    except SoroError:
+        return None
+    return found if np.isfinite(found).all() else None
+
+
+def slopes(
+    evaluate: Callable[[Array], Array | None], x: Array, at_x: Array, step: float, bounds: tuple[Array, Array]
+) -> Array:
+    """Derivatives (n, n_parameters) of the residuals by differences that avoid hopeless candidates.
+
+    Forward where that is a candidate, else backward; 0 where neither is, so that the search leaves this
+    parameter as it is.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Residuals (n,) of parameters, None of hopeless ones.
+    x : (n_parameters,)
+        Where the derivatives are taken.
+    at_x : (n,)
+        Residuals there.
+    step : float
+        Size of the differences, times |x| where that is above 1.
+    bounds : two arrays (n_parameters,)
+        Lowest and highest parameters.
+    """
+    matrix = np.zeros((at_x.size, x.size))
+    for k in range(x.size):
+        for side in (step, -step):
+            beside = x.copy()
+            beside[k] += side * max(1.0, abs(x[k]))
+            found = evaluate(beside) if bounds[0][k] <= beside[k] <= bounds[1][k] else None
+            if found is not None:
+                matrix[:, k] = (found - at_x) / (beside[k] - x[k])
+                break
+    return matrix

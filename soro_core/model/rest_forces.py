@@ -1,0 +1,71 @@
+"""Forces on an arm at rest, whose sum is zero at an equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.model.soft_arm import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class RestForces:
+    """An arm and what acts on it at rest.
+
+    Attributes
+    ----------
+    arm : SoftArm
+    pressure_pa : (n_u,)
+        Gauge pressures [Pa].
+    added_tip_mass : float
+        Mass at the tip beside that of the robot [kg].
+    """
+
+    arm: SoftArm
+    pressure_pa: Array
+    added_tip_mass: float = 0.0
+
+    @property
+    def outside(self) -> bool:
+        """Whether contact or a held tip acts."""
+        return self.arm.robot.contacts is not None or self.arm.robot.tip_constraint is not None
+
+    def unbalanced(self, q: Array, pressures: float = 1.0, outside: float = 1.0) -> Array:
+        """Generalised force that something else would have to add.
+
+        Parameters
+        ----------
+        q : (n_q,)
+        pressures, outside : float
+            Shares of the pressures, and of contact and the held tip, that act.
+        """
+        arm = self.arm
+        force = arm.gravity_force(q) + arm.elastic_force(q)
+        force -= arm.actuation_matrix(q) @ (pressures * self.pressure_pa)
+        if self.added_tip_mass:
+            none = np.zeros(arm.n_q)
+            force += self.added_tip_mass * arm.mass_regressor(q, none, none, none)[:, 0]
+        if self.outside and outside:
+            force -= outside * arm.external_forces(q).generalised
+        return np.asarray(force)
+
+    def stiffness(self, q: Array, outside: float = 1.0) -> Array:
+        """Derivative (n_q, n_q) of the unbalanced force, by central differences."""
+        steps = STEP * np.eye(q.size)
+        slopes = [
+            (self.unbalanced(q + e, 1.0, outside) - self.unbalanced(q - e, 1.0, outside)) / (2 * STEP)
+            for e in steps
+        ]
+        return np.stack(slopes, axis=1)
+
+    def is_stable(self, q: Array) -> bool:
+        """Whether the arm returns to an equilibrium: no direction of negative stiffness."""
+        matrix = self.stiffness(q)
+        return bool(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min() > 0.0)

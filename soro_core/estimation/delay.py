@@ -34,6 +34,7 @@ _MOVES = 3.0
 _SIZE = 6
 # Components of a position.
 _POSITION = 3
+_NO_RESIDUALS = np.zeros(_POSITION + 1)
 
 
 class Row(NamedTuple):
@@ -66,10 +67,8 @@ class DelayFit(NamedTuple):
         x.
     deviation_s : float
         Deviation of the delay [s].
-    residual_m : ndarray (3,)
-        Sum of position less estimate since the last row [m].
-    samples : int
-        Samples in this sum.
+    residuals : ndarray (4,)
+        At the last row: sum of position less estimate over all samples [m], and their number.
     last : Row or None
         The last row.
     """
@@ -80,14 +79,8 @@ class DelayFit(NamedTuple):
     moment: Array
     solution: Array
     deviation_s: float
-    residual_m: Array
-    samples: int = 0
+    residuals: Array
     last: Row | None = None
-
-    def seen(self, residual_m: Array) -> DelayFit:
-        """Return the fit with one more residual (3,) [m]."""
-        known = self.t_s, self.begun_s, self.information, self.moment, self.solution, self.deviation_s
-        return DelayFit(*known, self.residual_m + residual_m, self.samples + 1, self.last)
 
     @property
     def delay_s(self) -> float:
@@ -122,17 +115,19 @@ class DelayModel:
         self._prior = np.diag(deviations**-2)
         self._noise = pose.position_std_m**2 + pose.position_model_std_m**2
 
-    def start(self, t_s: float) -> DelayFit:
-        """Return the prior at a time [s]."""
-        return DelayFit(t_s, t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
+    def start(self, t_s: float, residuals: Array = _NO_RESIDUALS) -> DelayFit:
+        """Return the prior at a time [s], with the sums of the residuals (4,) there."""
+        return DelayFit(t_s, t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, residuals)
 
-    def step(self, state: DelayFit, belief: Belief, pressure_pa: Array, s: float, t_s: float) -> DelayFit:
+    def step(
+        self, state: DelayFit, belief: Belief, pressure_pa: Array, s: float, t_s: float, residuals: Array
+    ) -> DelayFit:
         """Return the fit with one more row.
 
         Parameters
         ----------
         state : DelayFit
-            With the residuals since the last row.
+            After the last row.
         belief : Belief
             At the time of the row.
         pressure_pa : ndarray (n_u,)
@@ -141,15 +136,17 @@ class DelayModel:
             Place of the sensor [m].
         t_s : float
             Time of the row [s].
+        residuals : ndarray (4,)
+            Sums of the residuals up to it, see `DelayFit`.
         """
         n, rows = belief.n, self.arm.jacobian(belief.q, s)[3:]
         place, speed = (rows @ belief.covariance[k : k + n, k : k + n] @ rows.T for k in (0, n))
         if np.trace(place) > 3.0 * self._noise:  # the filter has not found the arm yet, or lost it
-            return self.start(t_s)
+            return self.start(t_s, residuals)
         load = float(min(max(state.solution[1], -self._heaviest_kg), self._heaviest_kg))
         row = Row(belief.qd, *self._sides(belief, pressure_pa, rows, load))
         if state.last is None:
-            return self.start(t_s)._replace(last=row)
+            return self.start(t_s, residuals)._replace(last=row)
         # Both at the middle of the interval, as the acceleration is: else the noise of the rates, which is in
         # the regressor too, is a delay.
         regressor = 0.5 * (row.regressor + state.last.regressor)
@@ -161,7 +158,7 @@ class DelayModel:
         value += inertia @ self.arm.inertia_matrix(belief.q) @ acceleration
         if np.sum((rows @ belief.qd) ** 2) < _MOVES**2 * np.trace(speed):
             regressor[:, 0] = 0.0  # an arm at rest shows no delay, and the noise of its rates none either
-        return self._fitted(state, regressor, value, t_s)._replace(last=row)
+        return self._fitted(state, regressor, value, t_s, residuals)._replace(last=row)
 
     def _sides(self, belief: Belief, pressure_pa: Array, rows: Array, mass_kg: float) -> tuple[Array, Array]:
         """Return regressor (3, 6) and position less that of the model (3,) [m], without the acceleration.
@@ -190,21 +187,26 @@ class DelayModel:
         arm = self.arm
         return arm.elastic_force(q) + arm.gravity_force(q) - arm.actuation_matrix(q) @ pressure_pa
 
-    def _fitted(self, state: DelayFit, regressor: Array, moved: Array, t_s: float) -> DelayFit:
+    def _fitted(
+        self, state: DelayFit, regressor: Array, moved: Array, t_s: float, residuals: Array
+    ) -> DelayFit:
         """Return the fit with one more row.
 
         Parameters
         ----------
         state : DelayFit
-            With the residuals since the last row.
+            After the last row.
         regressor : ndarray (3, 6)
         moved : ndarray (3,)
             Position less that of the model [m], without the residual.
         t_s : float
             Time of the row [s].
+        residuals : ndarray (4,)
+            Sums of the residuals up to it.
         """
         dt = min(t_s - state.t_s, self.config.delay_time_s)
-        value = moved + state.residual_m / max(state.samples, 1)
+        new = residuals - state.residuals
+        value = moved + new[:3] / max(new[3], 1.0)
         weight, forgotten = (
             dt / (self._noise * self.config.delay_correlation_s),
             dt / self.config.delay_time_s,
@@ -218,6 +220,6 @@ class DelayModel:
         covariance = np.linalg.inv(information)
         solution = covariance @ moment
         if not np.isfinite(solution).all():
-            return self.start(t_s)
+            return self.start(t_s, residuals)
         deviation = float(np.sqrt(max(covariance[0, 0], 0.0)))
-        return DelayFit(t_s, state.begun_s, information, moment, solution, deviation, np.zeros(3))
+        return DelayFit(t_s, state.begun_s, information, moment, solution, deviation, residuals)

@@ -10,6 +10,7 @@ import numpy as np
 
 from soro_core.errors import ModelError
 from soro_core.estimation.delay import DelayFit, DelayModel
+from soro_core.estimation.kernel.advance import FUSED_POSES, RESIDUALS
 from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
 
 if TYPE_CHECKING:
@@ -52,26 +53,30 @@ class Watch:
         """
         monitors = dict(state.monitors)
         for seen in innovations:
-            old = monitors.get(seen.sensor)
+            name = seen.sensor
+            old = monitors.get(name)
             dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
             new = monitored(old, seen, dt, self.config.watch)
-            monitors[seen.sensor] = self._with_delay(new, seen, state)
+            if seen.placed and self.delay.usable:
+                new = self._with_delay(new, name, state)
+            monitors[name] = new
         return monitors
 
     def _with_delay(
-        self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState | Draft
+        self, monitor: SensorMonitor, sensor: str, state: EstimatorState | Draft
     ) -> SensorMonitor:
-        """Return the monitor with the residual of one sample and, where it is time, a row of its delay."""
-        if seen.residual is None or not self.delay.usable:
+        """Return the monitor with a row of its delay where it is time for one."""
+        fit, t_s = monitor.delay, state.t_s
+        if fit is None:
+            return monitor._replace(delay=self.delay.start(t_s))
+        if t_s - fit.t_s < _ROW_S - _SAME_S:
             return monitor
-        fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
-        fit = fit.seen(seen.residual)
-        if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
-            s = state.sensors[seen.sensor].sample.s
-            try:
-                fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
-            except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
-                fit = self.delay.start(state.t_s)
+        sample, record = state.sensors[sensor]
+        residuals = record[RESIDUALS : FUSED_POSES + 1]
+        try:
+            fit = self.delay.step(fit, state.belief, state.pressure_pa, sample.s, t_s, residuals)
+        except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
+            fit = self.delay.start(t_s, residuals)
         return monitor._replace(delay=fit)
 
     def note(self, monitors: Mapping[str, SensorMonitor], t_s: float) -> str:

@@ -110,7 +110,7 @@ def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
     mean = belief.mean.copy()
     mean[belief.n] = -200.0
     state = run.state._replace(belief=belief._replace(mean=mean), t_s=run.state.t_s + 0.1)
-    seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, np.zeros(3))
+    seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, placed=True)
     watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
     assert state.monitors[SENSOR].delay.solution.any()
     assert not watch.step(state, [seen])[SENSOR].delay.solution.any()
@@ -157,7 +157,7 @@ def test_a_sensor_that_is_silent_is_not_judged():
 def watched(values, dt=0.01, config=CONFIG):
     state = None
     for k, value in enumerate(values):
-        state = monitored(state, Innovation(SENSOR, k * dt, value, value, None), dt, config)
+        state = monitored(state, Innovation(SENSOR, k * dt, value, value, placed=False), dt, config)
     return state
 
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
-from soro_core.estimation.delay import DelayFit, DelayModel
+from soro_core.estimation.delay import DelayFit, DelayModel, Instant
 from soro_core.estimation.kernel.advance import FUSED_POSES, RESIDUALS
 from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
 
 if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
     from soro_core.estimation.draft import Draft
-    from soro_core.estimation.state import EstimatorState
+    from soro_core.estimation.state import EstimatorState, Segment
     from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
 
 # Rows of the delay come at most so often [s]: the filter's errors last longer, and a row costs as much as a
 # step of the filter.
@@ -72,9 +75,11 @@ class Watch:
         if t_s - fit.t_s < _ROW_S - _SAME_S:
             return monitor
         sample, record = state.sensors[sensor]
-        residuals = record[RESIDUALS : FUSED_POSES + 1]
+        residuals, pressure = record[RESIDUALS : FUSED_POSES + 1], state.pressure_pa
+        mean = _mean_pressure(state.history, fit.t_s, pressure)
+        at = Instant(t_s, state.belief, pressure, mean, state.known.share, sample.s, residuals)
         try:
-            fit = self.delay.step(fit, state.belief, state.pressure_pa, sample.s, t_s, residuals)
+            fit = self.delay.step(fit, at)
         except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
             fit = self.delay.start(t_s, residuals)
         return monitor._replace(delay=fit)
@@ -96,14 +101,12 @@ class Watch:
 
     def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
         config = self.config.watch
-        if fit is None or fit.t_s - fit.begun_s < config.delay_time_s:  # too few rows to tell load and delay
-            return ""
-        # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
-        if fit.delay_s - config.delay_deviations * fit.deviation_s <= config.delay_allowed_s:
+        if fit is None or not fit.is_late:
             return ""
         return (
             f"{sensor}: stamps {1e3 * fit.delay_s:.0f} ms late (+-{1e3 * fit.deviation_s:.0f}), "
-            f"allowed {1e3 * config.delay_allowed_s:.0f}: stamp samples when they are taken"
+            f"allowed {1e3 * config.delay_allowed_s:.0f}: stamp samples when they are taken, or state more "
+            "damping in the robot file, which looks the same"
         )
 
     def _nis_note(self, sensor: str, monitor: SensorMonitor) -> str:
@@ -117,3 +120,23 @@ class Watch:
             f"{sensor}: NIS {monitor.watched:.1f}, allowed {allowed:.1f}: check its noise ({key}), its place "
             "and the robot file"
         )
+
+
+def _mean_pressure(history: Sequence[Segment], since_s: float, latest: Array) -> Array:
+    """Return the mean pressures (n_u,) [Pa gauge] since a time; `latest` (n_u,) without a step since then.
+
+    Parameters
+    ----------
+    history : sequence of Segment
+        Past steps, oldest first.
+    since_s : float
+        Time [s].
+    latest : ndarray (n_u,)
+    """
+    total, time_s = np.zeros(latest.shape), 0.0
+    for part in reversed(history):
+        if part.end_s <= since_s + _SAME_S:
+            break
+        total += (part.end_s - part.start_s) * part.pressure_pa
+        time_s += part.end_s - part.start_s
+    return total / time_s if time_s > 0.0 else latest

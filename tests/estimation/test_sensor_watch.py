@@ -36,10 +36,10 @@ class Shifted(Harness):
         return world, replace(seen, poses=late)
 
 
-def notes_of(duration_s, shift_s=0.0, from_s=0.0, **changes):
+def notes_of(duration_s, shift_s=0.0, from_s=0.0, law="composite", **changes):
     """Notes of the estimator in closed loop with 20 g, and the last fit of the delay."""
     robot = load_robot(find_config("tue_three_bellow", "robots"))
-    control = parse({"law": "composite"}, ControllerConfig, "test")
+    control = parse({"law": law}, ControllerConfig, "test")
     setup = Setup(control=control, **changes)
     plant = Shifted(robot, setup)
     plant.shift_s, plant.from_s = shift_s, from_s
@@ -71,12 +71,22 @@ def test_a_delay_that_begins_is_named_within_two_seconds(seed):
     assert f"{1e3 * fit.delay_s:.0f} ms" in notes[-1][1]
 
 
-def test_a_delay_from_the_start_is_named_once_the_load_is_known():
-    """The fit separates load and delay when the arm has moved some way."""
-    notes, _ = notes_of(3.0, 0.02)
+@pytest.mark.parametrize(("law", "seed"), [("composite", 1), ("composite", 16), ("adaptive", 1)])
+def test_a_delay_from_the_start_is_named_within_two_seconds(law, seed):
+    """Once the fit separates load and delay; a law without a learned force shows it too."""
+    notes, _ = notes_of(2.5, 0.02, law=law, seed=seed)
     print(f"named after {notes[0][0]:.2f} s: {notes[0][1]}")
-    assert notes[0][0] <= 2.5
+    assert notes[0][0] <= 2.0
     assert SENSOR in notes[0][1]
+
+
+@pytest.mark.parametrize(
+    ("law", "changes"),
+    [("composite", {"payload_kg": 0.035, "seed": 3}), ("adaptive", {"payload_kg": 0.03, "seed": 2})],
+)
+def test_a_heavy_load_is_no_delay(law, changes):
+    notes, _ = notes_of(3.0, law=law, **changes)
+    assert not any("stamps" in note for _, note in notes)
 
 
 def test_good_sensors_give_no_note():

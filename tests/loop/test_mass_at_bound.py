@@ -23,6 +23,7 @@ def test_a_load_beyond_the_bound_of_the_learned_mass_is_named_within_two_seconds
         if named_s is None and "bound" in tick.command.status.note:
             named_s = tick.t_s
     at_bound_s = masses.index(BOUND_KG) * setup.dt
-    print(f"at its bound after {at_bound_s:.2f} s, named after {named_s:.2f} s")
     assert max(masses) == BOUND_KG
+    assert named_s is not None
+    print(f"at its bound after {at_bound_s:.2f} s, named after {named_s:.2f} s")
     assert at_bound_s < named_s <= 2.0

@@ -79,7 +79,8 @@ def _segment(filter_: Filter, draft: Draft, part: Segment, arrivals: Sequence[Sa
     """
     start_s, end_s, pressure_pa, _, old, known = part
     begun, t, kept = draft.belief, start_s, []
-    for sample in sorted((*old, *arrivals), key=_STAMP):
+    samples = sorted((*old, *arrivals), key=_STAMP) if old else arrivals  # which come in this order
+    for sample in samples:
         is_new = not old or any(sample is one for one in arrivals)
         if _take(filter_, draft, part, sample.stamp_s - t, sample, is_new):
             kept.append(sample)

@@ -95,23 +95,23 @@ class Watch:
         """
         said = []
         for sensor, monitor in monitors.items():
-            if t_s - monitor.stamp_s <= self.config.lost_after_s:
-                said += [self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor)]
-        return "; ".join(filter(None, said))
+            if t_s - monitor.stamp_s > self.config.lost_after_s:
+                continue
+            if monitor.delay is not None and monitor.delay.is_late:
+                said.append(self._delay_note(sensor, monitor.delay))
+            if monitor.watched > monitor.components:  # else below every bound, whose quantile takes time
+                said.append(self._nis_note(sensor, monitor))
+        return "; ".join(filter(None, said)) if said else ""
 
-    def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
-        config = self.config.watch
-        if fit is None or not fit.is_late:
-            return ""
+    def _delay_note(self, sensor: str, fit: DelayFit) -> str:
+        allowed_ms = 1e3 * self.config.watch.delay_allowed_s
         return (
-            f"{sensor}: stamps {1e3 * fit.delay_s:.0f} ms late (+-{1e3 * fit.deviation_s:.0f}), "
-            f"allowed {1e3 * config.delay_allowed_s:.0f}: stamp samples when they are taken, or state more "
-            "damping in the robot file, which looks the same"
+            f"{sensor}: stamps {1e3 * fit.delay_s:.0f} ms late (+-{1e3 * fit.deviation_s:.0f}), allowed "
+            f"{allowed_ms:.0f}: stamp samples when they are taken, or state more damping in the robot file, "
+            "which looks the same"
         )
 
     def _nis_note(self, sensor: str, monitor: SensorMonitor) -> str:
-        if monitor.watched <= monitor.components:  # below every bound, whose quantile takes time
-            return ""
         allowed = monitor.allowed(self.config.watch)
         if monitor.watched <= allowed:
             return ""

@@ -16,7 +16,7 @@ from numba.core import cgutils
 from numba.core.datamodel import models
 from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, register_model, typeof_impl
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, register_model
 
 # Sets the cache's folder before anything is compiled.
 from soro_core._jit import kernel  # noqa: F401
@@ -123,8 +123,3 @@ else:
     structref.register(BoxType)
     structref.define_proxy(Box, BoxType, ["content"])
     view = _view
-
-    @typeof_impl.register(Box)  # type: ignore[untyped-decorator]
-    def _type_of(box: Any, _context: Any) -> Any:
-        """Type of a box: without this numba looks for a buffer first, a microsecond in each call."""
-        return box._numba_type_

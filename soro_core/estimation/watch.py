@@ -76,7 +76,7 @@ class Watch:
             return monitor
         sample, record = state.sensors[sensor]
         residuals, pressure = record[RESIDUALS : FUSED_POSES + 1], state.pressure_pa
-        mean = _mean_pressure(state.history, fit.t_s, pressure)
+        mean = mean_pressure(state.history, fit.t_s, pressure)
         at = Instant(t_s, state.belief, pressure, mean, state.known.share, sample.s, residuals)
         try:
             fit = self.delay.step(fit, at)
@@ -122,7 +122,7 @@ class Watch:
         )
 
 
-def _mean_pressure(history: Sequence[Segment], since_s: float, latest: Array) -> Array:
+def mean_pressure(history: Sequence[Segment], since_s: float, latest: Array) -> Array:
     """Return the mean pressures (n_u,) [Pa gauge] since a time; `latest` (n_u,) without a step since then.
 
     Parameters

@@ -12,7 +12,7 @@ from soro_core.estimation import EstimatorConfig
 from soro_core.estimation.delay import DelayModel
 from soro_core.estimation.monitor import Innovation, monitored
 from soro_core.estimation.samples import pose_sensor
-from soro_core.estimation.watch import Watch
+from soro_core.estimation.watch import Watch, mean_pressure
 from soro_core.estimation.watch_config import WatchConfig
 from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel
@@ -124,6 +124,20 @@ def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
     watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
     assert state.monitors[SENSOR].delay.solution.any()
     assert not watch.step(state, [seen])[SENSOR].delay.solution.any()
+
+
+def test_the_pressures_of_a_row_are_their_mean_since_the_last_one():
+    run = Run()
+    run.ticks(20)
+    history, latest = run.state.history, run.state.pressure_pa
+    since_s = history[-1].end_s - 4 * DT
+    of_steps = np.array([part.pressure_pa for part in history[-4:]])
+    np.testing.assert_allclose(mean_pressure(history, since_s, latest), of_steps.mean(axis=0), rtol=1e-12)
+    half = (*history[:-1], history[-1]._replace(end_s=history[-1].start_s + 0.5 * DT))
+    weights = np.array([1.0, 1.0, 1.0, 0.5])
+    expected = weights @ of_steps / weights.sum()
+    np.testing.assert_allclose(mean_pressure(half, since_s, latest), expected, rtol=1e-12)
+    assert mean_pressure(history, history[-1].end_s, latest) is latest
 
 
 def test_a_residual_that_grows_is_named_within_two_seconds():

@@ -40,7 +40,11 @@ class Learned:
 
     def usable(self, n_q: int) -> bool:
         """Whether it is one of `n_q` coordinates, and finite."""
-        return self.theta.shape == (size_of(n_q),) and all(map(math.isfinite, self.theta.tolist()))
+        theta = self.theta
+        if theta.shape != (size_of(n_q),):
+            return False
+        # The sum of squares says yes at once; it is infinite too where finite values are very large.
+        return math.isfinite(theta @ theta) or all(map(math.isfinite, theta.tolist()))
 
     def scaled(self, share: float) -> Learned:
         """Return this part of it."""

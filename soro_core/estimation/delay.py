@@ -28,12 +28,52 @@ Array: TypeAlias = NDArray[np.float64]
 _DELAY_S, _LOAD, _SHIFT_M, _SOFT = 0.1, 2.0, 1e-4, 0.3
 # The stiffness along the motion is that over this time of it [s].
 _AHEAD_S = 0.01
-# An arm moves whose speed is above that many of its deviations.
-_MOVES = 3.0
+# An arm moves whose speed is above that many of its deviations: with a learned force, and without one, where
+# the filter's noise allows for what the model lacks and the rates err by less.
+_MOVES, _MOVES_ALONE = 3.0, 0.5
+# Rows are forgotten with this part of the fit's age, and this time constant at least [s]: what the first ones
+# say of load and softness is wrong, because creep and filter have not settled.
+_AGE_PART, _SHORTEST_S = 0.25, 0.2
+# Bounds of the misfit by which the deviation is judged: below, few rows fit by chance; above, the rows of an
+# arm without a learned force miss in elongation, which says nothing of the delay.
+_LEAST_MISFIT, _LARGEST_MISFIT = 0.3, 5.0
+# A delay is named after so many rows in sequence that find it.
+_LATE_ROWS = 3
 # Delay, mass, shift (3), softness.
 _SIZE = 6
 # Components of a position.
 _POSITION = 3
+_NO_RESIDUALS = np.zeros(_POSITION + 1)
+# Round-off of times [s].
+_SAME_S = 1e-9
+
+
+class Instant(NamedTuple):
+    """What a row is made of.
+
+    Attributes
+    ----------
+    t_s : float
+        Time of the row [s].
+    belief : Belief
+        At this time.
+    pressure_pa, mean_pa : ndarray (n_u,)
+        Pressures at this time, and their mean since the last row [Pa gauge].
+    share : float
+        Part of a learned force that the filter uses, 0 to 1.
+    s : float
+        Place of the sensor [m].
+    residuals : ndarray (4,)
+        Sum of position less estimate over all samples of the sensor [m], and their number.
+    """
+
+    t_s: float
+    belief: Belief
+    pressure_pa: Array
+    mean_pa: Array
+    share: float
+    s: float
+    residuals: Array
 
 
 class Row(NamedTuple):
@@ -46,11 +86,14 @@ class Row(NamedTuple):
     regressor : ndarray (3, 6)
     value : ndarray (3,)
         Position less that of the model [m].
+    pressure_pa : ndarray (n_u,)
+        Pressures at its time [Pa gauge].
     """
 
     rate: Array
     regressor: Array
     value: Array
+    pressure_pa: Array
 
 
 class DelayFit(NamedTuple):
@@ -66,10 +109,13 @@ class DelayFit(NamedTuple):
         x.
     deviation_s : float
         Deviation of the delay [s].
-    residual_m : ndarray (3,)
-        Sum of position less estimate since the last row [m].
-    samples : int
-        Samples in this sum.
+    residuals : ndarray (4,)
+        Those of the last row, see `Instant`.
+    misfit, counted : float
+        Mean square by which the rows miss the fit, over that of the noise; and how much of its time
+        constant this mean has seen, 0 to 1.
+    late_rows : int
+        Rows in sequence with a delay that is not allowed.
     last : Row or None
         The last row.
     """
@@ -80,19 +126,21 @@ class DelayFit(NamedTuple):
     moment: Array
     solution: Array
     deviation_s: float
-    residual_m: Array
-    samples: int = 0
+    residuals: Array
+    misfit: float = 0.0
+    counted: float = 0.0
+    late_rows: int = 0
     last: Row | None = None
-
-    def seen(self, residual_m: Array) -> DelayFit:
-        """Return the fit with one more residual (3,) [m]."""
-        known = self.t_s, self.begun_s, self.information, self.moment, self.solution, self.deviation_s
-        return DelayFit(*known, self.residual_m + residual_m, self.samples + 1, self.last)
 
     @property
     def delay_s(self) -> float:
         """The delay [s]; positive where the stamps are later than the truth."""
         return float(self.solution[0])
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the delay has not been allowed for some rows."""
+        return self.late_rows >= _LATE_ROWS
 
 
 class DelayModel:
@@ -122,46 +170,41 @@ class DelayModel:
         self._prior = np.diag(deviations**-2)
         self._noise = pose.position_std_m**2 + pose.position_model_std_m**2
 
-    def start(self, t_s: float) -> DelayFit:
-        """Return the prior at a time [s]."""
-        return DelayFit(t_s, t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, np.zeros(3))
+    def start(self, t_s: float, residuals: Array = _NO_RESIDUALS) -> DelayFit:
+        """Return the prior at a time [s], with the sums of the residuals (4,) there."""
+        return DelayFit(t_s, t_s, self._prior, np.zeros(_SIZE), np.zeros(_SIZE), _DELAY_S, residuals)
 
-    def step(self, state: DelayFit, belief: Belief, pressure_pa: Array, s: float, t_s: float) -> DelayFit:
-        """Return the fit with one more row.
-
-        Parameters
-        ----------
-        state : DelayFit
-            With the residuals since the last row.
-        belief : Belief
-            At the time of the row.
-        pressure_pa : ndarray (n_u,)
-            Pressures [Pa gauge] at the same time.
-        s : float
-            Place of the sensor [m].
-        t_s : float
-            Time of the row [s].
-        """
-        n, rows = belief.n, self.arm.jacobian(belief.q, s)[3:]
+    def step(self, state: DelayFit, at: Instant) -> DelayFit:
+        """Return the fit, with the last row `state`, with one more row."""
+        belief, t_s = at.belief, at.t_s
+        n, rows = belief.n, self.arm.jacobian(belief.q, at.s)[3:]
         place, speed = (rows @ belief.covariance[k : k + n, k : k + n] @ rows.T for k in (0, n))
         if np.trace(place) > 3.0 * self._noise:  # the filter has not found the arm yet, or lost it
-            return self.start(t_s)
+            return self.start(t_s, at.residuals)
         load = float(min(max(state.solution[1], -self._heaviest_kg), self._heaviest_kg))
-        row = Row(belief.qd, *self._sides(belief, pressure_pa, rows, load))
-        if state.last is None:
-            return self.start(t_s)._replace(last=row)
+        row = Row(belief.qd, *self._sides(belief, at.pressure_pa, rows, load), at.pressure_pa)
+        last = state.last
+        if last is None:
+            return self.start(t_s, at.residuals)._replace(last=row)
         # Both at the middle of the interval, as the acceleration is: else the noise of the rates, which is in
-        # the regressor too, is a delay.
-        regressor = 0.5 * (row.regressor + state.last.regressor)
-        value = 0.5 * (row.value + state.last.value)
-        acceleration = (row.rate - state.last.rate) / (t_s - state.t_s)
+        # the regressor too, is a delay. The noise of single readings of the pressures moves the place by as
+        # much as that of the sensor: their mean counts.
+        regressor = 0.5 * (row.regressor + last.regressor)
+        value = 0.5 * (row.value + last.value)
+        acceleration = (row.rate - last.rate) / (t_s - state.t_s)
         inertia, none = rows @ self._compliance, self._none
+        beside = at.mean_pa - 0.5 * (at.pressure_pa + last.pressure_pa)
+        value -= inertia @ self.arm.actuation_matrix(belief.q) @ beside
         heavier = self.arm.tip_mass_force(belief.q, none, acceleration)
         regressor[:, 1] -= inertia @ (heavier - self.arm.tip_mass_force(belief.q, none, none))
         value += inertia @ self.arm.inertia_matrix(belief.q) @ acceleration
-        if np.sum((rows @ belief.qd) ** 2) < _MOVES**2 * np.trace(speed):
+        new = at.residuals - state.residuals
+        value += new[:3] / max(new[3], 1.0)
+        moves = _MOVES_ALONE + at.share * (_MOVES - _MOVES_ALONE)
+        if np.sum((rows @ belief.qd) ** 2) < moves**2 * np.trace(speed):
             regressor[:, 0] = 0.0  # an arm at rest shows no delay, and the noise of its rates none either
-        return self._fitted(state, regressor, value, t_s)._replace(last=row)
+        fit = self._fitted(state, regressor, value, t_s)
+        return fit._replace(residuals=at.residuals, last=row)
 
     def _sides(self, belief: Belief, pressure_pa: Array, rows: Array, mass_kg: float) -> tuple[Array, Array]:
         """Return regressor (3, 6) and position less that of the model (3,) [m], without the acceleration.
@@ -190,25 +233,23 @@ class DelayModel:
         arm = self.arm
         return arm.elastic_force(q) + arm.gravity_force(q) - arm.actuation_matrix(q) @ pressure_pa
 
-    def _fitted(self, state: DelayFit, regressor: Array, moved: Array, t_s: float) -> DelayFit:
+    def _fitted(self, state: DelayFit, regressor: Array, value: Array, t_s: float) -> DelayFit:
         """Return the fit with one more row.
 
         Parameters
         ----------
         state : DelayFit
-            With the residuals since the last row.
+            After the last row.
         regressor : ndarray (3, 6)
-        moved : ndarray (3,)
-            Position less that of the model [m], without the residual.
+        value : ndarray (3,)
+            Position less that of the model [m].
         t_s : float
             Time of the row [s].
         """
-        dt = min(t_s - state.t_s, self.config.delay_time_s)
-        value = moved + state.residual_m / max(state.samples, 1)
-        weight, forgotten = (
-            dt / (self._noise * self.config.delay_correlation_s),
-            dt / self.config.delay_time_s,
-        )
+        config, age_s = self.config, t_s - state.begun_s
+        time_s = min(config.delay_time_s, max(_SHORTEST_S, _AGE_PART * age_s))
+        dt = min(t_s - state.t_s, time_s)
+        weight, forgotten = dt / (self._noise * config.delay_correlation_s), dt / time_s
         information = (
             state.information
             + weight * regressor.T @ regressor
@@ -219,5 +260,14 @@ class DelayModel:
         solution = covariance @ moment
         if not np.isfinite(solution).all():
             return self.start(t_s)
+        missed = value - regressor @ solution
+        counted = (1.0 - forgotten) * state.counted + forgotten
+        square = float(missed @ missed) / (_POSITION * self._noise)
+        misfit = state.misfit + forgotten / counted * (square - state.misfit)
         deviation = float(np.sqrt(max(covariance[0, 0], 0.0)))
-        return DelayFit(t_s, state.begun_s, information, moment, solution, deviation, np.zeros(3))
+        doubt = config.delay_deviations * min(max(misfit, _LEAST_MISFIT), _LARGEST_MISFIT) * deviation
+        # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
+        late = age_s >= config.delay_known_after_s - _SAME_S and solution[0] - doubt > config.delay_allowed_s
+        late_rows = state.late_rows + 1 if late else 0
+        solved = information, moment, solution, deviation, state.residuals
+        return DelayFit(t_s, state.begun_s, *solved, misfit, counted, late_rows)

@@ -40,7 +40,7 @@ class Draft:
         self.t_s = state.t_s + dt
         self.belief: Belief = state.belief
         self.pressure_pa: Array = state.pressure_pa
-        self.history: tuple[Segment, ...] = state.history
+        self.history: list[Segment] = [*state.history]
         self.waiting: tuple[Sample, ...] = state.waiting
         self.stamps: dict[str, float] = dict(state.stamps)
         self.last_s = state.last_s
@@ -79,19 +79,11 @@ class Draft:
         kept : int
             Segments to keep.
         """
-        start_s, dt = self.start_s, self.dt
-        new = [
-            Segment(
-                start_s + dt * i / parts,
-                start_s + dt * (i + 1) / parts,
-                pressure_pa,
-                self.belief,
-                (),
-                self.known,
-            )
-            for i in range(parts)
-        ]
-        self.history = (*self.history, *new)[-kept:]
+        start_s, dt, history = self.start_s, self.dt, self.history
+        for i in range(parts):
+            begin_s, end_s = start_s + dt * i / parts, start_s + dt * (i + 1) / parts
+            history.append(Segment(begin_s, end_s, pressure_pa, self.belief, (), self.known))
+        del history[:-kept]
 
     def result(self) -> EstimatorState:
         """Return the state after the tick."""
@@ -99,7 +91,7 @@ class Draft:
             self.t_s,
             self.belief,
             self.pressure_pa,
-            self.history,
+            tuple(self.history),
             self.waiting,
             self.stamps,
             self.last_s,

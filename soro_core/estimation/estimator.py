@@ -126,7 +126,7 @@ class Estimator:
         draft = Draft(state, dt)
         self._learn(draft, learned, self._placed(state))
         if dt > self.config.max_gap_s:
-            draft.belief, draft.history = self.filter.widen(state.belief), ()
+            draft.belief, draft.history = self.filter.widen(state.belief), []
             draft.count("restarted")
         else:
             draft.read(chamber_pressure_pa)
@@ -155,10 +155,11 @@ class Estimator:
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
+        t_s, late_s = state.t_s, self.config.lost_after_s
         places = [
             one.s
             for one, _ in state.sensors.values()
-            if isinstance(one, PoseSample) and state.t_s - one.stamp_s <= self.config.lost_after_s
+            if t_s - one.stamp_s <= late_s and isinstance(one, PoseSample)
         ]
         return unseen_covariance(self.filter, state.belief.q, places, self._units)
 
@@ -170,18 +171,20 @@ class Estimator:
             trouble = (
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
-        notes = (state.known.note, self._watch.note(state.monitors, state.t_s))
-        note = "; ".join(filter(None, notes))
+        note, watched = state.known.note, self._watch.note(state.monitors, state.t_s)
+        if watched:
+            note = f"{note}; {watched}" if note else watched
+        mean = belief.mean
         return Estimate(
-            t_s=state.t_s,
-            q=belief.q,
-            qd=belief.qd,
-            covariance=belief.covariance[: 2 * n, : 2 * n],
-            tip_pose=pose,
-            tip_covariance=spread,
-            force=force,
-            disturbance=belief.disturbance if self.filter.n_d else np.zeros(n),
-            positions=state.t_s - state.position_s <= self.config.lost_after_s,
-            unseen=self._unseen(state),
-            status=EstimatorStatus(not trouble, trouble, state.counts, age, note),
+            state.t_s,
+            mean[:n],
+            mean[n : 2 * n],
+            belief.covariance[: 2 * n, : 2 * n],
+            pose,
+            spread,
+            force,
+            mean[2 * n : 3 * n] if self.filter.n_d else np.zeros(n),
+            state.t_s - state.position_s <= self.config.lost_after_s,
+            self._unseen(state),
+            EstimatorStatus(not trouble, trouble, state.counts, age, note),
         )

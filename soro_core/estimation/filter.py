@@ -20,7 +20,7 @@ from soro_core.errors import ModelError
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.kernel import entries
-from soro_core.estimation.kernel.advance import N_RECORD
+from soro_core.estimation.kernel.advance import FUSED_POSES, N_RECORD, REFUSED, RESIDUALS
 from soro_core.estimation.kernel.parts import (
     IMU,
     IMU_ORIENTED,
@@ -89,7 +89,9 @@ class Filter:
         self.n_d = self.settings.n_d
         self.box = _box_of(arm, self.settings)
         self._nothing = np.zeros(size_of(self.n))
-        self._unknown = np.append(0.0, np.full(N_RECORD - 1, np.nan))  # no outliers, and no pose
+        self._unknown = np.full(N_RECORD, np.nan)  # no pose, and so no outliers and no residuals
+        self._unknown[REFUSED] = 0.0
+        self._unknown[RESIDUALS : FUSED_POSES + 1] = 0.0
         self.site = lru_cache(maxsize=64)(self._find)
 
     def _find(self, s: float) -> Site:

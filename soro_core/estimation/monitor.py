@@ -32,15 +32,15 @@ class Innovation(NamedTuple):
         Its stamp [s].
     nis, position_nis : float
         Normalised innovation squared, and that of the position alone, NaN of an IMU.
-    residual : ndarray (3,) or None
-        Position less that of the estimate with the sample [m]; None of an IMU or an outlier.
+    placed : bool
+        Whether it is a pose that was fused.
     """
 
     sensor: str
     stamp_s: float
     nis: float
     position_nis: float
-    residual: Array | None
+    placed: bool
 
 
 class SensorMonitor(NamedTuple):
@@ -100,7 +100,11 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
         Time between the stamps of the two, above 0 [s].
     config : WatchConfig
     """
-    nis, position = _bounded(seen.nis, _LARGEST), _bounded(seen.position_nis, _LARGEST_POSITION)
+    nis, position = seen.nis, seen.position_nis
+    if nis > _LARGEST:
+        nis = _LARGEST
+    if position > _LARGEST_POSITION:
+        position = _LARGEST_POSITION
     if state is None:
         return SensorMonitor(seen.stamp_s, nis, position)
     # At first a mean: the first sample alone would count for the time constant.
@@ -114,7 +118,3 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
         (1.0 - part) ** 2 * state.squares + part**2,
         state.delay,
     )
-
-
-def _bounded(nis: float, largest: float) -> float:
-    return nis if math.isnan(nis) else min(nis, largest)

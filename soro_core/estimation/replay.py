@@ -11,7 +11,7 @@ from operator import attrgetter
 
 from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
-from soro_core.estimation.kernel.advance import ESTIMATE, FOUND, FROZEN, MISSED, SAME_S
+from soro_core.estimation.kernel.advance import FOUND, FROZEN, MISSED, SAME_S
 from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.monitor import Innovation
 from soro_core.estimation.samples import PoseSample, Sample
@@ -40,14 +40,13 @@ def replay(filter_: Filter, draft: Draft, fresh: list[Sample]) -> None:
     fresh : list of Sample
         Samples of this tick.
     """
-    history = list(draft.history)
+    history = draft.history
     if not history:
         return
     first, new = _places(history, fresh)
     draft.belief = history[first].belief
     for i in range(first, len(history)):
         history[i] = _segment(filter_, draft, history[i], new.get(i, ()))
-    draft.history = tuple(history)
 
 
 def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int, list[Sample]]]:
@@ -78,19 +77,21 @@ def _segment(filter_: Filter, draft: Draft, part: Segment, arrivals: Sequence[Sa
     arrivals : sequence of Sample
         New samples in it.
     """
-    begun, t, kept = draft.belief, part.start_s, []
-    for sample in sorted((*part.samples, *arrivals), key=_STAMP):
-        is_new = not part.samples or any(sample is one for one in arrivals)
+    start_s, end_s, pressure_pa, _, old, known = part
+    begun, t, kept = draft.belief, start_s, []
+    samples = sorted((*old, *arrivals), key=_STAMP) if old else arrivals  # which come in this order
+    for sample in samples:
+        is_new = not old or any(sample is one for one in arrivals)
         if _take(filter_, draft, part, sample.stamp_s - t, sample, is_new):
             kept.append(sample)
         t = max(t, sample.stamp_s)
-    if part.end_s - t > SAME_S:
-        draft.belief, ok = filter_.predict(draft.belief, part.pressure_pa, part.end_s - t, part.known)
+    if end_s - t > SAME_S:
+        draft.belief, ok = filter_.predict(draft.belief, pressure_pa, end_s - t, known)
         if not ok:
             draft.count("failed")
             if not draft.belief.finite():  # a covariance that outliers have inflated beyond all bounds
                 draft.belief = filter_.start()
-    return Segment(part.start_s, part.end_s, part.pressure_pa, begun, tuple(kept), part.known)
+    return Segment(start_s, end_s, pressure_pa, begun, tuple(kept), known)
 
 
 def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sample, is_new: bool) -> bool:
@@ -127,9 +128,6 @@ def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sampl
     draft.count(*_COUNTED[outcome])
     draft.sensors[name] = Sensor(sample, found.record)
     if outcome != FROZEN:
-        residual = None
-        if outcome == FUSED and isinstance(sample, PoseSample):
-            residual = sample.position - found.record[ESTIMATE : ESTIMATE + 3]
-        seen = Innovation(name, sample.stamp_s, found.nis, found.position_nis, residual)
-        draft.innovations.append(seen)
+        placed = outcome == FUSED and isinstance(sample, PoseSample)
+        draft.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis, placed))
     return used

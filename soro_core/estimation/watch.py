@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
-from soro_core.estimation.delay import DelayFit, DelayModel
+from soro_core.estimation.delay import DelayFit, DelayModel, Instant
+from soro_core.estimation.kernel.advance import FUSED_POSES, RESIDUALS
 from soro_core.estimation.monitor import Innovation, SensorMonitor, monitored
 
 if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
     from soro_core.estimation.draft import Draft
-    from soro_core.estimation.state import EstimatorState
+    from soro_core.estimation.state import EstimatorState, Segment
     from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
 
 # Rows of the delay come at most so often [s]: the filter's errors last longer, and a row costs as much as a
 # step of the filter.
@@ -52,26 +56,32 @@ class Watch:
         """
         monitors = dict(state.monitors)
         for seen in innovations:
-            old = monitors.get(seen.sensor)
+            name = seen.sensor
+            old = monitors.get(name)
             dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
             new = monitored(old, seen, dt, self.config.watch)
-            monitors[seen.sensor] = self._with_delay(new, seen, state)
+            if seen.placed and self.delay.usable:
+                new = self._with_delay(new, name, state)
+            monitors[name] = new
         return monitors
 
     def _with_delay(
-        self, monitor: SensorMonitor, seen: Innovation, state: EstimatorState | Draft
+        self, monitor: SensorMonitor, sensor: str, state: EstimatorState | Draft
     ) -> SensorMonitor:
-        """Return the monitor with the residual of one sample and, where it is time, a row of its delay."""
-        if seen.residual is None or not self.delay.usable:
+        """Return the monitor with a row of its delay where it is time for one."""
+        fit, t_s = monitor.delay, state.t_s
+        if fit is None:
+            return monitor._replace(delay=self.delay.start(t_s))
+        if t_s - fit.t_s < _ROW_S - _SAME_S:
             return monitor
-        fit = monitor.delay if monitor.delay is not None else self.delay.start(state.t_s)
-        fit = fit.seen(seen.residual)
-        if state.t_s - fit.t_s >= _ROW_S - _SAME_S:
-            s = state.sensors[seen.sensor].sample.s
-            try:
-                fit = self.delay.step(fit, state.belief, state.pressure_pa, s, state.t_s)
-            except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
-                fit = self.delay.start(state.t_s)
+        sample, record = state.sensors[sensor]
+        residuals, pressure = record[RESIDUALS : FUSED_POSES + 1], state.pressure_pa
+        mean = mean_pressure(state.history, fit.t_s, pressure)
+        at = Instant(t_s, state.belief, pressure, mean, state.known.share, sample.s, residuals)
+        try:
+            fit = self.delay.step(fit, at)
+        except (ModelError, np.linalg.LinAlgError):  # where the model has no value there is no delay
+            fit = self.delay.start(t_s, residuals)
         return monitor._replace(delay=fit)
 
     def note(self, monitors: Mapping[str, SensorMonitor], t_s: float) -> str:
@@ -85,25 +95,23 @@ class Watch:
         """
         said = []
         for sensor, monitor in monitors.items():
-            if t_s - monitor.stamp_s <= self.config.lost_after_s:
-                said += [self._delay_note(sensor, monitor.delay), self._nis_note(sensor, monitor)]
-        return "; ".join(filter(None, said))
+            if t_s - monitor.stamp_s > self.config.lost_after_s:
+                continue
+            if monitor.delay is not None and monitor.delay.is_late:
+                said.append(self._delay_note(sensor, monitor.delay))
+            if monitor.watched > monitor.components:  # else below every bound, whose quantile takes time
+                said.append(self._nis_note(sensor, monitor))
+        return "; ".join(filter(None, said)) if said else ""
 
-    def _delay_note(self, sensor: str, fit: DelayFit | None) -> str:
-        config = self.config.watch
-        if fit is None or fit.t_s - fit.begun_s < config.delay_time_s:  # too few rows to tell load and delay
-            return ""
-        # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
-        if fit.delay_s - config.delay_deviations * fit.deviation_s <= config.delay_allowed_s:
-            return ""
+    def _delay_note(self, sensor: str, fit: DelayFit) -> str:
+        allowed_ms = 1e3 * self.config.watch.delay_allowed_s
         return (
-            f"{sensor}: stamps {1e3 * fit.delay_s:.0f} ms late (+-{1e3 * fit.deviation_s:.0f}), "
-            f"allowed {1e3 * config.delay_allowed_s:.0f}: stamp samples when they are taken"
+            f"{sensor}: stamps {1e3 * fit.delay_s:.0f} ms late (+-{1e3 * fit.deviation_s:.0f}), allowed "
+            f"{allowed_ms:.0f}: stamp samples when they are taken, or state more damping in the robot file, "
+            "which looks the same"
         )
 
     def _nis_note(self, sensor: str, monitor: SensorMonitor) -> str:
-        if monitor.watched <= monitor.components:  # below every bound, whose quantile takes time
-            return ""
         allowed = monitor.allowed(self.config.watch)
         if monitor.watched <= allowed:
             return ""
@@ -112,3 +120,23 @@ class Watch:
             f"{sensor}: NIS {monitor.watched:.1f}, allowed {allowed:.1f}: check its noise ({key}), its place "
             "and the robot file"
         )
+
+
+def mean_pressure(history: Sequence[Segment], since_s: float, latest: Array) -> Array:
+    """Return the mean pressures (n_u,) [Pa gauge] since a time; `latest` (n_u,) without a step since then.
+
+    Parameters
+    ----------
+    history : sequence of Segment
+        Past steps, oldest first.
+    since_s : float
+        Time [s].
+    latest : ndarray (n_u,)
+    """
+    total, time_s = np.zeros(latest.shape), 0.0
+    for part in reversed(history):
+        if part.end_s <= since_s + _SAME_S:
+            break
+        total += (part.end_s - part.start_s) * part.pressure_pa
+        time_s += part.end_s - part.start_s
+    return total / time_s if time_s > 0.0 else latest

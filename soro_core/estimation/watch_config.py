@@ -23,7 +23,14 @@ class WatchConfig(Strict):
         1.0,
         gt=0.1,
         le=1e3,
-        description="time constant of the estimated delay: one that begins is then named within 2 s",
+        description="time constant of the estimated delay, once the fit is four times as old: a delay that "
+        "begins is then named within 2 s",
+    )
+    delay_known_after_s: float = Field(
+        1.5,
+        ge=0,
+        le=1e3,
+        description="age of a fit before which nothing is named: fewer rows do not tell load and delay",
     )
     delay_correlation_s: float = Field(
         0.1,
@@ -38,5 +45,9 @@ class WatchConfig(Strict):
         description="a delay not declared up to here is not named: one tick at 200 Hz",
     )
     delay_deviations: float = Field(
-        2.0, gt=0, le=10, description="deviations by which a delay exceeds the allowed one when it is named"
+        0.3,
+        gt=0,
+        le=10,
+        description="deviations of the fit, times its misfit, by which a delay exceeds the allowed one when "
+        "it is named; they count the prior of the load, and are several times the scatter of the delay",
     )

@@ -155,11 +155,17 @@ def test_it_predicts_as_the_stepper_does():
     assert np.linalg.norm(tips[0] - tips[1]) < 5e-5
 
 
-def test_a_mass_that_the_arm_does_not_have_leaves_the_inertia_positive():
-    filter_ = Filter(SoftArm(ROBOT), CONFIG)
-    belief, ok = filter_.predict(belief_of(filter_), P, DT, model(-10.0))
-    assert ok
-    assert belief.finite()
+def test_a_mass_that_the_arm_does_not_have_takes_no_inertia_from_other_masses():
+    """A point mass at the tip stays as heavy as it is."""
+    robot = ROBOT.replace(point_masses=({"place": ROBOT.length, "mass": 0.01},))
+    arm, bare = SoftArm(robot), SoftArm(ROBOT)
+    filter_, dt, known = Filter(arm, CONFIG), 1e-6, model(-0.004)
+    begun = belief_of(filter_)
+    begun.mean[N:] = 0.0
+    with_it, without = (filter_.predict(begun, P, dt, one)[0].qd / dt for one in (known, Known()))
+    weight = LearnedForce(bare).force(known.learned, Q, 0.0 * QD, 0.0 * QD)
+    left = arm.inertia_matrix(Q) @ (with_it - without)
+    np.testing.assert_allclose(left, -weight, rtol=2e-3, atol=2e-3 * np.abs(weight).max())
 
 
 def test_a_step_that_fails_holds_the_arm_and_widens():

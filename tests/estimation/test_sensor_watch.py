@@ -12,7 +12,7 @@ from soro_core.estimation import EstimatorConfig
 from soro_core.estimation.delay import DelayModel
 from soro_core.estimation.monitor import Innovation, monitored
 from soro_core.estimation.samples import pose_sensor
-from soro_core.estimation.watch import Watch
+from soro_core.estimation.watch import Watch, mean_pressure
 from soro_core.estimation.watch_config import WatchConfig
 from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel
@@ -36,10 +36,10 @@ class Shifted(Harness):
         return world, replace(seen, poses=late)
 
 
-def notes_of(duration_s, shift_s=0.0, from_s=0.0, **changes):
+def notes_of(duration_s, shift_s=0.0, from_s=0.0, law="composite", **changes):
     """Notes of the estimator in closed loop with 20 g, and the last fit of the delay."""
     robot = load_robot(find_config("tue_three_bellow", "robots"))
-    control = parse({"law": "composite"}, ControllerConfig, "test")
+    control = parse({"law": law}, ControllerConfig, "test")
     setup = Setup(control=control, **changes)
     plant = Shifted(robot, setup)
     plant.shift_s, plant.from_s = shift_s, from_s
@@ -71,12 +71,22 @@ def test_a_delay_that_begins_is_named_within_two_seconds(seed):
     assert f"{1e3 * fit.delay_s:.0f} ms" in notes[-1][1]
 
 
-def test_a_delay_from_the_start_is_named_once_the_load_is_known():
-    """The fit separates load and delay when the arm has moved some way."""
-    notes, _ = notes_of(3.0, 0.02)
+@pytest.mark.parametrize(("law", "seed"), [("composite", 1), ("composite", 16), ("adaptive", 1)])
+def test_a_delay_from_the_start_is_named_within_two_seconds(law, seed):
+    """Once the fit separates load and delay; a law without a learned force shows it too."""
+    notes, _ = notes_of(2.5, 0.02, law=law, seed=seed)
     print(f"named after {notes[0][0]:.2f} s: {notes[0][1]}")
-    assert notes[0][0] <= 2.5
+    assert notes[0][0] <= 2.0
     assert SENSOR in notes[0][1]
+
+
+@pytest.mark.parametrize(
+    ("law", "changes"),
+    [("composite", {"payload_kg": 0.035, "seed": 3}), ("adaptive", {"payload_kg": 0.03, "seed": 2})],
+)
+def test_a_heavy_load_is_no_delay(law, changes):
+    notes, _ = notes_of(3.0, law=law, **changes)
+    assert not any("stamps" in note for _, note in notes)
 
 
 def test_good_sensors_give_no_note():
@@ -110,10 +120,24 @@ def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
     mean = belief.mean.copy()
     mean[belief.n] = -200.0
     state = run.state._replace(belief=belief._replace(mean=mean), t_s=run.state.t_s + 0.1)
-    seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, np.zeros(3))
+    seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, placed=True)
     watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
     assert state.monitors[SENSOR].delay.solution.any()
     assert not watch.step(state, [seen])[SENSOR].delay.solution.any()
+
+
+def test_the_pressures_of_a_row_are_their_mean_since_the_last_one():
+    run = Run()
+    run.ticks(20)
+    history, latest = run.state.history, run.state.pressure_pa
+    since_s = history[-1].end_s - 4 * DT
+    of_steps = np.array([part.pressure_pa for part in history[-4:]])
+    np.testing.assert_allclose(mean_pressure(history, since_s, latest), of_steps.mean(axis=0), rtol=1e-12)
+    half = (*history[:-1], history[-1]._replace(end_s=history[-1].start_s + 0.5 * DT))
+    weights = np.array([1.0, 1.0, 1.0, 0.5])
+    expected = weights @ of_steps / weights.sum()
+    np.testing.assert_allclose(mean_pressure(half, since_s, latest), expected, rtol=1e-12)
+    assert mean_pressure(history, history[-1].end_s, latest) is latest
 
 
 def test_a_residual_that_grows_is_named_within_two_seconds():
@@ -157,7 +181,7 @@ def test_a_sensor_that_is_silent_is_not_judged():
 def watched(values, dt=0.01, config=CONFIG):
     state = None
     for k, value in enumerate(values):
-        state = monitored(state, Innovation(SENSOR, k * dt, value, value, None), dt, config)
+        state = monitored(state, Innovation(SENSOR, k * dt, value, value, placed=False), dt, config)
     return state
 
 

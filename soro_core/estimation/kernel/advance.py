@@ -32,7 +32,9 @@ FROZEN, FOUND, MISSED = 3, 4, 5
 # without the jumps of updates: a filter that follows a frozen sensor does not hide its own motion, and one
 # that converges does not move.
 REFUSED, STAMP, POSITION, QUATERNION, ESTIMATE, MOVED = 0, 1, 2, 5, 9, 12
-N_RECORD = 15
+# Beside: sum of position less estimate over all poses that were fused, and their number.
+RESIDUALS, FUSED_POSES = 15, 18
+N_RECORD = 19
 # Motions are forgotten with this time constant [s]: round-off of an arm at rest must not add up.
 _FORGET_S = 0.2
 # Times that differ by less [s] are equal: ticks and stamps are sums of periods.
@@ -146,4 +148,8 @@ def advance(
         record[REFUSED] = 0.0
         for r in range(3):
             record[ESTIMATE + r] = reported[AFTER + r]
+        if kind == POSE and code == FUSED:
+            record[FUSED_POSES] += 1.0
+            for r in range(3):
+                record[RESIDUALS + r] += first[r] - reported[AFTER + r]
     return step, code

@@ -56,6 +56,8 @@ class Sample:
     pressure_pa: Array
     creep: Array
     covariance: Array
+    known: Array | None = None
+    by_mass: Array | None = None
 
     def finite(self) -> bool:
         """Whether all numbers are finite."""
@@ -229,6 +231,9 @@ class Learner:
         model = arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
         missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
         regressor = self.force.regressor(q, qd, qdd)
+        if sample.known is not None:
+            missing = missing - sample.known
+            regressor[:, 0] += sample.by_mass / self.force.scales.force
         return missing / self.force.scales.force, regressor
 
     def _gained(

@@ -17,6 +17,7 @@ from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner, LearnerState, Sample
 from soro_core.control.creep import advance_creep
+from soro_core.control.uneven import Shape, Uneven, UnevenForce
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 
 Array: TypeAlias = NDArray[np.float64]
@@ -25,6 +26,8 @@ Array: TypeAlias = NDArray[np.float64]
 class CompositeOptions(LearnerConfig, LawOptions):
     """Keys of the law: those of its learner."""
 
+    uneven: bool = True
+
 
 @dataclass(frozen=True)
 class CompositeState:
@@ -32,6 +35,8 @@ class CompositeState:
 
     learner: LearnerState
     creep: Array
+    shape: Shape | None = None
+    lacking: UnevenForce | None = None
 
 
 class Composite(Law[CompositeState]):
@@ -49,13 +54,15 @@ class Composite(Law[CompositeState]):
         self.learner = Learner(setting.arm, options, setting.pieces)
         # What the inverse of the regulators' lag leaves of it [s].
         self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
+        self.uneven = Uneven(setting.arm, setting.pieces) if options.uneven and not any(link.varies for link in setting.arm.robot.links) and np.linalg.matrix_rank(np.diag(self.learner.force.scales.q)@setting.arm.actuation_matrix()) == setting.arm.n_q else None
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
         self.names = ("tip_mass", *weights)
 
     def initial_state(self) -> CompositeState:
         """Return the state with nothing learned."""
-        return CompositeState(self.learner.initial_state(), np.zeros(self.setting.arm.n_internal))
+        shape = None if self.uneven is None else self.uneven.initial_state()
+        return CompositeState(self.learner.initial_state(), np.zeros(self.setting.arm.n_internal), shape)
 
     def step(
         self, state: CompositeState, belief: ArmBelief, reference: Preview, dt: float
@@ -67,12 +74,16 @@ class Composite(Law[CompositeState]):
         now = reference.now
         error = q - (now.q + reference.ahead_s * now.qd)
         s = qd - now.qd + gains.rate * error
-        learner = self._learned(state.learner, belief, reference, s, dt)
+        learner = self._learned(state.learner, belief, reference, s, dt, state.lacking)
         # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
         at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
         model = self.setting.model_force(at, wanted.qd, wanted.qdd)
         internal = arm.internal_force(at, state.creep)
         learned = self.learner.force.force(learner.learned, at, wanted.qd, wanted.qdd)
+        shape, lacking = state.shape, None
+        if self.uneven is not None:
+            shape, lacking = self.uneven.step(shape, at, learner.learned.mass_kg)
+            learned = learned + lacking.force
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
             "error": error,
@@ -85,7 +96,7 @@ class Composite(Law[CompositeState]):
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
         wished = model + internal + learned + proportional + derivative
-        return CompositeState(learner, creep), wished, terms
+        return CompositeState(learner, creep, shape, lacking), wished, terms
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -94,6 +105,8 @@ class Composite(Law[CompositeState]):
     def reference_force(self, state: CompositeState, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the force of model and learned load; parameters as in `Law.reference_force`."""
         learned = self.learner.force.force(state.learner.learned, q, qd, qdd)
+        if state.lacking is not None:
+            learned = learned + state.lacking.at(q)
         return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:
@@ -108,7 +121,13 @@ class Composite(Law[CompositeState]):
 
     def learned(self, state: CompositeState) -> Learned:
         """Return the learned model, for the filter."""
-        return state.learner.learned
+        if state.lacking is None:
+            return state.learner.learned
+        scales, lacking = self.learner.force.scales, state.lacking
+        theta = state.learner.learned.theta.copy()
+        n = lacking.q.size
+        theta[1:].reshape(n, n + 1)[:] += np.column_stack([lacking.force - lacking.slope @ lacking.q, lacking.slope * scales.q]) / scales.force[:, None]
+        return Learned(theta)
 
     def counts(self, state: CompositeState) -> dict[str, int]:
         """Return samples refused and priors restored."""
@@ -119,7 +138,7 @@ class Composite(Law[CompositeState]):
         return state.learner.note
 
     def _learned(
-        self, state: LearnerState, belief: ArmBelief, reference: Preview, s: Array, dt: float
+        self, state: LearnerState, belief: ArmBelief, reference: Preview, s: Array, dt: float, lacking=None
     ) -> LearnerState:
         if not self.adapts or belief.covariance is None:
             return replace(state, note="")
@@ -136,5 +155,7 @@ class Composite(Law[CompositeState]):
             pressure_pa=belief.pressure_pa,
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],
+            known=None if lacking is None else lacking.at(belief.q) - lacking.mass_kg * lacking.by_mass,
+            by_mass=None if lacking is None else lacking.by_mass,
         )
         return self.learner.step(state, sample, dt)

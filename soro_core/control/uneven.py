@@ -1,156 +1,214 @@
-"""The uneven bend of a link under load, which strains that are constant along links do not have.
+"""The uneven bend of links under load, which strains that are constant along them do not have.
 
-Weight bends a link more near its base. With strain that varies linearly along each link, coordinates x, the arm
-at rest keeps
+Weight bends a link most near its base. With strains that vary linearly along each link, coordinates x, the
+arm at rest keeps
 
-    f(x) + m Y(x) = H(x) p,   link ends at those of q
+    f(x) + m Y(x) = H(x) p,   the ends of the links where q has them
 
-and p makes the force H_1(q) p in the coordinates q, not G + f_e + m Y_m. One step of Newton a tick follows x.
+in x and p, and these pressures make the force H_1(q) p in the coordinates q, not G + f_e + m Y_m. The
+difference is what a law with constant strains lacks, docs/control.md. One step of Newton a tick follows it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import q_scale_of
+from soro_core.adaptation.uneven import UnevenForce
 from soro_core.model import SoftArm
-from soro_core.robot.coordinates import strain_fields
+from soro_core.robot import Robot
 from soro_core.robot.discretisation import with_basis
-from soro_core.robot.parts import fields as parts_of
+from soro_core.robot.parts import fields
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Coefficients of each strain: its mean along the link, and the slope.
+_TERMS = 2
+# Increment for difference quotients of the forces, in units of q.
 _STEP = 1e-6
+# Largest difference of the strains from those of q, in units: a learner at its bound must not fold the arm.
+_MOST = 2.0
+# Steps from constant strains to the shape.
+_STEPS = 5
+# Part of the largest singular value above which a direction counts.
+_ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
-class UnevenForce:
-    """What the force of an even arm lacks at rest, about coordinates q and a mass.
+class UnevenShape:
+    """What is kept from tick to tick.
 
     Attributes
     ----------
-    q, mass_kg : ndarray (n_q,), float
-        Where it is found.
-    force, by_mass : ndarray (n_q,)
-        The force, and its change by the mass at the tip.
-    slope : ndarray (n_q, n_q)
-        Its change by q.
+    deviation : ndarray (2 n_q,)
+        x minus the constant strains of q.
+    force : ndarray (n_q,) or None
+        H_1(q) p; None before the first tick.
+    slope, even_slope : ndarray (2 n_q, 2 n_q), (n_q, n_q); None before the first tick
+        Slopes by x and by q of the force at rest that p misses, with strains that vary and that do not.
+    column : int
+        The column of both that the next tick finds anew: all would take as long as the rest of a tick.
     """
 
-    q: Array
-    mass_kg: float
-    force: Array
-    by_mass: Array
-    slope: Array
-
-    def at(self, q: Array) -> Array:
-        return np.asarray(self.force + self.slope @ (q - self.q))
-
-
-@dataclass(frozen=True)
-class Shape:
     deviation: Array
-    force: Array
-    stiffness: Array | None = None
-    even: Array | None = None
+    force: Array | None = None
+    slope: Array | None = None
+    even_slope: Array | None = None
     column: int = 0
 
 
+def bends_unevenly(arm: SoftArm) -> bool:
+    """Whether an arm has constant strains, all of which its chambers and the ends of its links determine."""
+    robot = arm.robot
+    if robot.contacts is not None or robot.tip_constraint is not None:
+        return False
+    if any(link.varies for link in robot.links):
+        return False
+    unit = q_scale_of(arm)
+    # Where it is straight no two strains move an end alike unless they always do.
+    ends = _ends(arm, _link_ends(robot), np.zeros(arm.n_q))[1] * unit
+    return all(_full_rank(rows) for rows in (ends.T, unit[:, None] * arm.actuation_matrix()))
+
+
 class Uneven:
+    """The uneven bend of one arm for which `bends_unevenly` holds.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Discretised model.
+    pieces : int
+        Number of pieces into which each link is discretised.
+    """
+
     def __init__(self, arm: SoftArm, pieces: int = 1) -> None:
-        self.arm = arm
-        links = []
-        for link in arm.robot.links:
-            part = parts_of(link)
-            part.update(damping=None, creep=[], hysteresis=[])
-            links.append(part)
-        fine = with_basis(arm.robot.replace(links=links), "legendre", 1)
-        self.fine = SoftArm(fine)
-        fields = strain_fields(fine)
-        n = arm.n_q
-        self.spread = np.zeros((self.fine.n_q, n))
-        self.spread[np.arange(0, self.fine.n_q, 2), np.arange(n)] = 1.0
+        self.arm, self.varying = arm, SoftArm(_varying(arm.robot))
         self.unit = q_scale_of(arm, pieces)
-        self.fine_unit = np.repeat(self.unit, 2)
-        self.ends = np.cumsum([link.length for link in arm.robot.links])
-        self.ends[-1] = arm.length
+        self.varying_unit = np.repeat(self.unit, _TERMS)
+        self.spread = np.kron(np.eye(arm.n_q), np.eye(_TERMS, 1))
+        self.ends = _link_ends(arm.robot)
 
-    def initial_state(self) -> Shape:
-        return Shape(np.zeros(self.fine.n_q), np.zeros(self.arm.n_q))
+    def initial_state(self) -> UnevenShape:
+        """Return the state before the first tick."""
+        return UnevenShape(np.zeros(self.varying.n_q))
 
-    def step(self, state: Shape, q: Array, mass: float) -> tuple[Shape, UnevenForce]:
-        arm, fine, n, nf = self.arm, self.fine, self.arm.n_q, self.fine.n_q
+    def step(self, state: UnevenShape, q: Array, mass_kg: float) -> tuple[UnevenShape, UnevenForce]:
+        """Return state and force after one step of Newton.
+
+        Parameters
+        ----------
+        state : UnevenShape
+            After the last tick.
+        q : ndarray (n_q,)
+            Coordinates, near to those of the last tick.
+        mass_kg : float
+            Mass at the tip beyond the robot file's [kg].
+
+        Raises
+        ------
+        LinAlgError
+            If the arm has no stiffness in a shape.
+        """
+        arm, varying, n, unit = self.arm, self.varying, self.arm.n_q, self.unit
         x = self.spread @ q + state.deviation
-        here = arm.actuation_matrix(q)
-        scaled = self.unit[:, None] * here
-        to_pressure = scaled.T @ np.linalg.solve(scaled @ scaled.T, np.diag(self.unit))
-        even = _static(arm, q, mass)
-        force = even if state.stiffness is None else state.force
-        made = fine.actuation_matrix(x) @ to_pressure
+        load, even_load = _of_tip_mass(varying, x), _of_tip_mass(arm, q)
+        even = _without_load(arm, q) + mass_kg * even_load
+        force = even if state.force is None else state.force
+        here, there = arm.actuation_matrix(q), varying.actuation_matrix(x)
+        scaled = unit[:, None] * here
+        # The least pressures by a force.
+        to_pressure = scaled.T @ np.linalg.solve(scaled @ scaled.T, np.diag(unit))
         pressure = to_pressure @ force
 
-        def missed(at: Array) -> Array:
-            return _static(fine, at, mass) - fine.actuation_matrix(at) @ pressure
+        def missed(of: SoftArm, at: Array) -> Array:
+            made = of.actuation_matrix(at) @ pressure
+            return np.asarray(_without_load(of, at) + mass_kg * _of_tip_mass(of, at) - made)
 
-        def missed_even(at: Array) -> Array:
-            return _static(arm, at, mass) - arm.actuation_matrix(at) @ pressure
-
-        now = missed(x)
-        stiffness = _column(state.stiffness, state.column, x, now, self.fine_unit, missed)
-        slope = _column(state.even, state.column, q, missed_even(q), self.unit, missed_even)
-        wanted, of_q = self._places(arm, q)
-        found, of_x = self._places(fine, x)
-        back = np.linalg.pinv(of_q * self.unit) * 1.0
-        back = self.unit[:, None] * back
-        C = back @ of_x
-        us, ux = self.unit, self.fine_unit
-        # in units: x = ux xi, u = v / us  (energy)
-        A = np.zeros((nf + n, nf + n))
-        A[:nf, :nf] = ux[:, None] * stiffness * ux
-        A[:nf, nf:] = -ux[:, None] * made / us
-        A[nf:, :nf] = C * ux / us[:, None]
-        rhs = np.zeros((nf + n, 2 + n))
-        rhs[:nf, 0] = -ux * now
-        rhs[nf:, 0] = -(back @ (found - wanted)) / us
-        zero = np.zeros(nf)
-        rhs[:nf, 1] = -ux * fine.tip_mass_force(x, zero, zero)
-        rhs[nf:, 2:] = np.diag(1.0 / us)
-        sol = np.linalg.solve(A, rhs)
-        dx, du = ux[:, None] * sol[:nf], sol[nf:] / us[:, None]
-        force = force + du[:, 0]
-        none = np.zeros(n)
-        result = UnevenForce(
-            q, mass, force - even, du[:, 1] - arm.tip_mass_force(q, none, none), du[:, 2:] - slope
+        now = _without_load(varying, x) + mass_kg * load - there @ pressure
+        slope = _slope(state.slope, state.column, x, self.varying_unit, partial(missed, varying), now)
+        even_slope = _slope(
+            state.even_slope, state.column, q, unit, partial(missed, arm), even - here @ pressure
         )
-        deviation = state.deviation + dx[:, 0]
-        return Shape(deviation, force, stiffness, slope, state.column + 1), result
+        wanted, by_q = _ends(arm, self.ends, q)
+        found, by_x = _ends(varying, self.ends, x)
+        # Rows and columns in units; the ends count by the motion of q that they make.
+        turn = by_q * unit
+        square = np.zeros((varying.n_q + n, varying.n_q + n))
+        square[:-n, :-n] = self.varying_unit[:, None] * slope * self.varying_unit
+        square[:-n, -n:] = -self.varying_unit[:, None] * (there @ to_pressure) / unit
+        square[-n:, :-n] = turn.T @ by_x * self.varying_unit
+        right = np.zeros((varying.n_q + n, 2 + n))
+        right[:-n, 0] = -self.varying_unit * now
+        right[-n:, 0] = turn.T @ (wanted - found)
+        right[:-n, 1] = -self.varying_unit * load
+        right[-n:, 2:] = turn.T @ by_q
+        solved = np.linalg.solve(square, right)
+        by_none, by_mass, by_coordinate = np.split(solved[-n:] / unit[:, None], [1, 2], axis=1)
+        force = force + by_none[:, 0]
+        most = _MOST * self.varying_unit
+        deviation = np.clip(state.deviation + self.varying_unit * solved[:-n, 0], -most, most)
+        lacking = UnevenForce(q, mass_kg, force - even, by_mass[:, 0] - even_load, by_coordinate - even_slope)
+        return UnevenShape(deviation, force, slope, even_slope, state.column + 1), lacking
 
-    def _places(self, arm: SoftArm, q: Array) -> tuple[Array, Array]:
-        places, slopes = [], []
-        for end in self.ends:
-            pose, jacobian = arm.pose_and_jacobian(q, end)
-            places.append(pose[:3, 3])
-            slopes.append(pose[:3, :3] @ jacobian[3:])
-        return np.concatenate(places), np.concatenate(slopes)
+    def away(self, q: Array, mass_kg: float) -> Array:
+        """Return the force (n_q,) at coordinates (n_q,) far from any tick, a mass [kg] at the tip."""
+        state, force = self.initial_state(), np.zeros_like(q)
+        for _ in range(_STEPS):
+            state, lacking = self.step(state, q, mass_kg)
+            force = lacking.force
+        return force
 
 
-def _static(arm: SoftArm, q: Array, mass: float) -> Array:
-    zero = np.zeros(arm.n_q)
-    return np.asarray(
-        arm.inverse_dynamics(q, zero, zero, zero) + arm.elastic_force(q) + mass * arm.tip_mass_force(q, zero, zero)
-    )
-
-
-def _column(last, column, q, now, unit, missed):
-    first = last is None
-    columns = range(q.size) if first else (column % q.size,)
-    slope = np.zeros((q.size, q.size)) if first else last.copy()
-    for k in columns:
-        moved = q.copy()
+def _slope(
+    last: Array | None, column: int, at: Array, unit: Array, missed: Callable[[Array], Array], now: Array
+) -> Array:
+    """Return a slope with one column found anew; at the first tick all."""
+    n = at.size
+    slope = np.zeros((n, n)) if last is None else last.copy()
+    for k in range(n) if last is None else (column % n,):
+        moved = at.copy()
         moved[k] += _STEP * unit[k]
         slope[:, k] = (missed(moved) - now) / (_STEP * unit[k])
     return slope
+
+
+def _without_load(arm: SoftArm, q: Array) -> Array:
+    return arm.gravity_force(q) + arm.elastic_force(q)
+
+
+def _of_tip_mass(arm: SoftArm, q: Array) -> Array:
+    zero = np.zeros_like(q)
+    return np.asarray(arm.tip_mass_force(q, zero, zero))
+
+
+def _link_ends(robot: Robot) -> Array:
+    return np.cumsum([link.length for link in robot.links])
+
+
+def _ends(arm: SoftArm, places: Array, q: Array) -> tuple[Array, Array]:
+    """Return the positions (3 n_links,) of link ends [m], and their change by q (3 n_links, n_q)."""
+    found = [arm.pose_and_jacobian(q, place) for place in places]
+    return (
+        np.concatenate([pose[:3, 3] for pose, _ in found]),
+        np.concatenate([pose[:3, :3] @ jacobian[3:] for pose, jacobian in found]),
+    )
+
+
+def _full_rank(rows: Array) -> bool:
+    if rows.shape[0] > rows.shape[1]:
+        return False
+    sizes = np.linalg.svd(rows, compute_uv=False)
+    return bool(sizes.min() > _ROUND_OFF * sizes.max())
+
+
+def _varying(robot: Robot) -> Robot:
+    """Return the robot at rest with strains that vary; its losses may not have that form."""
+    still: dict[str, Any] = {"damping": None, "creep": [], "hysteresis": []}
+    links = [{**fields(link), **still} for link in robot.links]
+    return with_basis(robot.replace(links=links), "legendre", _TERMS - 1)

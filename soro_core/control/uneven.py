@@ -1,7 +1,7 @@
 """The uneven bend of links under load, which strains that are constant along them do not have.
 
-Weight bends a link most near its base. With strains that vary linearly along each link, coordinates x, the
-arm at rest keeps
+Weight and inertia bend a link most near its base. With strains that vary linearly along each link,
+coordinates x with the accelerations dx/dq qdd, the arm keeps
 
     f(x) + m Y(x) = H(x) p,   the ends of the links where q has them
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.adaptation.uneven import UnevenForce
+from soro_core.control.trajectory import Point
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.robot.discretisation import with_basis
@@ -50,14 +51,17 @@ class UnevenShape:
         x minus the constant strains of q.
     force : ndarray (n_q,) or None
         H_1(q) p; None before the first tick.
+    moves : ndarray (2 n_q, n_q) or None
+        dx / dq; None before the first tick.
     slope, even_slope : ndarray (2 n_q, 2 n_q), (n_q, n_q); None before the first tick
-        Slopes by x and by q of the force at rest that p misses, with strains that vary and that do not.
+        Slopes by x and by q of the force that p misses, with strains that vary and that do not.
     column : int
         The column of both that the next tick finds anew: all would take as long as the rest of a tick.
     """
 
     deviation: Array
     force: Array | None = None
+    moves: Array | None = None
     slope: Array | None = None
     even_slope: Array | None = None
     column: int = 0
@@ -98,15 +102,15 @@ class Uneven:
         """Return the state before the first tick."""
         return UnevenShape(np.zeros(self.varying.n_q))
 
-    def step(self, state: UnevenShape, q: Array, mass_kg: float) -> tuple[UnevenShape, UnevenForce]:
+    def step(self, state: UnevenShape, point: Point, mass_kg: float) -> tuple[UnevenShape, UnevenForce]:
         """Return state and force after one step of Newton.
 
         Parameters
         ----------
         state : UnevenShape
             After the last tick.
-        q : ndarray (n_q,)
-            Coordinates, near to those of the last tick.
+        point : Point
+            Coordinates, near to those of the last tick, rates and accelerations.
         mass_kg : float
             Mass at the tip beyond the robot file's [kg].
 
@@ -116,9 +120,11 @@ class Uneven:
             If the arm has no stiffness in a shape.
         """
         arm, varying, n, unit = self.arm, self.varying, self.arm.n_q, self.unit
-        x = self.spread @ q + state.deviation
-        load, even_load = _of_tip_mass(varying, x), _of_tip_mass(arm, q)
-        even = _without_load(arm, q) + mass_kg * even_load
+        q, x = point.q, self.spread @ point.q + state.deviation
+        moved_by = self.spread if state.moves is None else state.moves
+        even_motion, motion = (point.qd, point.qdd), (moved_by @ point.qd, moved_by @ point.qdd)
+        load, even_load = varying.tip_mass_force(x, *motion), arm.tip_mass_force(q, *even_motion)
+        even = _without_load(arm, q, *even_motion) + mass_kg * even_load
         force = even if state.force is None else state.force
         here, there = arm.actuation_matrix(q), varying.actuation_matrix(x)
         scaled = unit[:, None] * here
@@ -126,14 +132,22 @@ class Uneven:
         to_pressure = scaled.T @ np.linalg.solve(scaled @ scaled.T, np.diag(unit))
         pressure = to_pressure @ force
 
-        def missed(of: SoftArm, at: Array) -> Array:
+        def missed(of: SoftArm, qd: Array, qdd: Array, at: Array) -> Array:
             made = of.actuation_matrix(at) @ pressure
-            return np.asarray(_without_load(of, at) + mass_kg * _of_tip_mass(of, at) - made)
+            force = _without_load(of, at, qd, qdd) + mass_kg * of.tip_mass_force(at, qd, qdd)
+            return np.asarray(force - made)
 
-        now = _without_load(varying, x) + mass_kg * load - there @ pressure
-        slope = _slope(state.slope, state.column, x, self.varying_unit, partial(missed, varying), now)
+        now = _without_load(varying, x, *motion) + mass_kg * load - there @ pressure
+        slope = _slope(
+            state.slope, state.column, x, self.varying_unit, partial(missed, varying, *motion), now
+        )
         even_slope = _slope(
-            state.even_slope, state.column, q, unit, partial(missed, arm), even - here @ pressure
+            state.even_slope,
+            state.column,
+            q,
+            unit,
+            partial(missed, arm, *even_motion),
+            even - here @ pressure,
         )
         wanted, by_q = _ends(arm, self.ends, q)
         found, by_x = _ends(varying, self.ends, x)
@@ -154,13 +168,14 @@ class Uneven:
         most = _MOST * self.varying_unit
         deviation = np.clip(state.deviation + self.varying_unit * solved[:-n, 0], -most, most)
         lacking = UnevenForce(q, mass_kg, force - even, by_mass[:, 0] - even_load, by_coordinate - even_slope)
-        return UnevenShape(deviation, force, slope, even_slope, state.column + 1), lacking
+        moves: Array = self.varying_unit[:, None] * solved[:-n, 2:]
+        return UnevenShape(deviation, force, moves, slope, even_slope, state.column + 1), lacking
 
-    def away(self, q: Array, mass_kg: float) -> Array:
-        """Return the force (n_q,) at coordinates (n_q,) far from any tick, a mass [kg] at the tip."""
-        state, force = self.initial_state(), np.zeros_like(q)
+    def away(self, point: Point, mass_kg: float) -> Array:
+        """Return the force (n_q,) at a point far from any tick, for a mass [kg] at the tip."""
+        state, force = self.initial_state(), np.zeros_like(point.q)
         for _ in range(_STEPS):
-            state, lacking = self.step(state, q, mass_kg)
+            state, lacking = self.step(state, point, mass_kg)
             force = lacking.force
         return force
 
@@ -178,13 +193,8 @@ def _slope(
     return slope
 
 
-def _without_load(arm: SoftArm, q: Array) -> Array:
-    return arm.gravity_force(q) + arm.elastic_force(q)
-
-
-def _of_tip_mass(arm: SoftArm, q: Array) -> Array:
-    zero = np.zeros_like(q)
-    return np.asarray(arm.tip_mass_force(q, zero, zero))
+def _without_load(arm: SoftArm, q: Array, qd: Array, qdd: Array) -> Array:
+    return np.asarray(arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q))
 
 
 def _link_ends(robot: Robot) -> Array:

@@ -10,7 +10,7 @@ from soro_core.adaptation import Learned, Learner, Sample
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
-from soro_core.control import Controller, ControllerConfig
+from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
 from soro_core.control.uneven import Uneven, bends_unevenly
 from soro_core.model.discretised import discretised
@@ -25,11 +25,15 @@ BENT = np.array([0.07, -6.0, 3.0])
 LOAD_KG = 0.01
 
 
+def still(q):
+    return Point(q, np.zeros(3), np.zeros(3))
+
+
 def found(q, mass_kg):
     uneven = Uneven(ARM)
     state = uneven.initial_state()
     for _ in range(16):  # finds every slope anew
-        state, force = uneven.step(state, q, mass_kg)
+        state, force = uneven.step(state, still(q), mass_kg)
     return force
 
 
@@ -55,6 +59,21 @@ def test_a_finer_arm_rests_where_the_coordinates_put_its_tip():
     assert without > 1e-3
 
 
+def test_its_pressures_accelerate_the_uneven_arm_as_wanted():
+    uneven, wanted = Uneven(ARM), Point(BENT, np.array([0.1, -10.0, 5.0]), np.array([1.0, 200.0, -100.0]))
+    state = uneven.initial_state()
+    for _ in range(16):
+        state, lacking = uneven.step(state, wanted, 0.0)
+    q, qd, qdd = wanted.q, wanted.qd, wanted.qdd
+    even = ARM.inverse_dynamics(q, qd, qd, qdd) + ARM.elastic_force(q)
+    pressure = np.linalg.solve(ARM.actuation_matrix(q), even + lacking.force)
+    x = uneven.spread @ q + state.deviation
+    made = uneven.varying.forward_dynamics(x, state.moves @ qd, pressure)
+    expected = state.moves @ qdd
+    np.testing.assert_allclose(made / uneven.varying_unit, expected / uneven.varying_unit, atol=0.05)
+    assert np.abs(expected / uneven.varying_unit).max() > 10.0
+
+
 def test_its_changes_by_mass_and_coordinates_are_differences():
     force, h = found(BENT, LOAD_KG), 1e-4
     by_mass = (found(BENT, LOAD_KG + h).force - found(BENT, LOAD_KG - h).force) / (2.0 * h)
@@ -69,8 +88,8 @@ def test_one_step_a_tick_follows_a_line():
     state = uneven.initial_state()
     for k in range(200):
         q = np.array([0.06, -7.0 + 0.07 * k, 0.0])
-        state, force = uneven.step(state, q, 2.0 * LOAD_KG)
-    np.testing.assert_allclose(force.force / UNIT, uneven.away(q, 2.0 * LOAD_KG) / UNIT, atol=0.01)
+        state, force = uneven.step(state, still(q), 2.0 * LOAD_KG)
+    np.testing.assert_allclose(force.force / UNIT, uneven.away(still(q), 2.0 * LOAD_KG) / UNIT, atol=0.01)
     assert np.abs(force.force / UNIT).max() > 0.5
 
 
@@ -78,7 +97,7 @@ def test_a_mass_far_beyond_the_arm_leaves_a_bounded_shape():
     uneven = Uneven(ARM)
     state = uneven.initial_state()
     for _ in range(60):
-        state, force = uneven.step(state, BENT, 0.5)
+        state, force = uneven.step(state, still(BENT), 0.5)
         assert np.isfinite(force.force).all()
     assert np.abs(state.deviation / uneven.varying_unit).max() <= 2.0
 
@@ -107,8 +126,8 @@ def test_a_strain_that_varies_bends_by_itself():
 def circling(uneven, state, k):
     """The sample of an arm with a load on a circle, and what the law knows at a mass of 0."""
     q = np.array([0.07, 10.0 * np.cos(0.02 * k), 10.0 * np.sin(0.02 * k)])
-    state, known = uneven.step(state, q, 0.0)
-    force = at_rest(ARM, q, LOAD_KG) + uneven.away(q, LOAD_KG) if k % 20 == 0 else None
+    state, known = uneven.step(state, still(q), 0.0)
+    force = at_rest(ARM, q, LOAD_KG) + uneven.away(still(q), LOAD_KG) if k % 20 == 0 else None
     return q, state, known, force
 
 

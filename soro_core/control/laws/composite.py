@@ -20,6 +20,7 @@ from soro_core.adaptation.learner import Learner, LearnerState, Sample
 from soro_core.adaptation.uneven import UnevenForce
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
+from soro_core.control.trajectory import Point
 from soro_core.control.uneven import Uneven, UnevenShape, bends_unevenly
 
 Array: TypeAlias = NDArray[np.float64]
@@ -96,7 +97,7 @@ class Composite(Law[CompositeState]):
         learned = self.learner.force.force(learner.learned, at, wanted.qd, wanted.qdd)
         shape, lacking = state.shape, None
         if self.uneven is not None and shape is not None:
-            shape, lacking = self.uneven.step(shape, at, learner.learned.mass_kg)
+            shape, lacking = self.uneven.step(shape, replace(wanted, q=at), learner.learned.mass_kg)
         uneven = np.zeros_like(at) if lacking is None else lacking.force
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
@@ -121,7 +122,7 @@ class Composite(Law[CompositeState]):
         """Return the force of model and learned load; parameters as in `Law.reference_force`."""
         learned = self.learner.force.force(state.learner.learned, q, qd, qdd)
         if self.uneven is not None:
-            learned = learned + self.uneven.away(q, state.learner.learned.mass_kg)
+            learned = learned + self.uneven.away(Point(q, qd, qdd), state.learner.learned.mass_kg)
         return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:

@@ -170,7 +170,8 @@ def follow(scene: Scene, path: np.ndarray, learning_s: float) -> tuple[Motion, n
             planned.append(motion_from(loop, state, path, t, twin.dt))
         return planned[-1] if planned else None
 
-    off, ticks = [], loop.run(twin, round((learning_s + 60.0) / twin.dt), twin.dt, reference=reference)
+    n, off = round((learning_s + 60.0) / twin.dt), []
+    ticks = loop.run(twin, n, twin.dt, reference=reference, before_s=-twin.dt)
     for tick in ticks:
         if not planned or tick.t_s <= planned[0].path_s:
             continue

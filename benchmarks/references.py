@@ -122,7 +122,7 @@ def follow(hz: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             sent.append(loop.controller.tip(state.controller, circle(t)))
         return sent[-1]
 
-    ticks = loop.run(twin, round(SECONDS / twin.dt), twin.dt, reference=newest)
+    ticks = loop.run(twin, round(SECONDS / twin.dt), twin.dt, reference=newest, before_s=-twin.dt)
     rows = [
         (tick.t_s, tick.command.tip_reference[:3, 3], tick.seen.tip[:3, 3])
         for tick in ticks

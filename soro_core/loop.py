@@ -177,6 +177,7 @@ class Loop:
         dt: float,
         delay: int = 1,
         reference: Callable[[float, LoopState], Reference | None] | None = None,
+        before_s: float = 0.0,
     ) -> Iterator[Tick[S, O]]:
         """Close the loop with a plant and give one tick after the other.
 
@@ -193,13 +194,17 @@ class Loop:
             acts from the next one on. 0: it acts at once.
         reference : callable, optional
             Gives the reference from the time [s] and the state before the tick; None for the configured one.
+        before_s : float
+            Time one period before the first tick, by the stamps of the plant's samples [s]; `-dt` for a
+            plant whose first tick is at 0, as that of the twin. A tick too late, and the estimate is a tick
+            ahead of the arm.
 
         Raises
         ------
         ModelError
             If the plant fails.
         """
-        state, inner = plant.initial(), self.initial_state()
+        state, inner = plant.initial(), self.initial_state(before_s)
         setpoint: Array = np.zeros(self.controller.arm.n_u)
         under_way = deque([setpoint] * delay)
         for k in range(ticks):

@@ -1,6 +1,6 @@
 """A learner driven by the prediction error: recursive least squares on what the measured pressures make.
 
-r = H(q) p - [M qdd + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q)
+r = H(q) p - [M qdd + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q) + d(q, m)
 
 Measured pressures say what force acts, so the lag of the regulators does not enter. Both sides pass one
 low-pass. The information about theta grows with each sample, weighed by its noise S = sigma^2 I + B P B', B
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.uneven import UnevenForce
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -49,6 +50,8 @@ class Sample:
         Creep and hysteresis states.
     covariance : ndarray (n_q, n_q)
         Covariance of q.
+    uneven : UnevenForce or None
+        What the model lacks near to q; the rest is learned.
     """
 
     q: Array
@@ -56,6 +59,7 @@ class Sample:
     pressure_pa: Array
     creep: Array
     covariance: Array
+    uneven: UnevenForce | None = None
 
     def finite(self) -> bool:
         """Whether all numbers are finite."""
@@ -229,6 +233,10 @@ class Learner:
         model = arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
         missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
         regressor = self.force.regressor(q, qd, qdd)
+        if sample.uneven is not None:
+            lacks = sample.uneven
+            missing = missing - (lacks.at(q) - lacks.mass_kg * lacks.by_mass)
+            regressor[:, 0] += lacks.by_mass / self.force.scales.force
         return missing / self.force.scales.force, regressor
 
     def _gained(

@@ -76,7 +76,7 @@ def drive(scene: Scene, model: Discretisation, seconds: float, plant: TwinConfig
     n = round(seconds * scene.rate_hz)
     t, spent, distance = np.zeros(n), np.zeros(n), np.full(n, np.nan)
     pressure = np.empty((n, twin.plant.arm.n_u))
-    for k, tick in enumerate(loop_of(scene, model).run(twin, n, twin.dt)):
+    for k, tick in enumerate(loop_of(scene, model).run(twin, n, twin.dt, before_s=-twin.dt)):
         t[k], pressure[k], spent[k] = tick.t_s, tick.plant.air.pressure_pa, tick.cpu_us
         if tick.command.status.ok:
             distance[k] = np.linalg.norm(tick.seen.tip[:3, 3] - tick.command.tip_reference[:3, 3])

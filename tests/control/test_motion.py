@@ -35,8 +35,10 @@ def controller(mass_kg=0.02, **motion):
 def test_laws_that_have_learned_the_same_load_ask_for_the_same_force():
     adaptive, state = controller()
     learned = Learned(np.concatenate([[0.02], np.zeros(12)]))
-    config = parse({"law": "composite", "reference": {"kind": "hold"}}, ControllerConfig, "test")
-    composite = Controller(load_robot(find_config("tue_three_bellow", "robots")), config)
+    keys = {"law": "composite", "law_options": {"uneven": False}, "reference": {"kind": "hold"}}
+    composite = Controller(
+        load_robot(find_config("tue_three_bellow", "robots")), parse(keys, ControllerConfig, "test")
+    )
     inner = composite.initial_state().law
     inner = replace(inner, learner=replace(inner.learner, learned=learned))
     q, qd, qdd = np.array([[0.05, 6.0, -3.0], [0.1, -20.0, 30.0], [1.0, 200.0, -100.0]])

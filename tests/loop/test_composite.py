@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from loop_harness import Setup, run
 
+from benchmarks.motions import PATHS, error
 from soro_core import load_robot
 from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
@@ -76,7 +77,15 @@ def test_the_circle_with_a_load_that_is_not_known(robot):
     assert (
         record.counts.outliers + record.counts.failed + record.counts.reacquired + record.counts.frozen == 0
     )
-    assert 0.02 < record.estimates[-1, record.names.index("tip_mass")] < 0.035
+    assert abs(record.estimates[-1, record.names.index("tip_mass")] - 0.02) < 1e-3
+
+
+def test_a_line_after_a_circle():
+    """The bend of the line is not that of the circle on which the load is learned."""
+    rms, largest, factor = error("composite", PATHS["line of 30 mm"], seed=1, learning_s=6.0)
+    print(f"line: tip RMS {1e3 * rms:.3f} mm, largest {1e3 * largest:.2f} mm, factor of time {factor:.2f}")
+    assert rms <= 0.2e-3
+    assert factor == 1.0
 
 
 def test_the_load_falls_off_and_poses_freeze(robot):

@@ -12,26 +12,45 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner, LearnerState, Sample
+from soro_core.adaptation.uneven import UnevenForce
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
+from soro_core.control.trajectory import Point
+from soro_core.control.uneven import Uneven, UnevenShape, bends_unevenly
 
 Array: TypeAlias = NDArray[np.float64]
 
 
 class CompositeOptions(LearnerConfig, LawOptions):
-    """Keys of the law: those of its learner."""
+    """Keys of the law: those of its learner, and what it knows of the bend."""
+
+    uneven: bool = Field(True, description="a load bends links of constant strain unevenly")
 
 
 @dataclass(frozen=True)
 class CompositeState:
-    """State of the learner, and creep along the reference (n_internal,)."""
+    """State of the law.
+
+    Attributes
+    ----------
+    learner : LearnerState
+    creep : ndarray (n_internal,)
+        Creep along the reference.
+    shape : UnevenShape or None
+        The uneven bend at the reference; None for an arm without one.
+    lacking : UnevenForce or None
+        What constant strains lack there; None before the first tick.
+    """
 
     learner: LearnerState
     creep: Array
+    shape: UnevenShape | None = None
+    lacking: UnevenForce | None = None
 
 
 class Composite(Law[CompositeState]):
@@ -49,13 +68,16 @@ class Composite(Law[CompositeState]):
         self.learner = Learner(setting.arm, options, setting.pieces)
         # What the inverse of the regulators' lag leaves of it [s].
         self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
+        bends = options.uneven and bends_unevenly(setting.arm)
+        self.uneven = Uneven(setting.arm, setting.pieces) if bends else None
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
         self.names = ("tip_mass", *weights)
 
     def initial_state(self) -> CompositeState:
         """Return the state with nothing learned."""
-        return CompositeState(self.learner.initial_state(), np.zeros(self.setting.arm.n_internal))
+        shape = None if self.uneven is None else self.uneven.initial_state()
+        return CompositeState(self.learner.initial_state(), np.zeros(self.setting.arm.n_internal), shape)
 
     def step(
         self, state: CompositeState, belief: ArmBelief, reference: Preview, dt: float
@@ -67,25 +89,30 @@ class Composite(Law[CompositeState]):
         now = reference.now
         error = q - (now.q + reference.ahead_s * now.qd)
         s = qd - now.qd + gains.rate * error
-        learner = self._learned(state.learner, belief, reference, s, dt)
+        learner = self._learned(state, belief, reference, s, dt)
         # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
         at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
         model = self.setting.model_force(at, wanted.qd, wanted.qdd)
         internal = arm.internal_force(at, state.creep)
         learned = self.learner.force.force(learner.learned, at, wanted.qd, wanted.qdd)
+        shape, lacking = state.shape, None
+        if self.uneven is not None and shape is not None:
+            shape, lacking = self.uneven.step(shape, replace(wanted, q=at), learner.learned.mass_kg)
+        uneven = np.zeros_like(at) if lacking is None else lacking.force
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
             "error": error,
             "s": s,
             "model": model,
             "learnt": learned,
+            "uneven": uneven,
             "internal": internal,
             "proportional": proportional,
             "derivative": derivative,
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
-        wished = model + internal + learned + proportional + derivative
-        return CompositeState(learner, creep), wished, terms
+        wished = model + internal + learned + uneven + proportional + derivative
+        return CompositeState(learner, creep, shape, lacking), wished, terms
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -94,6 +121,8 @@ class Composite(Law[CompositeState]):
     def reference_force(self, state: CompositeState, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the force of model and learned load; parameters as in `Law.reference_force`."""
         learned = self.learner.force.force(state.learner.learned, q, qd, qdd)
+        if self.uneven is not None:
+            learned = learned + self.uneven.away(Point(q, qd, qdd), state.learner.learned.mass_kg)
         return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:
@@ -107,8 +136,11 @@ class Composite(Law[CompositeState]):
         return dict(zip(self.names, self.learner.deviations(state.learner).tolist(), strict=True))
 
     def learned(self, state: CompositeState) -> Learned:
-        """Return the learned model, for the filter."""
-        return state.learner.learned
+        """Return the learned model, for the filter; W with the tangent of the uneven bend's force."""
+        learned = state.learner.learned
+        return (
+            learned if state.lacking is None else state.lacking.added_to(learned, self.learner.force.scales)
+        )
 
     def counts(self, state: CompositeState) -> dict[str, int]:
         """Return samples refused and priors restored."""
@@ -119,16 +151,17 @@ class Composite(Law[CompositeState]):
         return state.learner.note
 
     def _learned(
-        self, state: LearnerState, belief: ArmBelief, reference: Preview, s: Array, dt: float
+        self, state: CompositeState, belief: ArmBelief, reference: Preview, s: Array, dt: float
     ) -> LearnerState:
+        learner = state.learner
         if not self.adapts or belief.covariance is None:
-            return replace(state, note="")
+            return replace(learner, note="")
         if not belief.positions:
             if belief.saturated.any():  # more force would not come
-                return replace(state, note="")
+                return replace(learner, note="")
             wanted = reference.ahead
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
-            return self.learner.follow(state, float(by_mass @ s), dt)
+            return self.learner.follow(learner, float(by_mass @ s), dt)
         n = belief.q.size
         sample = Sample(
             q=belief.q,
@@ -136,5 +169,6 @@ class Composite(Law[CompositeState]):
             pressure_pa=belief.pressure_pa,
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],
+            uneven=state.lacking,
         )
-        return self.learner.step(state, sample, dt)
+        return self.learner.step(learner, sample, dt)

@@ -58,7 +58,9 @@ class ClosedLoop:
         low, high = loop.controller.pressures.minimum_pa, loop.controller.pressures.maximum_pa
         errors = []
         try:
-            for tick in loop.run(twin, round(self.duration_s * self.rate_hz), twin.dt, delay=0):
+            for tick in loop.run(
+                twin, round(self.duration_s * self.rate_hz), twin.dt, delay=0, before_s=-twin.dt
+            ):
                 setpoint = tick.command.setpoint_pa
                 if not (np.isfinite(setpoint).all() and np.isfinite(tick.estimate.q).all()):
                     return Verdict(Outcome.NONSENSE, f"estimate {tick.estimate.q}, command {setpoint}")

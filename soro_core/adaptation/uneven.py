@@ -1,0 +1,52 @@
+"""What the force of strains that are constant along links lacks, where weight bends the links unevenly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.scales import Scales
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class UnevenForce:
+    """What the force of constant strains lacks at rest, about coordinates and a mass at the tip.
+
+    Attributes
+    ----------
+    q, mass_kg : ndarray (n_q,), float
+        Where it is found; the mass is that beyond the robot file's.
+    force, by_mass : ndarray (n_q,)
+        The force, and its change by the mass.
+    by_q : ndarray (n_q, n_q)
+        Its change by q.
+    """
+
+    q: Array
+    mass_kg: float
+    force: Array
+    by_mass: Array
+    by_q: Array
+
+    def at(self, q: Array) -> Array:
+        """Return the force at coordinates (n_q,) near to `q`, the mass as it is."""
+        return np.asarray(self.force + self.by_q @ (q - self.q))
+
+    def added_to(self, learned: Learned, scales: Scales) -> Learned:
+        """Return a learned model with this force, as far as W has its form.
+
+        Parameters
+        ----------
+        learned : Learned
+        scales : Scales
+            Units of the learned force.
+        """
+        offset = self.at(np.zeros_like(self.q))
+        tangent = np.column_stack([offset, self.by_q * scales.q]) / scales.force[:, None]
+        return Learned(learned.theta + np.concatenate([[0.0], tangent.ravel()]))

@@ -161,7 +161,9 @@ class Composite(Law[CompositeState]):
                 return replace(learner, note="")
             wanted = reference.ahead
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
-            return self.learner.follow(learner, float(by_mass @ s), dt)
+            # What orientations show: an elongation that only the model knows would say nothing of the mass.
+            shown = ~self.setting.fields.stretch
+            return self.learner.follow(learner, float(by_mass[shown] @ s[shown]), dt)
         n = belief.q.size
         sample = Sample(
             q=belief.q,

@@ -30,7 +30,7 @@ from soro_core.estimation.kernel.parts import (
 from soro_core.estimation.known import Known
 from soro_core.estimation.samples import PoseSample, Sample
 from soro_core.estimation.settings import settings_of
-from soro_core.estimation.uneven import Shape, uneven_of
+from soro_core.estimation.uneven import uneven_of
 from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.model.checks import flat_wrench, refuse_underivable
@@ -138,10 +138,7 @@ class Filter:
         """
         if dt <= 0.0:
             return belief, True
-        shape = None
-        if not known.placed and known.learned is not None:
-            shape = self._shape(belief, pressure_pa, self.arm.length)
-        theta, share = self._load(known, shape)
+        theta, share = self._load(known)
         old = belief.mean, belief.internal, belief.covariance
         new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
         code = entries.predict(self.box, theta, share, *old, pressure_pa, dt, *new)
@@ -176,12 +173,9 @@ class Filter:
         is_new : bool
             False for a sample that has passed gate and checks before.
         """
-        shape = None
         if not isinstance(sample, PoseSample):
-            if known.share > 0.0:
-                shape = self._shape(belief, pressure_pa, sample.s)
-            self._expect(belief.q, shape, known.share)
-        theta, share = self._load(known, shape)
+            self._expect(belief, pressure_pa, sample.s, known.share)
+        theta, share = self._load(known)
         site = self.site(sample.s)
         kind, first, second, quaternion = _values(sample)
         record = self._unknown.copy() if record is None else record.copy()
@@ -210,36 +204,25 @@ class Filter:
         )
         return Advanced(Belief(*new, self.n), code == GOOD, outcome, record, nis, position_nis)
 
-    def _shape(self, belief: Belief, pressure_pa: Array, s: float) -> Shape | None:
-        """Return the uneven strain up to a place, None where there is none to compute."""
-        return None if self.uneven is None else self.uneven.at(belief.q, pressure_pa, belief.internal, s)
+    def _load(self, known: Known) -> tuple[Array, float]:
+        """Return the learned model in force and its share."""
+        return (self._nothing, 0.0) if known.learned is None else (known.learned.theta, known.share)
 
-    def _expect(self, q: Array, shape: Shape | None, share: float) -> None:
+    def _expect(self, belief: Belief, pressure_pa: Array, s: float, share: float) -> None:
         """Set what an IMU sample is compared with; the uneven strain comes in and goes with the learned load.
 
         Without that load the elongation is wrong, and pressures would say a wrong load.
         """
-        mean, by_q, by_rate = q, self._same, self._same
+        q, mean, by_q, by_rate = belief.q, belief.q, self._same, self._same
+        shape = None
+        if self.uneven is not None and share > 0.0:
+            shape = self.uneven.at(q, pressure_pa, belief.internal, s)
         if shape is not None:
             mean = q + share * (shape.mean - q)
             by_q, by_rate = (
                 by + share * (x - by) for by, x in ((by_q, shape.by_q), (by_rate, shape.by_rate))
             )
         entries.expect(self.box, q, mean, by_q, by_rate)
-
-    def _load(self, known: Known, shape: Shape | None) -> tuple[Array, float]:
-        """Return the learned model in force and its share.
-
-        Without positions nothing shows elongation: the force that an uneven strain adds there, which W
-        takes up where it is learned, is the model's.
-        """
-        if known.learned is None:
-            return self._nothing, 0.0
-        theta = known.learned.theta
-        if not known.placed and shape is not None:
-            theta = theta.copy()
-            theta[1 :: self.n + 1] += shape.force / self.settings.force_unit
-        return theta, known.share
 
     def tip(self, belief: Belief, pressure_pa: Array) -> tuple[Array, Array, Array]:
         """Return pose of the tip (4, 4), its covariance (6, 6) in the world, and the force H p (n,)."""

@@ -23,14 +23,11 @@ class Known(NamedTuple):
         Time since it came [s].
     share : float
         Part of its force that the filter uses, 0 to 1.
-    placed : bool
-        False where the filter has orientations alone: nothing has learned then what an uneven strain adds.
     """
 
     learned: Learned | None = None
     age_s: float = 0.0
     share: float = 0.0
-    placed: bool = True
 
     @property
     def note(self) -> str:
@@ -61,9 +58,7 @@ def updated(
     """
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
-        return Known(placed=placed)
+        return Known()
     change = dt / FADE_S if (placed or uneven) and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
-    if share > 0.0 or age_s == 0.0:
-        return Known(kept, age_s, share, placed)
-    return Known(placed=placed)
+    return Known(kept, age_s, share) if share > 0.0 or age_s == 0.0 else Known()

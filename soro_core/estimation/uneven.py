@@ -1,4 +1,4 @@
-"""How a load bends a link unevenly: what an IMU sees there, and what it changes in the balance.
+"""How a load bends a link unevenly: what an IMU sees there.
 
 q is what has the tip where it is; the strain of a link that carries a load at its end is not uniform, and its
 mean is less. With a first polynomial z beside each uniform strain, and each link's end held where q has it,
@@ -39,14 +39,11 @@ class Shape(NamedTuple):
         orientation of the place.
     by_q, by_rate : ndarray (n_q, n_q)
         Their derivatives by q, the pressures held; their rates by those of q, the load held.
-    force : ndarray (n_q,)
-        Force on elongation and shears that the uneven strain adds to the left-hand side of the dynamics.
     """
 
     mean: Array
     by_q: Array
     by_rate: Array
-    force: Array
 
 
 class Uneven:
@@ -111,8 +108,7 @@ class Uneven:
         mean = self._means(min(max(s, 0.0), self.arm.length))
         until = mean @ (x + held @ z)
         by_q = np.eye(n) + mean @ held @ z_by_q
-        added = np.where(self.fields.stretch, slope[base] @ held @ z, 0.0)
-        return Shape(until, by_q, self._turned(q, until), added)
+        return Shape(until, by_q, self._turned(q, until))
 
     def _static(self, x: Array, pressure_pa: Array) -> Array:
         """Return weight, elastic force and pressures (2 n_q,) on the left-hand side."""

@@ -161,9 +161,7 @@ class Composite(Law[CompositeState]):
                 return replace(learner, note="")
             wanted = reference.ahead
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
-            # What orientations show: an elongation that only the model knows would say nothing of the mass.
-            shown = ~self.setting.fields.stretch
-            return self.learner.follow(learner, float(by_mass[shown] @ s[shown]), dt)
+            return self.learner.follow(learner, float(by_mass @ s), dt)
         n = belief.q.size
         sample = Sample(
             q=belief.q,

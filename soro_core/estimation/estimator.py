@@ -146,7 +146,7 @@ class Estimator:
             draft.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        draft.known = updated(draft.known, learned, draft.dt, placed)
+        draft.known = updated(draft.known, learned, draft.dt, placed, self.filter.uneven is not None)
 
     def _placed(self, state: EstimatorState) -> bool:
         """Whether what is fused has positions in it; without any sample nothing speaks against them."""

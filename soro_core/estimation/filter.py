@@ -30,6 +30,7 @@ from soro_core.estimation.kernel.parts import (
 from soro_core.estimation.known import Known
 from soro_core.estimation.samples import PoseSample, Sample
 from soro_core.estimation.settings import settings_of
+from soro_core.estimation.uneven import uneven_of
 from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.model.checks import flat_wrench, refuse_underivable
@@ -88,7 +89,9 @@ class Filter:
         self.settings = settings_of(arm, config, pieces, dt)
         self.n_d = self.settings.n_d
         self.box = _box_of(arm, self.settings)
+        self.uneven = uneven_of(arm, pieces)
         self._nothing = np.zeros(size_of(self.n))
+        self._same = np.eye(self.n)
         self._unknown = np.full(N_RECORD, np.nan)  # no pose, and so no outliers and no residuals
         self._unknown[REFUSED] = 0.0
         self._unknown[RESIDUALS : FUSED_POSES + 1] = 0.0
@@ -137,9 +140,7 @@ class Filter:
         """
         if dt <= 0.0:
             return belief, True
-        theta, share = self._nothing, 0.0
-        if known.learned is not None:
-            theta, share = known.learned.theta, known.share
+        theta, share = self._load(known)
         old = belief.mean, belief.internal, belief.covariance
         new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
         code = entries.predict(self.box, theta, share, *old, pressure_pa, dt, *new)
@@ -174,9 +175,9 @@ class Filter:
         is_new : bool
             False for a sample that has passed gate and checks before.
         """
-        theta, share = self._nothing, 0.0
-        if known.learned is not None:
-            theta, share = known.learned.theta, known.share
+        if not isinstance(sample, PoseSample):
+            self._expect(belief, pressure_pa, sample.s, known.share)
+        theta, share = self._load(known)
         site = self.site(sample.s)
         kind, first, second, quaternion = _values(sample)
         record = self._unknown.copy() if record is None else record.copy()
@@ -204,6 +205,26 @@ class Filter:
             *new,
         )
         return Advanced(Belief(*new, self.n), code == GOOD, outcome, record, nis, position_nis)
+
+    def _load(self, known: Known) -> tuple[Array, float]:
+        """Return the learned model in force and its share."""
+        return (self._nothing, 0.0) if known.learned is None else (known.learned.theta, known.share)
+
+    def _expect(self, belief: Belief, pressure_pa: Array, s: float, share: float) -> None:
+        """Set what an IMU sample is compared with; the uneven strain comes in and goes with the learned load.
+
+        Without that load the elongation is wrong, and pressures would say a wrong load.
+        """
+        q, mean, by_q, by_rate = belief.q, belief.q, self._same, self._same
+        shape = None
+        if self.uneven is not None and share > 0.0:
+            shape = self.uneven.at(q, pressure_pa, belief.internal, s)
+        if shape is not None:
+            mean = q + share * (shape.mean - q)
+            by_q, by_rate = (
+                by + share * (x - by) for by, x in ((by_q, shape.by_q), (by_rate, shape.by_rate))
+            )
+        entries.expect(self.box, q, mean, by_q, by_rate)
 
     def tip(self, belief: Belief, pressure_pa: Array) -> tuple[Array, Array, Array]:
         """Return pose of the tip (4, 4), its covariance (6, 6) in the world, and the force H p (n,)."""

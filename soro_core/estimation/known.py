@@ -37,7 +37,9 @@ class Known(NamedTuple):
         return f"no learned force for {self.age_s:.2f} s: it fades out ({self.share:.0%} left)"
 
 
-def updated(state: Known, learned: Learned | None, dt: float, placed: bool = True) -> Known:
+def updated(
+    state: Known, learned: Learned | None, dt: float, placed: bool = True, uneven: bool = False
+) -> Known:
     """Return what is in force after a tick.
 
     Parameters
@@ -49,12 +51,14 @@ def updated(state: Known, learned: Learned | None, dt: float, placed: bool = Tru
     dt : float
         Time since the last tick [s].
     placed : bool
-        False where the filter has orientations alone: a mass that these have taught would confirm itself in
-        what they do not see, and its force is not used.
+        False where the filter has orientations alone.
+    uneven : bool
+        Whether the filter knows what an uneven strain does to orientations. If not, a mass that these have
+        taught would confirm itself in what they do not see, and its force is not used.
     """
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
         return Known()
-    change = dt / FADE_S if placed and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
+    change = dt / FADE_S if (placed or uneven) and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
     return Known(kept, age_s, share) if share > 0.0 or age_s == 0.0 else Known()

@@ -22,7 +22,7 @@ from soro_core.estimation.kernel.parts import (
 )
 from soro_core.model.chambers import add_pressure_force
 from soro_core.model.derivative.work import derivative_workspace
-from soro_core.model.linear import clear
+from soro_core.model.linear import assign, assign_matrix, clear
 from soro_core.model.method import kinematics, make_work
 from soro_core.model.tables import Site, Tables
 
@@ -118,6 +118,16 @@ def advance(
         reported,
     )
     return step, outcome, reported[NIS], reported[NIS_OF_POSITION]
+
+
+@entry
+def expect(box: Box, place: Array, mean: Array, by_q: Array, by_rate: Array) -> None:
+    """Set what the next IMU sample is compared with: `uneven.Shape` about the coordinates `place`."""
+    w = view(box).scratch
+    assign(place, w.place)
+    assign(mean, w.uneven)
+    assign_matrix(by_q, w.uneven_by_q)
+    assign_matrix(by_rate, w.uneven_by_rate)
 
 
 @entry

@@ -84,6 +84,21 @@ def _rotation_rows(arm: FilterArm, first: int) -> None:
 
 
 @inner
+def _of_uneven(arm: FilterArm) -> None:
+    """Angular columns by q in place of the mean strains; rows of the angular velocity by the rates of q."""
+    w = arm.scratch
+    n, x = w.place.shape[0], w.moved
+    for r in range(3):
+        for j in range(n):
+            x[j] = 0.0
+            for i in range(n):
+                x[j] += w.columns[i, r] * w.uneven_by_q[i, j]
+                w.rows[r, n + j] += w.columns[i, r] * w.uneven_by_rate[i, j]
+        for j in range(n):
+            w.columns[j, r] = x[j]
+
+
+@inner
 def measure(
     arm: FilterArm, site: Site, kind: int, first: Array, second: Array, quaternion: Array, mean: Array
 ) -> int:
@@ -94,7 +109,14 @@ def measure(
     t, s, w = arm.tables, arm.settings, arm.scratch
     n = s.limit.shape[0]
     R, J, res = w.rotation, w.columns, w.residual
-    kinematics(t, arm.work, site, mean[:n], R, w.position, J)
+    q = mean[:n]
+    if kind != POSE:
+        q = w.moved
+        for i in range(n):
+            q[i] = w.uneven[i]
+            for j in range(n):
+                q[i] += w.uneven_by_q[i, j] * (mean[j] - w.place[j])
+    kinematics(t, arm.work, site, q, R, w.position, J)
     clear_matrix(w.rows)
     if kind != IMU:
         to_matrix(quaternion, w.measured)
@@ -107,12 +129,12 @@ def measure(
         for r in range(6):
             w.variance[r] = s.pose_variance[r]
         return 6
+    _of_uneven(arm)
     # d(omega)/dq = dJ/dq qd is neglected: small at the speeds of an arm, and 0 at rest.
     for r in range(3):
         res[r] = first[r]
         for i in range(n):
-            res[r] -= J[i, r] * mean[n + i]
-            w.rows[r, n + i] = J[i, r]
+            res[r] -= w.rows[r, n + i] * mean[n + i]
         w.variance[r] = s.imu_variance[0]
     count = 3
     if kind == IMU_ORIENTED:

@@ -150,6 +150,11 @@ class Scratch(NamedTuple):
     """Belief before a sample: (m,), (n_internal,), (m, m)."""
     prior_internal: Array
     prior_covariance: Array
+    place: Array
+    """Where `uneven` is linear, (n,): mean strains up to an IMU, (n,), and by q and rates."""
+    uneven: Array
+    uneven_by_q: Array
+    uneven_by_rate: Array
 
 
 class NoRoom(NamedTuple):
@@ -218,4 +223,8 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros(m),  # prior
         np.zeros(n_z),  # prior_internal
         np.zeros((m, m)),  # prior_covariance
+        np.zeros(n),  # place
+        np.zeros(n),  # uneven
+        np.eye(n),  # uneven_by_q
+        np.eye(n),  # uneven_by_rate
     )

@@ -23,7 +23,7 @@ def test_chambers_fit_into_their_section(n):
 
 @pytest.mark.parametrize("planar", [False, True])
 def test_the_section_is_that_of_a_grid_of_points(planar):
-    radius, area, offset, angles = 0.015, 4e-5, 0.009, [0.3, 2.3, 4.4]
+    radius, area, offset, angles = 0.015, 4e-5, 0.009, [0.1, 1.0, 3.0]
     line = np.linspace(-radius, radius, 1501)
     x, y = np.meshgrid(line, line)
     solid = np.hypot(x, y) < radius

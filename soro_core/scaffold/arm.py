@@ -27,8 +27,8 @@ LENGTH, RANGE = 0.1, (0.0, 90e3)
 
 
 @dataclass(frozen=True)
-class NewLink:
-    """One link; every number with its origin, in SI units."""
+class Geometry:
+    """Geometry and mass of a link; every number with its origin, in SI units."""
 
     length: Noted
     radius: Noted
@@ -36,6 +36,14 @@ class NewLink:
     angles: tuple[Noted, ...]
     area: Noted
     offset: Noted
+    section: estimate.Section
+
+
+@dataclass(frozen=True)
+class NewLink:
+    """One link, with its stiffness against stretching [N/m] and bending [N m/rad]."""
+
+    geometry: Geometry
     k_e: Noted
     k_b: Noted
 
@@ -73,19 +81,6 @@ class NewArm:
     platform: str
     poses: tuple[float, ...]
     imus: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class _Shape:
-    """Geometry and mass of a link."""
-
-    length: Noted
-    radius: Noted
-    mass: Noted
-    angles: tuple[Noted, ...]
-    area: Noted
-    offset: Noted
-    section: estimate.Section
 
 
 def new_arm(options: Options) -> NewArm:
@@ -136,7 +131,7 @@ def _density(options: Options) -> Noted:
     return Noted(DENSITY, "kg/m^3, that of a silicone")
 
 
-def _shape(link: GivenLink, density: Noted, planar: bool) -> _Shape:
+def _shape(link: GivenLink, density: Noted, planar: bool) -> Geometry:
     n = link.count
     length = given(link.length, "m") if link.length else Noted(LENGTH, "m, not given: measure it")
     if link.radius is not None:
@@ -173,7 +168,7 @@ def _shape(link: GivenLink, density: Noted, planar: bool) -> _Shape:
             f"{quantity.DENSITY.lowest:g} to {quantity.DENSITY.highest:g}"
         )
         raise ConfigError(WHERE, "--mass", mass.value, allowed)
-    return _Shape(length, radius, mass, angles, areas, offsets, section)
+    return Geometry(length, radius, mass, angles, areas, offsets, section)
 
 
 def _angles(link: GivenLink, planar: bool) -> tuple[Noted, ...]:
@@ -188,7 +183,7 @@ def _angles(link: GivenLink, planar: bool) -> tuple[Noted, ...]:
 
 
 def _modulus(
-    options: Options, shapes: Sequence[_Shape], pressure_range: tuple[float, float], load: float
+    options: Options, shapes: Sequence[Geometry], pressure_range: tuple[float, float], load: float
 ) -> Noted:
     stated = read_one(quantity.MODULUS, options.youngs_modulus, "--youngs-modulus")
     if stated is not None:
@@ -211,7 +206,7 @@ def _modulus(
     return Noted(max(moving, holding), f"{1e-3 * max(moving, holding):.4g} kPa, with which {how}")
 
 
-def _link(link: GivenLink, shape: _Shape, modulus: Noted) -> NewLink:
+def _link(link: GivenLink, shape: Geometry, modulus: Noted) -> NewLink:
     section, length = shape.section, shape.length.value
     axial = rounded(modulus.value * section.area_m2 / length)
     bending = rounded(modulus.value * section.second_moment_m4 / length)
@@ -220,12 +215,7 @@ def _link(link: GivenLink, shape: _Shape, modulus: Noted) -> NewLink:
     )
     k_b = Noted(bending, f"N m/rad, estimated as E I / L of the same section and E; {GUESS}")
     return NewLink(
-        shape.length,
-        shape.radius,
-        shape.mass,
-        shape.angles,
-        shape.area,
-        shape.offset,
+        shape,
         k_e if link.axial is None else given(link.axial, "N/m"),
         k_b if link.bending is None else given(link.bending, "N m/rad"),
     )

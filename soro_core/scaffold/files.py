@@ -78,7 +78,7 @@ def write_arm(arm: NewArm, folder: Path, force: bool = False) -> Written:
 def _write(arm: NewArm, folder: Path, names: tuple[str, ...]) -> tuple[FirstReference, tuple[str, ...]]:
     """Write the files into an empty folder, each read back; return the reference, and warnings."""
     robot_name, platform, scene = names
-    shipped = platform_name(arm.platform, sum(len(link.angles) for link in arm.links))
+    shipped = platform_name(arm.platform, sum(len(link.geometry.angles) for link in arm.links))
     (folder / platform).write_text(commented(platform_header(arm, shipped), platform_tree(arm, shipped)))
     (folder / robot_name).write_text(commented(robot_header(arm), robot_tree(arm)))
     robot = load_robot(folder / robot_name)

@@ -81,7 +81,9 @@ def platform_tree(arm: NewArm, name: str) -> dict[str, Any]:
     path = find_config(name, "platforms")
     data = copy.deepcopy(read_yaml(path))
     low, high = arm.pressure_range.value
-    chambers = [f"link{i}/chamber{j}" for i, link in enumerate(arm.links) for j in range(len(link.angles))]
+    chambers = [
+        f"link{i}/chamber{j}" for i, link in enumerate(arm.links) for j in range(len(link.geometry.angles))
+    ]
     own = _set_pressures(data, min(low, 0.0), high)
     address = _ADDRESSES[data["family"]]
     if name == "emulated_canopen_4ch":

@@ -42,7 +42,7 @@ def robot_header(arm: NewArm) -> str:
 
 
 def _what(arm: NewArm) -> str:
-    counts = [len(link.angles) for link in arm.links]
+    counts = [len(link.geometry.angles) for link in arm.links]
     links = "one link" if len(counts) == 1 else f"{len(counts)} links"
     chambers = f"{counts[0]}" if len(set(counts)) == 1 else " ".join(map(str, counts))
     plane = " that bends in one plane" if arm.planar else ""
@@ -57,9 +57,9 @@ def _link(link: NewLink, planar: bool, damping: tuple[float, float]) -> dict[str
         f"J s of elongation, J m^2 s of bending, damping ratio {DAMPING:g} of the first mode of each; {GUESS}"
     )
     return {
-        "length": link.length,
-        "radius": link.radius,
-        "mass": link.mass,
+        "length": link.geometry.length,
+        "radius": link.geometry.radius,
+        "mass": link.geometry.mass,
         **(
             {"strains": Noted(strains, "it bends in the plane of local x only, the direction of angle 0")}
             if planar
@@ -68,12 +68,16 @@ def _link(link: NewLink, planar: bool, damping: tuple[float, float]) -> dict[str
         "k_e": Noted((link.k_e.value, 0.0, 0.0), f"a1, a2, a3 (linear law): {link.k_e.note}"),
         "k_b": Noted((link.k_b.value, 0.0, 0.0), f"a4, a5, a6 (linear law): {link.k_b.note}"),
         "damping": Noted(losses, text),
-        **({"chambers": [_chamber(link, angle) for angle in link.angles]} if link.angles else {}),
+        **(
+            {"chambers": [_chamber(link, angle) for angle in link.geometry.angles]}
+            if link.geometry.angles
+            else {}
+        ),
     }
 
 
 def _chamber(link: NewLink, angle: Noted) -> dict[str, Noted]:
-    return {"angle_rad": angle, "area_m2": link.area, "offset_m": link.offset}
+    return {"angle_rad": angle, "area_m2": link.geometry.area, "offset_m": link.geometry.offset}
 
 
 def _damping(arm: NewArm) -> list[tuple[float, float]]:
@@ -82,7 +86,10 @@ def _damping(arm: NewArm) -> list[tuple[float, float]]:
     bend, stretch = first_mode(model, stretch=False), first_mode(model, stretch=True)
     assert bend is not None
     assert stretch is not None
-    return [(_loss(link.k_e, link.length, stretch), _loss(link.k_b, link.length, bend)) for link in arm.links]
+    return [
+        (_loss(link.k_e, link.geometry.length, stretch), _loss(link.k_b, link.geometry.length, bend))
+        for link in arm.links
+    ]
 
 
 def _loss(stiffness: Noted, length: Noted, mode: Mode) -> float:
@@ -95,9 +102,9 @@ def _undamped(arm: NewArm) -> Robot:
     strains: dict[str, Any] = {"strains": {"elongation": {}, "bending_x": {}}} if arm.planar else {}
     links = [
         {
-            "length": link.length.value,
-            "radius": link.radius.value,
-            "mass": link.mass.value,
+            "length": link.geometry.length.value,
+            "radius": link.geometry.radius.value,
+            "mass": link.geometry.mass.value,
             "k_e": (link.k_e.value, 0.0, 0.0),
             "k_b": (link.k_b.value, 0.0, 0.0),
             **strains,

@@ -143,8 +143,6 @@ def _controller(arm: NewArm, reference: FirstReference, period: float) -> dict[s
     pressures = {
         "preferred_pa": Noted(preferred, "Pa gauge, where the force leaves a choice; guess: the middle")
     }
-    if low > 0.0:
-        pressures["minimum_pa"] = Noted(low, "Pa gauge, lowest set point of the law: the range of the arm")
     if arm.planar:
         pressures["force_weight"] = Noted(
             (0.3, 1.0), "of elongation and bending where the pressures cannot make both; default of a scene"

@@ -18,7 +18,7 @@ class MotionConfig(Strict):
     box_m: Floats = Field(
         (),
         description="box of the outermost pose sensor: half its width about the sensor's place at rest, or "
-        "x, y, z lowest and x, y, z highest in the frame of the poses; default: half of it is the arm's length",
+        "x, y, z lowest and x, y, z highest in the frame of the poses; default: the arm's length",
     )
     bend_rad: float = Field(
         2.6, gt=0, le=3.1, description="largest rotation of a sensor from its orientation at rest"

@@ -21,6 +21,8 @@ WINDOW_S = 0.4
 PATIENCE = 3.0
 # Time at the begin for which no sample is no trouble: nodes find each other [s].
 FIRST_S = 1.0
+# Time counts in ticks; this covers their rounding [s].
+ROUNDING_S = 5e-7
 # Time at 0 Pa after the last section or a stop, of which the recording has the samples [s].
 VENT_S = 1.5
 
@@ -135,7 +137,7 @@ def advance(excitation: Excitation, state: ExcitationState, tick: Tick) -> Excit
     if state.phase == "running":
         section = excitation.plan.sections[state.index]
         return replace(state, setpoint_pa=section.setpoint(state.begin_pa, tick.t_s - state.begin_s))
-    if state.phase == "venting" and tick.t_s - state.begin_s >= VENT_S:
+    if state.phase == "venting" and tick.t_s - state.begin_s >= VENT_S - ROUNDING_S:
         state = replace(state, phase="over")
     return replace(state, setpoint_pa=np.zeros_like(state.setpoint_pa))
 
@@ -198,8 +200,7 @@ def _moved(excitation: Excitation, state: ExcitationState, tick: Tick) -> Excita
     longest_s = section.longest_s
     if not lasts:
         longest_s += min(state.saved_s, (PATIENCE - 1.0) * section.hold_s)
-    # Time counts in ticks: half a microsecond covers their rounding.
-    over = t >= longest_s - 5e-7
+    over = t >= longest_s - ROUNDING_S
     if not lasts and (over or t >= section.ramp_s + max(section.shortest_s, WINDOW_S)):
         still = is_still(excitation.motion, state.rest, state.recent, 0.9 * WINDOW_S)
         state = replace(state, restless=state.restless + (over and not still))

@@ -49,7 +49,8 @@ class Sweep:
         frequency = self.low_hz * math.exp(growth * part)
         phase = 2.0 * math.pi * length_s * (frequency - self.low_hz) / growth
         taper = min(1.0, part / TAPER, (1.0 - part) / TAPER)
-        most = self.rate_pa_s / (2.0 * math.pi * frequency)
+        # The sine and the taper change the set point together.
+        most = self.rate_pa_s / (2.0 * math.pi * frequency + 1.0 / (TAPER * length_s))
         amplitude = np.minimum(self.amplitude_pa, most)
         return np.asarray(taper * math.sin(phase) * amplitude)
 

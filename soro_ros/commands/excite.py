@@ -80,7 +80,7 @@ def excite(
         typer.Option(
             metavar="MM",
             help="Box that the tip may not leave: half its width about the tip at rest, or six numbers with "
-            "commas, x,y,z lowest and x,y,z highest in the frame of the poses. Default: half of it is the arm's length.",
+            "commas, x,y,z lowest and x,y,z highest in the frame of the poses. Default: the length.",
         ),
     ] = None,
     bend_deg: Annotated[

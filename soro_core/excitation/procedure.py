@@ -61,11 +61,14 @@ class Tick:
         New samples by name of their sensor; stamps count as `t_s` does.
     answered : bool
         Whether a person has answered since the last tick.
+    stop : str
+        Why the excitation must stop; empty if it need not.
     """
 
     t_s: float
     samples: Mapping[str, tuple[Sample, ...]] = field(default_factory=dict)
     answered: bool = False
+    stop: str = ""
 
 
 @dataclass(frozen=True)
@@ -172,6 +175,8 @@ def _received(state: ExcitationState, tick: Tick) -> ExcitationState:
 
 def _trouble(excitation: Excitation, state: ExcitationState, tick: Tick) -> str:
     """Return why an excitation cannot go on; empty if it can."""
+    if tick.stop:
+        return tick.stop
     if excitation.plan.sections[state.index].asks:  # the chambers are empty, and a hand moves the arm
         return ""
     limit_s = excitation.motion.config.silence_s

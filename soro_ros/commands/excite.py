@@ -18,7 +18,7 @@ from soro_core.scene import Scene, check_plant
 from soro_ros import signals
 from soro_ros.commands.hil import show_question, typed_answer
 from soro_ros.execution import End, Stall, check_nodes, execute, make_folder, prepare
-from soro_ros.scene_options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
+from soro_ros.scene_options import Change, Device, Folder, SceneName, Valves, changes_of
 
 if TYPE_CHECKING:
     from soro_core.excitation.procedure import Excitation
@@ -35,7 +35,9 @@ def excite(
     change: Change = None,
     valves: Valves = None,
     device: Device = None,
-    arm: Arm = None,
+    arm: Annotated[
+        str | None, typer.Option(help="simulated, or real: its sensors publish; no shadow runs beside it.")
+    ] = None,
     folder: Folder = Path("runs"),
     stages: Annotated[
         str | None,

@@ -43,7 +43,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
             self._excitation = excitation_of(config, robot)
 
         self.compile(make)
-        self._enabled, self._answered = False, False
+        self._enabled, self._answered, self._stop = False, False, ""
         self._epoch_ns: int | None = None
         self._t_s, self._samples_seen, self._announced = 0.0, 0, -1
         self._state = initial_state(self._excitation)
@@ -55,6 +55,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
         self.create_service(Trigger, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/answer", self._on_answer)
+        self.create_service(Trigger, "~/vent", self._on_vent)
 
     # One tick --------------------------------------------------------------------------------------
     def _on_reading(self, message: JointState) -> None:
@@ -84,7 +85,8 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
                 samples = {}
         self._t_s = self._seconds(stamp_ns)
         answered, self._answered = self._answered, False
-        self._state = state = advance(self._excitation, self._state, Tick(self._t_s, samples, answered))
+        tick = Tick(self._t_s, samples, answered, self._stop)
+        self._state = state = advance(self._excitation, self._state, tick)
         self._announce(stamp_ns)
         if state.phase != "over" or not self._lockstep:
             self._publish(state.setpoint_pa, stamp_ns)
@@ -146,6 +148,12 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         """Take a person's answer."""
         self._answered = True
         response.success, response.message = True, "taken"
+        return response
+
+    def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """End the excitation."""
+        self._stop = "vent requested"
+        response.success, response.message = True, "commanding zero"
         return response
 
 

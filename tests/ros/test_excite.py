@@ -265,6 +265,22 @@ def test_in_real_time_the_arm_must_have_been_seen_and_zero_is_commanded_before_a
     assert sent[-1].header.frame_id.endswith(f"exciter #{os.getpid()}")
 
 
+def test_a_vent_ends_the_excitation(exciter):
+    node = exciter(mode="lockstep")
+    sent = captured(node, "chambers/command")
+    request(node, "~/enable")
+    for k in range(350):
+        if k % 2 == 0:
+            receive(node, "sensors/pose0", pose(0.005 * k))
+        receive(node, "chambers/state", reading(0.005 * k))
+    assert any(sent[-1].effort)
+    assert request(node, "~/vent").success
+    receive(node, "sensors/pose0", pose(0.005 * 350))
+    receive(node, "chambers/state", reading(0.005 * 350))
+    assert not any(sent[-1].effort)
+    assert values(node)["reason"] == "vent requested"
+
+
 def test_the_exciter_takes_the_place_of_estimator_and_controller_and_no_shadow_runs(tmp_path):
     from soro_core.scene import load_scene
 

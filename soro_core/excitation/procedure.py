@@ -19,8 +19,6 @@ Phase: TypeAlias = Literal["running", "venting", "over"]
 WINDOW_S = 0.4
 # Times of its hold that a level may last until the arm is still, of the time that levels before have left.
 PATIENCE = 3.0
-# Time at the begin for which no sample is no trouble: nodes find each other [s].
-FIRST_S = 1.0
 # Time counts in ticks; this covers their rounding [s].
 ROUNDING_S = 5e-7
 # Time at 0 Pa after the last section or a stop, of which the recording has the samples [s].
@@ -180,11 +178,9 @@ def _trouble(excitation: Excitation, state: ExcitationState, tick: Tick) -> str:
     if excitation.plan.sections[state.index].asks:  # the chambers are empty, and a hand moves the arm
         return ""
     limit_s = excitation.motion.config.silence_s
-    if tick.t_s > FIRST_S and not state.arrived_s:
-        return "no sample of a sensor on the arm has come"
     for name, when in state.arrived_s.items():
         silent_s = tick.t_s - when
-        if silent_s > limit_s and tick.t_s > FIRST_S:
+        if silent_s > limit_s:
             return f"no sample of sensors/{name} for {silent_s:.2f} s, allowed {limit_s:g} s (silence_s)"
     return ""
 

@@ -265,6 +265,21 @@ def test_in_real_time_the_arm_must_have_been_seen_and_zero_is_commanded_before_a
     assert sent[-1].header.frame_id.endswith(f"exciter #{os.getpid()}")
 
 
+def test_a_sample_from_before_the_begin_does_not_count(exciter):
+    """Its time is that of another epoch, so that the arm would never seem to be still."""
+    node = exciter()
+    receive(node, "sensors/pose0", pose(999.99))
+    receive(node, "chambers/state", reading(1000.0))
+    request(node, "~/enable")
+    k = 0
+    while int(values(node).get("section", 0)) < 2:
+        receive(node, "sensors/pose0", pose(1000.0 + 0.005 * k))
+        k += 1
+        receive(node, "chambers/state", reading(1000.0 + 0.005 * k))
+    # The rest, a ramp and the shortest time at a level.
+    assert 0.005 * k == pytest.approx(1.5 + 0.35 + 0.7, abs=0.02)
+
+
 def test_a_vent_ends_the_excitation(exciter):
     node = exciter(mode="lockstep")
     sent = captured(node, "chambers/command")

@@ -21,7 +21,10 @@ class MotionConfig(Strict):
         "x, y, z lowest and x, y, z highest in the frame of the poses; default: the arm's length",
     )
     bend_rad: float = Field(
-        2.6, gt=0, le=3.1, description="largest rotation of a sensor from its orientation at rest"
+        2.6,
+        gt=0,
+        le=7,
+        description="largest rotation of a sensor from its orientation at rest; above pi: no limit",
     )
     silence_s: float = Field(0.5, gt=0, le=10, description="longest time without a sample of a sensor")
 

@@ -87,7 +87,7 @@ def excite(
     ] = None,
     bend_deg: Annotated[
         float | None,
-        typer.Option(help="Largest rotation of a sensor from its orientation at rest. Default: 149."),
+        typer.Option(help="Largest rotation of a sensor since the rest; above 180: no limit. Default: 149."),
     ] = None,
     release: Annotated[
         bool, typer.Option(help="At the end a person bends the real arm by hand and lets it go.")

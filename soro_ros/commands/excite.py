@@ -130,7 +130,7 @@ def excite(
         from soro_ros.compose import excitation_loop
 
         end = execute(loaded, target, interrupted, console, excitation_loop(loaded), watch)
-    _report(target, end, watch.values, console)
+    _report(target, end, watch, console)
     raise typer.Exit(end.status)
 
 
@@ -183,20 +183,28 @@ def _write_plan(folder: Path, excitation: Excitation) -> None:
 
 
 class _Watch:
-    """Shows progress until the excitation is over; `values` are the last ones of its node."""
+    """Shows progress until the excitation is over.
+
+    `values` are the last ones of its node, which come at the begin of each section and once a second;
+    `time_s` is the time of the excitation.
+    """
 
     def __init__(self, excitation: Excitation) -> None:
         self._longest_s = _longest_s(excitation)
         self.values: dict[str, str] = {}
+        self.time_s = 0.0
 
     def __call__(self, run: Run, supervisor: Supervisor, scene: Scene, console: Console) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[left]}"))
         with Progress(*columns, console=console) as progress:
             task, stall, asked = progress.add_task(scene.name, total=self._longest_s, left=""), Stall(), False
             while self.values.get("phase") != "over":
-                check_nodes(run, supervisor)
-                self.values = values = supervisor.values("exciter")
-                stall.check(float(values.get("time_s", 0.0)))
+                try:
+                    check_nodes(run, supervisor)
+                finally:
+                    self._note(supervisor)
+                stall.check(self.time_s)
+                values = self.values
                 left_s = float(values.get("left_s", self._longest_s))
                 text = escape(supervisor.status["exciter"].message)
                 left = f"{left_s:.0f} s of arm time left"
@@ -210,19 +218,26 @@ class _Watch:
         if reason := self.values.get("reason"):
             raise SoroError(f"stopped: {reason}")
 
+    def _note(self, supervisor: Supervisor) -> None:
+        self.values = supervisor.values("exciter")
+        self.time_s = float(self.values.get("time_s", 0.0))
+        if self.values.get("phase") != "over":  # the clock of lockstep, 0 in real time, is ahead of them
+            self.time_s = max(self.time_s, supervisor.clock_s)
 
-def _report(folder: Path, end: End, values: dict[str, str], console: Console) -> None:
+
+def _report(folder: Path, end: End, watch: _Watch, console: Console) -> None:
     """Write and print the result."""
+    values = watch.values
     verdict = VERDICTS[end.status]
     figures: dict[str, Any] = {"verdict": verdict, "reason": end.error}
-    if values:
+    if "phase" in values:
         whole = values["phase"] == "over" and not values["reason"]
         done, of = int(values["section"]) + whole, int(values["sections"])
         figures |= {
             "sections_done": done,
             "sections": of,
             "not_still": int(values["not_still"]),
-            "duration_s": float(values["time_s"]),
+            "duration_s": watch.time_s,
         }
         restless = f", {values['not_still']} levels ended before the arm was still"
         text = f"{verdict}: {done} of {of} sections in {figures['duration_s']:.1f} s"

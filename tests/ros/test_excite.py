@@ -119,6 +119,19 @@ def test_a_tip_that_leaves_its_box_is_vented_and_the_bag_kept(domain, tmp_path):
     assert bag.reading[-1, 1:].max() < 2e3
 
 
+def test_a_trip_of_the_limiter_ends_the_excitation(domain, tmp_path):
+    fault = "faults=[{fault: mute, chamber: link0/chamber2, at: 1.5}]"
+    status, output, folder = excited(tmp_path, *SHORT, "--set", fault)
+    assert status == 1, output
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["verdict"] == "stopped"
+    assert "link0/chamber2" in summary["reason"]
+    assert 1.5 < summary["duration_s"] < 6.0
+    bag = Bag(folder)
+    first = bag.command[bag.command[:, 1:].any(axis=1), 0][0]
+    assert first < 1.5
+
+
 def test_an_interrupt_vents_closes_the_bag_and_is_no_error(domain, tmp_path):
     clock = ClockListener()
     process = subprocess.Popen(command(tmp_path), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

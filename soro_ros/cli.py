@@ -32,6 +32,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
+    from soro_ros.commands.excite import excite
     from soro_ros.commands.film import film
     from soro_ros.commands.gains import gains
     from soro_ros.commands.identify import identify
@@ -51,6 +52,7 @@ def application() -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     app.command()(run)
+    app.command()(excite)
     app.command()(play)
     app.command()(film)
     app.command()(emulate)

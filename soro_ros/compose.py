@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -31,12 +32,13 @@ LOOP_LIMIT_S = 30.0
 _END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
 _END_LIMIT_S = 5.0
 # Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
-END_ORDER = ("regulator", "controller", "estimator", "shadow", "twin", "recorder", "valves")
+END_ORDER = ("regulator", "exciter", "controller", "estimator", "shadow", "twin", "recorder", "valves")
 
 # Topics of the control loop, with their types, so that the recorder subscribes before the first message.
 _TOPICS = (
     ("chambers/command", "sensor_msgs/msg/JointState"),
     ("chambers/state", "sensor_msgs/msg/JointState"),
+    ("exciter/section", "sensor_msgs/msg/JointState"),
     ("arm/state", "sensor_msgs/msg/JointState"),
     ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
     ("arm/shadow/tip", "geometry_msgs/msg/PoseStamped"),
@@ -71,6 +73,36 @@ def _topics(scene: Scene) -> tuple[str, ...]:
     return (*named, *clock, *others)
 
 
+@dataclass(frozen=True)
+class Loop:
+    """The nodes between the readings and the commands of a run.
+
+    Attributes
+    ----------
+    nodes : mapping of str to Strict
+        Their parameters, by name.
+    commander : str
+        Name of the node that commands: it is enabled at the begin.
+    shadow : bool
+        Whether the twin runs beside a real arm.
+    """
+
+    nodes: Mapping[str, Strict]
+    commander: str
+    shadow: bool = True
+
+
+def control_loop(scene: Scene) -> Loop:
+    """Return estimator and controller of a scene."""
+    nodes = {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
+    return Loop(nodes, "controller")
+
+
+def excitation_loop(scene: Scene) -> Loop:
+    """Return the exciter of a scene; the model of a robot that is not identified yet is no shadow."""
+    return Loop({"exciter": scene.exciter_node()}, "exciter", shadow=False)
+
+
 class Run:
     """The processes of one scene.
 
@@ -84,12 +116,20 @@ class Run:
         Function that shows one line of progress.
     interrupted : sequence of int
         Signals that have ended the run, see `signals.noted`; the start stops as soon as there is one.
+    loop : Loop, optional
+        Nodes between readings and commands; default: estimator and controller.
     """
 
     def __init__(
-        self, scene: Scene, folder: Path, report: Callable[[str], None], interrupted: Sequence[int] = ()
+        self,
+        scene: Scene,
+        folder: Path,
+        report: Callable[[str], None],
+        interrupted: Sequence[int] = (),
+        loop: Loop | None = None,
     ) -> None:
         self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
+        self._loop = loop or control_loop(scene)
         self.bag = folder / "bag"
         """Folder of the bag."""
         self.nodes: list[str] = []
@@ -125,11 +165,11 @@ class Run:
             recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude)
             self._start_nodes(supervisor, {"recorder": recorder})
         nodes: dict[str, Strict] = {}
-        if scene.arm == "real":
-            nodes["shadow"] = scene.shadow_node()
-        else:
+        if scene.arm != "real":
             nodes["twin"] = scene.twin_node(str(self._plant), str(self._faults))
-        nodes |= {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
+        elif self._loop.shadow:
+            nodes["shadow"] = scene.shadow_node()
+        nodes |= self._loop.nodes
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
@@ -138,7 +178,7 @@ class Run:
             self._wait_for_arm(supervisor)
         if scene.mode == "real_time":
             # Before the nodes have discovered each other, the controller would act on old readings.
-            command = "command of the controller, which answers readings and estimates"
+            command = f"command of the {self._loop.commander}, which answers readings"
             check = partial(self._check_start, supervisor)
             supervisor.wait(command, lambda: supervisor.commanded, check, LOOP_LIMIT_S)
         self._check_start(supervisor)
@@ -152,7 +192,7 @@ class Run:
             with contextlib.closing(ControlClient(self._faults)) as client:
                 for fault in self.scene.faults:
                     client.inject(fault)
-        supervisor.call("controller/enable")
+        supervisor.call(f"{self._loop.commander}/enable")
         if self.scene.mode == "lockstep":
             supervisor.call("twin/start")
 
@@ -179,8 +219,8 @@ class Run:
 
     @property
     def refused(self) -> bool:
-        """Whether the controller refused its configuration before control began; after `end`."""
-        return not self._begun and self._status.get("controller") == 2
+        """Whether the node that commands refused its configuration before the begin; after `end`."""
+        return not self._begun and self._status.get(self._loop.commander) == 2
 
     def outcome(self) -> str:
         """State of valves and bag, in one line; after `end`."""
@@ -227,13 +267,15 @@ class Run:
         supervisor.check_alone({name: self._children[name].process.pid for name in self.nodes})
 
     def _wait_for_arm(self, supervisor: Supervisor) -> None:
-        """Wait until the shadow has compared a pose of the real arm."""
-        self._report("waiting for the pose of the real arm on sensors/pose0")
+        """Wait until a sample of the real arm has come to the node that needs it."""
+        node, count = ("shadow", "compared") if self._loop.shadow else (self._loop.commander, "samples")
+        what = "pose of the arm on sensors/pose0" if self._loop.shadow else "sample of the arm on sensors/"
+        self._report(f"waiting for the {what}")
 
-        def compared() -> bool:
-            return int(supervisor.values("shadow").get("compared", 0)) > 0
+        def arrived() -> bool:
+            return int(supervisor.values(node).get(count, 0)) > 0
 
-        supervisor.wait("pose of the arm on sensors/pose0", compared, self.check, POSE_LIMIT_S)
+        supervisor.wait(what, arrived, self.check, POSE_LIMIT_S)
 
     def _start_valves(self) -> None:
         scene = self.scene

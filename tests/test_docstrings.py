@@ -15,6 +15,7 @@ FOLDERS = (
     "soro_core/control",
     "soro_core/emulation",
     "soro_core/estimation",
+    "soro_core/excitation",
     "soro_core/hardware",
     "soro_core/hil",
     "soro_core/identification",

@@ -33,16 +33,34 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     ConfigError
         One line with file, key, what was found and what is allowed.
     """
-    robot = scene.loaded_robot
-    require_chambers(robot, f"scene {scene.name}")
-    if scene.loaded_platform is not None:
-        _check_platform(scene, scene.loaded_platform, robot)
-    check_model(scene, robot, where)
+    check_plant(scene, where)
     late = [fault for fault in scene.faults if fault.at >= scene.duration_s]
     return [
         *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
         *(f"controller.{line}" for line in scene.controller_node().known_control(scene.loaded_platform)[1]),
     ]
+
+
+def check_plant(scene: Scene, where: str) -> None:
+    """Refuse a robot, a platform and a model that do not fit each other, whatever commands them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene, with its model stated or chosen.
+    where : str
+        File of the scene, for the error.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is allowed.
+    """
+    robot = scene.loaded_robot
+    require_chambers(robot, f"scene {scene.name}")
+    if scene.loaded_platform is not None:
+        _check_platform(scene, scene.loaded_platform, robot)
+    check_model(scene, robot, where)
 
 
 def check_model(scene: Scene, robot: Robot, where: str) -> None:

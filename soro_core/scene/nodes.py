@@ -11,9 +11,11 @@ from soro_core.config import changed
 from soro_core.control.actuation import complete_pressures, contradictions
 from soro_core.control.config import ControllerConfig
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority
+from soro_core.safety import Limits
 
 
 class RegulatorNodeConfig(NodeKeys, LimitKeys):
@@ -36,8 +38,8 @@ class RegulatorNodeConfig(NodeKeys, LimitKeys):
     )
 
 
-class EstimatorNodeConfig(ArmNodeKeys, PlaceKeys):
-    """Parameters of the estimator node."""
+class SampleKeys(PlaceKeys):
+    """Keys of the samples that a node waits for in lockstep."""
 
     pose_rate_hz: float = Field(
         0.0, ge=0, le=1000, description="lockstep: samples of each pose sensor a second; 0 for none"
@@ -47,6 +49,49 @@ class EstimatorNodeConfig(ArmNodeKeys, PlaceKeys):
         0.0, ge=0, le=1000, description="lockstep: samples of each IMU a second; 0 for none"
     )
     imu_delay_s: float = Field(0.0, ge=0, le=1, description="lockstep: their delay")
+
+
+class RegulatedKeys(LimitKeys):
+    """Keys of the regulators behind the set points of a node."""
+
+    platform: str = Field(
+        "emulated_canopen",
+        description="platform file or name, as the regulator node has it: range, lag and dead time of the "
+        "regulators; empty for a twin in their place",
+    )
+    regulator: RegulatorModel = Field(
+        RegulatorModel(), description="regulators of a twin without platform, as the twin has them"
+    )
+
+    def known_limits(
+        self, rate_hz: float, platform: PlatformBase | None = None
+    ) -> tuple[Limits, RegulatorModel]:
+        """Return the limits within the range of the regulators, and how these respond.
+
+        Parameters
+        ----------
+        rate_hz : float
+            Ticks of the loop a second.
+        platform : PlatformBase, optional
+            The platform that the configuration names, where it is read already.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such platform, or no pressure is left.
+        """
+        if not self.platform:
+            return self.limits, self.regulator
+        platform = platform or load_platform(self.platform)
+        allowed = platform.range
+        low = max(self.limits.minimum_pa, allowed.minimum_pa)
+        high = min(self.limits.maximum_pa, allowed.maximum_pa)
+        return changed(self.limits, minimum_pa=low, maximum_pa=high), platform.response_at(rate_hz)
+
+
+class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):
+    """Parameters of the estimator node."""
+
     priority: Priority = 20
     backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone; 0 for none")
     backbone_points: int = Field(21, ge=2, le=200, description="poses along the arm in arm/backbone")
@@ -56,18 +101,17 @@ class EstimatorNodeConfig(ArmNodeKeys, PlaceKeys):
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
 
 
-class ControllerNodeConfig(ArmNodeKeys, LimitKeys, PlaceKeys):
+class ExciterNodeConfig(ArmNodeKeys, RegulatedKeys, SampleKeys):
+    """Parameters of the exciter node."""
+
+    priority: Priority = 20
+    excite: ExciteConfig = Field(ExciteConfig(), description="the excitation")
+
+
+class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
     """Parameters of the controller node."""
 
     enabled: bool = Field(False, description="start control at the first arm/state, without ~/enable")
-    platform: str = Field(
-        "emulated_canopen",
-        description="platform file or name, as the regulator node has it: range, lag and dead time of the "
-        "regulators; empty for a twin in their place",
-    )
-    regulator: RegulatorModel = Field(
-        RegulatorModel(), description="regulators of a twin without platform, as the twin has them"
-    )
     priority: Priority = 20
     state_age_s: float = Field(
         0.1, gt=0, le=1, description="longest age of a state; the controller ignores older ones"
@@ -101,12 +145,7 @@ class ControllerNodeConfig(ArmNodeKeys, LimitKeys, PlaceKeys):
         ConfigError
             If there is no such platform, or no pressure is left.
         """
-        limits, response = self.limits, self.regulator
-        if self.platform:
-            platform = platform or load_platform(self.platform)
-            response, allowed = platform.response_at(self.rate_hz), platform.range
-            low, high = max(limits.minimum_pa, allowed.minimum_pa), min(limits.maximum_pa, allowed.maximum_pa)
-            limits = changed(limits, minimum_pa=low, maximum_pa=high)
+        limits, response = self.known_limits(self.rate_hz, platform)
         pressures = self.control.pressures
         # A set point that answers a tick reaches the regulators with the next one.
         complete = complete_pressures(pressures, limits, response, self.rate_hz, 1.0 / self.rate_hz)

@@ -15,36 +15,23 @@ from soro_core.control.laws.registry import find_law
 from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.run_keys import SHARED, ClockKeys, LimitKeys, RobotKeys, SeedKeys
 from soro_core.safety import Rating, check_rating
 from soro_core.scene.model import ModelSection
-from soro_core.scene.nodes import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig
+from soro_core.scene.nodes import (
+    ControllerNodeConfig,
+    EstimatorNodeConfig,
+    ExciterNodeConfig,
+    RegulatorNodeConfig,
+)
+from soro_core.scene.sections import RecorderSection, VerdictSection, sample_keys
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 
 # Keys of a scene that name files.
 _FILES = ("robot", "platform", "controller")
-
-
-class RecorderSection(Strict):
-    """Keys of the recorder."""
-
-    enabled: bool = Field(True, description="record a bag")
-    exclude: tuple[str, ...] = Field((), strict=False, description="topics that are not recorded")
-
-
-class VerdictSection(Strict):
-    """Limits of a lost run, for runs of at least 5 s without injected faults."""
-
-    tip_error_part: float = Field(
-        0.1,
-        gt=0,
-        le=1,
-        description="largest tip error, RMS over the last 5 s, part of the arm's length; a reference that "
-        "the best pressures leave further away is refused",
-    )
-    at_bound_part: float = Field(0.5, gt=0, le=1, description="largest part of all set points at a bound")
 
 
 class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
@@ -76,6 +63,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
     estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
     verdict: VerdictSection = Field(VerdictSection(), description="when a run is lost")
+    excite: ExciteConfig = Field(ExciteConfig(), description="the excitation of soro excite")
     recorder: RecorderSection = Field(RecorderSection(), description="the recorder")
     faults: tuple[Injection, ...] = Field(
         (), strict=False, description="faults of the emulated valves, `at` seconds after the start"
@@ -150,7 +138,14 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
 
     def with_model(self, model: ModelSection | None) -> Scene:
         """Return the scene with another model; it keeps the loaded robot and platform."""
-        other = changed(self, model=model)
+        return self._with(model=model)
+
+    def with_duration(self, duration_s: float) -> Scene:
+        """Return the scene with another duration [s]; it keeps the loaded robot and platform."""
+        return self._with(duration_s=duration_s)
+
+    def _with(self, **values: Any) -> Scene:
+        other = changed(self, **values)
         vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
         return other
 
@@ -232,18 +227,23 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
 
     def estimator_node(self) -> EstimatorNodeConfig:
         """Parameters of the estimator node."""
-        pose, imu = self.twin.pose, self.twin.imu
         return EstimatorNodeConfig(
             **self._shared(EstimatorNodeConfig),
+            **sample_keys(self.twin),
             model=self.discretisation,
-            pose_locations=pose.locations,
-            imu_locations=imu.locations,
-            pose_rate_hz=pose.rate_hz if pose.enabled else 0.0,
-            pose_delay_s=pose.delay_s,
-            imu_rate_hz=imu.rate_hz if imu.enabled else 0.0,
-            imu_delay_s=imu.delay_s,
             learned=find_law(self.controller.law).learns,
             filter=self.estimator,
+        )
+
+    def exciter_node(self) -> ExciterNodeConfig:
+        """Parameters of the exciter node, which takes the place of estimator and controller."""
+        return ExciterNodeConfig(
+            **self._shared(ExciterNodeConfig),
+            **sample_keys(self.twin),
+            platform=self.platform,
+            regulator=self.twin.regulator,
+            model=self.discretisation,
+            excite=self.excite,
         )
 
     def controller_node(self) -> ControllerNodeConfig:

@@ -8,7 +8,7 @@ import typer
 import yaml
 
 from soro_core.scene import check_gains, load_scene
-from soro_ros.commands.run import SCENE_HELP, given_keys
+from soro_ros.scene_options import SCENE_HELP, given_keys
 
 if TYPE_CHECKING:
     from soro_core.loop import Loop

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from functools import partial
 
 import numpy as np
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
-from sensor_msgs.msg import Imu, JointState
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
@@ -19,12 +18,11 @@ from soro_core.estimation.samples import imu_sensor, pose_sensor
 from soro_core.loop import certainty_of, estimator_of
 from soro_core.robot import load_robot
 from soro_core.scene import EstimatorNodeConfig
-from soro_core.twin import SensorConfig
-from soro_core.twin.sensors import SensorClock
 from soro_ros import learning, messages, qos
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
+from soro_ros.sample_inputs import SampleInputs
 
 
 class EstimatorNode(SoroNode[EstimatorNodeConfig]):
@@ -49,11 +47,6 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             **{n: pose_sensor(at * length) for n, at in zip(poses, config.pose_locations, strict=True)},
             **{n: imu_sensor(at * length) for n, at in zip(imus, config.imu_locations, strict=True)},
         }
-        self._samples: dict[str, deque] = {name: deque(maxlen=1000) for name in (*poses, *imus)}
-        self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
-        pose = _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz)
-        imu = _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz)
-        self._expected = dict.fromkeys(poses, pose) | dict.fromkeys(imus, imu)
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
         self._learned: Learned | None = None
         self._awaited_ns: int | None = None  # in lockstep: the tick whose learned model has not come yet
@@ -63,13 +56,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._tip = self.create_publisher(PoseWithCovarianceStamped, "arm/tip", loop)
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
         self.create_subscription(JointState, "chambers/state", self._on_pressures, sensor)
-        for kind, names, places, callback in (
-            (PoseStamped, poses, config.pose_locations, self._on_pose),
-            (Imu, imus, config.imu_locations, self._on_imu),
-        ):
-            for name, place in zip(names, places, strict=True):
-                take = partial(callback, name, place * self.estimator.length)
-                self.create_subscription(kind, f"sensors/{name}", take, sensor)
+        self._samples = SampleInputs(self, config, length, self._seconds, self._process)
         self.compile(self._warm_up)
 
     def start(self) -> None:
@@ -88,22 +75,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             poses = [sample] if k % 8 else []  # a tick without a sample has a kernel of its own
             state, _ = estimator.step(state, zero, poses, [], dt, nothing if k > 1 else None)
 
-    # Samples ---------------------------------------------------------------------------------------
-    def _on_pose(self, name: str, s: float, message: PoseStamped) -> None:
-        position, quaternion = messages.pose_arrays(message.pose)
-        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
-        self._take(name, PoseSample(stamp_s, position, quaternion, s))
-
-    def _on_imu(self, name: str, s: float, message: Imu) -> None:
-        omega, force, quaternion = messages.imu_arrays(message)
-        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
-        self._take(name, ImuSample(stamp_s, omega, force, quaternion, s))
-
-    def _take(self, name: str, sample: PoseSample | ImuSample) -> None:
-        self._received[name] += 1
-        self._samples[name].append(sample)
-        self._process()
-
+    # Inputs ----------------------------------------------------------------------------------------
     def _on_learned(self, message: Float64MultiArray) -> None:
         self._learned = learning.learned_of(message)
         if learning.stamp_ns(message) == self._awaited_ns:
@@ -127,29 +99,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         while self._pressures:
             stamp_ns, pressure = self._pressures[0]
             tick = round(stamp_ns * 1e-9 * self._config.rate_hz)
-            if self._lockstep and (self._awaited_ns is not None or not self._complete(tick)):
+            if self._lockstep and (self._awaited_ns is not None or not self._samples.complete(tick)):
                 return
             self._pressures.popleft()
-            due = [sample for name in self._samples for sample in self._due(name, tick)]
+            due = [sample for found in self._samples.due(tick).values() for sample in found]
             poses = [sample for sample in due if isinstance(sample, PoseSample)]
             imus = [sample for sample in due if isinstance(sample, ImuSample)]
             self._step(stamp_ns, pressure, poses, imus)
-
-    def _complete(self, tick: int) -> bool:
-        """Whether every sample that must have been published by `tick` has come."""
-        return all(
-            clock is None or self._received[name] >= clock.published_by(tick)
-            for name, clock in self._expected.items()
-        )
-
-    def _due(self, name: str, tick: int) -> list[PoseSample] | list[ImuSample]:
-        """Return the samples of this tick; in lockstep the twin may already have sent those of the next."""
-        queue, clock = self._samples[name], self._expected[name]
-        n = len(queue)
-        if self._lockstep and clock is not None:
-            n = min(n, clock.published_by(tick) - self._taken[name])
-        self._taken[name] += n
-        return [queue.popleft() for _ in range(n)]
 
     def _step(
         self, stamp_ns: int, pressure: np.ndarray, poses: list[PoseSample], imus: list[ImuSample]
@@ -240,12 +196,6 @@ def _values_of(name: str, monitor: SensorMonitor | None) -> dict[str, object]:
         values[f"{name}/delay_s"] = monitor.delay.delay_s
         values[f"{name}/delay_deviation_s"] = monitor.delay.deviation_s
     return values
-
-
-def _clock(sensor_rate_hz: float, delay_s: float, rate_hz: float) -> SensorClock | None:
-    if sensor_rate_hz <= 0.0:
-        return None
-    return SensorClock.of(SensorConfig(rate_hz=sensor_rate_hz, delay_s=delay_s), rate_hz)
 
 
 def _quaternion(pose: np.ndarray) -> tuple[float, float, float, float]:

@@ -14,7 +14,7 @@ from soro_core import extras
 ROOT = Path(__file__).resolve().parent.parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 BOARD = tomllib.loads((ROOT / "board/pyproject.toml").read_text())["project"]
-NODES = ("regulator", "estimator", "controller", "twin", "shadow", "recorder", "player")
+NODES = ("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player")
 
 # What a module is to the import system where its package is not installed.
 HIDE = "import json, sys\nfor name in json.loads({hidden!r}):\n    sys.modules[name] = None\n"
@@ -63,6 +63,7 @@ def commands(bag):
     return {
         ("soro", "run", "track_circle"): {"ros", "hardware"},
         ("soro", "run", "track_circle", "--set", "platform="): {"ros"},
+        ("soro", "excite", "track_circle"): {"ros", "hardware"},
         ("soro", "play", bag): {"ros"},
         ("soro", "film", bag): {"ros"},
         ("soro", "bag", "info", bag): {"ros"},

@@ -17,7 +17,19 @@ GOOD = "robot: tue_three_bellow\nrate_hz: 200\n"
 
 
 @pytest.mark.parametrize(
-    "arguments", [(), ("run",), ("new",), ("play",), ("emulate",), ("trade",), ("bag",), ("bag", "info")]
+    "arguments",
+    [
+        (),
+        ("run",),
+        ("new",),
+        ("excite",),
+        ("identify",),
+        ("play",),
+        ("emulate",),
+        ("trade",),
+        ("bag",),
+        ("bag", "info"),
+    ],
 )
 def test_every_command_explains_itself(soro, arguments):
     status, out, _ = soro(*arguments, "--help")

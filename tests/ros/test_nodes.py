@@ -21,7 +21,13 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.errors import HardwareError
 from soro_core.hardware.port import BusStatistics, Exchange, Fault
-from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, RegulatorNodeConfig, load_scene
+from soro_core.scene import (
+    ControllerNodeConfig,
+    EstimatorNodeConfig,
+    ExciterNodeConfig,
+    RegulatorNodeConfig,
+    load_scene,
+)
 from soro_core.twin import TwinConfig
 from soro_ros import messages, middleware, parameters, qos, services
 from soro_ros import supervisor as supervisor_module
@@ -118,7 +124,13 @@ def test_a_node_explains_its_parameters(node_main):
 
 
 def test_the_defaults_of_parameters_are_those_of_the_model():
-    for config in (RegulatorNodeConfig(), EstimatorNodeConfig(), ControllerNodeConfig(), TwinConfig()):
+    for config in (
+        RegulatorNodeConfig(),
+        EstimatorNodeConfig(),
+        ControllerNodeConfig(),
+        ExciterNodeConfig(),
+        TwinConfig(),
+    ):
         shown = {name: default for name, default, _ in parameters.described(type(config))}
         assert shown == parameters.overrides(config)
 

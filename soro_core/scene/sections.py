@@ -1,0 +1,43 @@
+"""Small sections of a scene: its recorder and its verdict; keys of nodes that follow from others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from soro_core.config import Strict
+from soro_core.twin.config import TwinSection
+
+
+class RecorderSection(Strict):
+    """Keys of the recorder."""
+
+    enabled: bool = Field(True, description="record a bag")
+    exclude: tuple[str, ...] = Field((), strict=False, description="topics that are not recorded")
+
+
+class VerdictSection(Strict):
+    """Limits of a lost run, for runs of at least 5 s without injected faults."""
+
+    tip_error_part: float = Field(
+        0.1,
+        gt=0,
+        le=1,
+        description="largest tip error, RMS over the last 5 s, part of the arm's length; a reference that "
+        "the best pressures leave further away is refused",
+    )
+    at_bound_part: float = Field(0.5, gt=0, le=1, description="largest part of all set points at a bound")
+
+
+def sample_keys(twin: TwinSection) -> dict[str, Any]:
+    """Return the keys of the samples that a node waits for."""
+    pose, imu = twin.pose, twin.imu
+    return {
+        "pose_locations": pose.locations,
+        "imu_locations": imu.locations,
+        "pose_rate_hz": pose.rate_hz if pose.enabled else 0.0,
+        "pose_delay_s": pose.delay_s,
+        "imu_rate_hz": imu.rate_hz if imu.enabled else 0.0,
+        "imu_delay_s": imu.delay_s,
+    }

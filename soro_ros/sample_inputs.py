@@ -1,0 +1,100 @@
+"""Samples of the sensors that wait for their tick; in lockstep a tick waits for them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from sensor_msgs.msg import Imu
+
+from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+from soro_core.scene import EstimatorNodeConfig, ExciterNodeConfig
+from soro_core.twin import SensorConfig
+from soro_core.twin.sensors import SensorClock
+from soro_ros import messages, qos
+
+
+class SampleInputs:
+    """Subscriptions to the sensors on the arm, and their samples by name, pose0, pose1, ..., imu0, ...
+
+    Parameters
+    ----------
+    node : Node
+        Owner of the subscriptions.
+    config : EstimatorNodeConfig or ExciterNodeConfig
+        Places, rates and delays of the sensors, and whether time is in lockstep.
+    length : float
+        Length of the arm [m].
+    seconds : callable
+        Function that returns the time [s] of a stamp [ns].
+    on_sample : callable
+        Called after each sample.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        config: EstimatorNodeConfig | ExciterNodeConfig,
+        length: float,
+        seconds: Callable[[int], float],
+        on_sample: Callable[[], None],
+    ) -> None:
+        self._lockstep = config.mode == "lockstep"
+        self._seconds, self._on_sample = seconds, on_sample
+        pose = _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz)
+        imu = _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz)
+        poses = [f"pose{k}" for k in range(len(config.pose_locations))]
+        imus = [f"imu{k}" for k in range(len(config.imu_locations))]
+        self._expected = dict.fromkeys(poses, pose) | dict.fromkeys(imus, imu)
+        self._samples: dict[str, deque[Sample]] = {name: deque(maxlen=1000) for name in self._expected}
+        self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
+        for kind, names, places, callback in (
+            (PoseStamped, poses, config.pose_locations, self._on_pose),
+            (Imu, imus, config.imu_locations, self._on_imu),
+        ):
+            for name, place in zip(names, places, strict=True):
+                take = partial(callback, name, place * length)
+                node.create_subscription(kind, f"sensors/{name}", take, qos.sensor(self._lockstep))
+
+    def complete(self, tick: int) -> bool:
+        """Whether every sample that must have been published by `tick` has come."""
+        return all(
+            clock is None or self._received[name] >= clock.published_by(tick)
+            for name, clock in self._expected.items()
+        )
+
+    def due(self, tick: int) -> dict[str, list[Sample]]:
+        """Return the samples of a tick; in lockstep the twin may already have sent those of the next."""
+        return {name: self._due(name, tick) for name in self._samples}
+
+    def _on_pose(self, name: str, s: float, message: PoseStamped) -> None:
+        position, quaternion = messages.pose_arrays(message.pose)
+        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
+        self._take(name, PoseSample(stamp_s, position, quaternion, s))
+
+    def _on_imu(self, name: str, s: float, message: Imu) -> None:
+        omega, force, quaternion = messages.imu_arrays(message)
+        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
+        self._take(name, ImuSample(stamp_s, omega, force, quaternion, s))
+
+    def _take(self, name: str, sample: Sample) -> None:
+        self._received[name] += 1
+        self._samples[name].append(sample)
+        self._on_sample()
+
+    def _due(self, name: str, tick: int) -> list[Sample]:
+        queue, clock = self._samples[name], self._expected[name]
+        n = len(queue)
+        if self._lockstep and clock is not None:
+            n = min(n, clock.published_by(tick) - self._taken[name])
+        self._taken[name] += n
+        return [queue.popleft() for _ in range(n)]
+
+
+def _clock(sensor_rate_hz: float, delay_s: float, rate_hz: float) -> SensorClock | None:
+    if sensor_rate_hz <= 0.0:
+        return None
+    return SensorClock.of(SensorConfig(rate_hz=sensor_rate_hz, delay_s=delay_s), rate_hz)

@@ -1,0 +1,63 @@
+"""Options of the commands that run a scene, and the keys that they change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+import typer
+
+from soro_core.config import read_value
+from soro_core.errors import ConfigError
+
+SCENE_HELP = "Scene file, or the name of a shipped one."
+SceneName: TypeAlias = Annotated[str, typer.Argument(help=SCENE_HELP)]
+Change: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key of the scene, e.g. controller.adapt=false."
+    ),
+]
+Valves: TypeAlias = Annotated[
+    str | None, typer.Option(help="emulated, or real: those of the platform, there already.")
+]
+Device: TypeAlias = Annotated[
+    str | None, typer.Option(help="Path or address of real valves; implies --valves real.")
+]
+Arm: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="simulated, or real: its sensors publish, the twin runs beside it as a shadow."),
+]
+Folder: TypeAlias = Annotated[Path, typer.Option(help="Where the folder of the run is made.")]
+
+
+def changes_of(
+    command: str, given: list[str], valves: str | None, device: str | None, arm: str | None
+) -> dict[str, Any]:
+    """Return the keys of a scene that options change, with their values.
+
+    Parameters
+    ----------
+    command : str
+        Name of the command, for errors.
+    given : list of str
+        KEY=VALUE of each --set.
+    valves, device, arm : str or None
+        Values of these options.
+    """
+    changes = given_keys(given)
+    if device == "":  # of a shell variable that is not set: the run would be on emulated valves
+        raise ConfigError(command, "--device", device, "the path or address of the valves")
+    options = {"valves": valves or ("real" if device else None), "device": device, "arm": arm}
+    return changes | {key: value for key, value in options.items() if value is not None}
+
+
+def given_keys(given: list[str]) -> dict[str, Any]:
+    """Return the keys of a scene that KEY=VALUE change, with their values."""
+    changes: dict[str, Any] = {}
+    for item in given:
+        key, equals, value = item.partition("=")
+        if not key or not equals:
+            raise ConfigError("--set", "", item, "KEY=VALUE, for example controller.adapt=false")
+        changes[key] = read_value(value, f"--set {key}") if value else ""
+    return changes

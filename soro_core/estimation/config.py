@@ -53,10 +53,10 @@ class ProcessNoise(Strict):
     """Errors of the model; stretch: elongation and shears, curvature: bending and torsion."""
 
     stretch_acceleration: float = Field(
-        2.0, ge=0, le=1e6, description="spectral density of the acceleration's error, strain/s^2/sqrt(Hz)"
+        2.0, ge=0, le=1e9, description="spectral density of the acceleration's error, strain/s^2/sqrt(Hz)"
     )
     curvature_acceleration_per_m: float = Field(
-        40.0, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
+        40.0, ge=0, le=1e9, description="the same of curvatures, 1/(m s^2)/sqrt(Hz)"
     )
     stretch_disturbance: float = Field(
         1e4,
@@ -77,9 +77,9 @@ class LearnedProcessNoise(ProcessNoise):
     """The same where a learned force is part of the model: less is left for noise to explain."""
 
     stretch_acceleration: float = Field(
-        0.0, ge=0, le=1e6, description="spectral density of the acceleration's error of elongation and shears"
+        0.0, ge=0, le=1e9, description="spectral density of the acceleration's error of elongation and shears"
     )
-    curvature_acceleration_per_m: float = Field(0.0, ge=0, le=1e6, description="the same of curvatures")
+    curvature_acceleration_per_m: float = Field(0.0, ge=0, le=1e9, description="the same of curvatures")
     stretch_disturbance: float = Field(
         170.0,
         ge=0,
@@ -102,9 +102,9 @@ class InitialNoise(Strict):
     curvature_std_per_m: float = Field(8.0, gt=0, le=1e3, description="curvatures")
     stretch_rate_std_per_s: float = Field(1.0, gt=0, le=1e4, description="rate of elongation and shears")
     curvature_rate_std_per_m_s: float = Field(80.0, gt=0, le=1e5, description="rate of curvatures")
-    stretch_disturbance_std: float = Field(300.0, ge=0, le=1e6, description="disturbance, strain/s^2")
+    stretch_disturbance_std: float = Field(300.0, ge=0, le=1e9, description="disturbance, strain/s^2")
     curvature_disturbance_std_per_m: float = Field(
-        3e3, ge=0, le=1e6, description="the same of curvatures, 1/(m s^2)"
+        3e3, ge=0, le=1e9, description="the same of curvatures, 1/(m s^2)"
     )
 
 
@@ -127,7 +127,7 @@ class EstimatorConfig(Strict):
     pressure_std_pa: float = Field(
         100.0,
         ge=0,
-        le=1e6,
+        le=1e9,
         description="noise of each measured pressure, independent from reading to reading; of the platform",
     )
     pose: PoseNoise = Field(PoseNoise(), description="pose samples")

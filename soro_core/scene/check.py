@@ -11,6 +11,7 @@ from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene.scene import Scene
 from soro_core.twin.config import check_volumes
+from soro_core.twin.plant import described_plant
 
 
 def check_scene(scene: Scene, where: str) -> list[str]:
@@ -81,10 +82,11 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
         One line with file, key, what was found and what prevents it.
     """
     twin = scene.twin_node()
+    plant = described_plant(robot, twin)
     _check("model", scene.discretisation, robot, 1, where)
-    _check("twin.refine" if twin.refine > 1 else "model", twin.model, robot, twin.refine, where)
+    _check("twin.refine" if twin.refine > 1 else "model", twin.model, plant, twin.refine, where)
     if twin.air == "states":
-        _check_air(twin.integrator, robot, where)
+        _check_air(twin.integrator, plant, where)
 
 
 def check_gains(scene: Scene, robot: Robot, where: str) -> str:

@@ -273,6 +273,8 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     path = find_config(name, "scenes")
     data = read_yaml(path)
     data |= {key: _beside(path.parent, data[key]) for key in _FILES if key in data}
+    if isinstance(twin := data.get("twin"), dict) and "plant" in twin:
+        data["twin"] = twin | {"plant": _beside(path.parent, twin["plant"])}
     _read_controller(data)
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))

@@ -63,6 +63,11 @@ class TwinSection(Strict):
 
     step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
     integrator: Integrator = Field("trapezoidal", description="time stepper of the arm")
+    plant: str = Field(
+        "",
+        description="robot file of the true arm, with the same chambers, which estimator and controller do not "
+        "know; default: that of the scene",
+    )
     refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
     payload_kg: float = Field(0.0, ge=0, le=5, description="mass at the tip beyond the robot's own")
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")

@@ -9,11 +9,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.errors import ConfigError
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
-from soro_core.robot import Robot
+from soro_core.robot import Robot, load_robot
 from soro_core.twin.config import TwinConfig, check_volumes
 
 Array: TypeAlias = NDArray[np.float64]
@@ -21,10 +22,28 @@ Array: TypeAlias = NDArray[np.float64]
 
 def true_robot(robot: Robot, config: TwinConfig) -> Robot:
     """Return the true robot: refined, loaded, and different from its file by the configured factors."""
+    robot = described_plant(robot, config)
     real = robot.scaled(
         stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale
     ).refine(config.refine)
     return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
+
+
+def described_plant(robot: Robot, config: TwinConfig) -> Robot:
+    """Return the robot whose file describes the plant: that of `twin.plant`, or the robot itself.
+
+    Raises
+    ------
+    ConfigError
+        If the file of the plant cannot be read, or its chambers are not those of the robot.
+    """
+    if not config.plant:
+        return robot
+    plant = load_robot(config.plant)
+    if plant.chamber_names != robot.chamber_names:
+        allowed = f"the chambers of the robot: {', '.join(robot.chamber_names)}"
+        raise ConfigError(config.plant, "links", ", ".join(plant.chamber_names), allowed)
+    return plant
 
 
 class Plant:
@@ -40,15 +59,16 @@ class Plant:
     Raises
     ------
     ConfigError
-        If air is a part of the state and a chamber has no volume.
+        If air is a part of the state and a chamber has no volume, or the plant has other chambers.
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
-        self.arm = discretised(true_robot(robot, config), config.model)
+        real = true_robot(robot, config)
+        self.arm = discretised(real, config.model)
         self.has_air = config.air == "states"
         """Whether pressures are set points of valves, and the air behind them is a part of the state."""
         if self.has_air:
-            check_volumes(robot, where="parameters of twin", key="air")
+            check_volumes(real, where="parameters of twin", key="air")
         valves = config.valve if self.has_air else None
         self._stepper = make_stepper(config.integrator, self.arm, valves=valves)
         self._step_s = config.step_s

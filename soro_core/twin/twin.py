@@ -80,7 +80,7 @@ class Twin:
         self.plant = Plant(robot, config)
         self.config = config
         self.dt = 1.0 / config.rate_hz
-        self._length = robot.length
+        self._length = self.plant.arm.length
         self._pose_clock = SensorClock.of(config.pose, config.rate_hz)
         self._imu_clock = SensorClock.of(config.imu, config.rate_hz)
         # A generator a source: a sensor that is switched off does not change what the others measure.

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import yaml
 
 from soro_core import load_robot
 from soro_core.config import find_config, parse
+from soro_core.errors import ConfigError
 from soro_core.twin import SensorConfig, Twin, TwinConfig
 from soro_core.twin.plant import true_robot
 from tests.refused import refused
@@ -136,3 +138,22 @@ def test_one_place_can_be_called_location():
 def test_places_that_cannot_be_are_refused(keys, key):
     with refused(key):
         parse(keys, SensorConfig, "test")
+
+
+def test_the_plant_can_be_another_robot(tmp_path):
+    known = load_robot("tue_three_bellow")
+    softer = known.scaled(stiffness=0.5, damping=1.0, gain=1.0).model_dump(mode="json", exclude_unset=True)
+    path = tmp_path / "softer.yaml"
+    path.write_text(yaml.safe_dump(softer), encoding="utf-8")
+    config = TwinConfig(plant=str(path), refine=1)
+    assert true_robot(known, config).links[0].k_b[0] == pytest.approx(0.5 * known.links[0].k_b[0])
+    pressure = np.array([5e3, 0.0, 0.0])
+    bent = [Twin(known, c).initial(pressure).arm.q[1] for c in (config, TwinConfig(refine=1))]
+    assert abs(bent[0]) > 1.5 * abs(bent[1])
+
+
+def test_a_plant_with_other_chambers_is_refused():
+    with pytest.raises(ConfigError) as caught:
+        Twin(load_robot("tue_three_bellow"), TwinConfig(plant="asu_two_segment"))
+    assert caught.value.key == "links"
+    assert "link1/chamber0" in caught.value.got

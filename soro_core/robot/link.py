@@ -12,8 +12,8 @@ from soro_core.config import Floats, Strict
 from soro_core.robot.strain import DEFAULT_STRAINS, STRAINS, StrainField, coordinate_names
 from soro_core.robot.vectors import Vector3
 
-# Elongation at which a link has collapsed, where its file names none: a twentieth of its length is left.
-LEAST_ELONGATION = -0.95
+# Elongation at which a link has collapsed, where its file names none: a hundredth of its length is left.
+LEAST_ELONGATION = -0.99
 
 
 class Material(Strict):

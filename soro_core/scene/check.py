@@ -10,8 +10,7 @@ from soro_core.hardware import PlatformBase
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.discretisation import EXPLICIT
 from soro_core.scene.scene import Scene
-from soro_core.twin.config import check_volumes
-from soro_core.twin.plant import described_plant
+from soro_core.twin.config import check_volumes, described_plant
 
 
 def check_scene(scene: Scene, where: str) -> list[str]:

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from soro_core.config import Floats, Strict
 from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel, ValveModel
-from soro_core.robot import Robot
+from soro_core.robot import Robot, load_robot
 from soro_core.robot.discretisation import Integrator
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys, check_places
 
@@ -65,8 +65,8 @@ class TwinSection(Strict):
     integrator: Integrator = Field("trapezoidal", description="time stepper of the arm")
     plant: str = Field(
         "",
-        description="robot file of the true arm, with the same chambers, which estimator and controller do not "
-        "know; default: that of the scene",
+        description="robot file of the true arm, with the same chambers, which estimator and controller do "
+        "not know; default: that of the scene",
     )
     refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
     payload_kg: float = Field(0.0, ge=0, le=5, description="mass at the tip beyond the robot's own")
@@ -113,6 +113,23 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
         if self.air == "states" and self.pressures == "measured":
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
         return self
+
+
+def described_plant(robot: Robot, config: TwinConfig) -> Robot:
+    """Return the robot whose file describes the plant: that of `twin.plant`, or the robot itself.
+
+    Raises
+    ------
+    ConfigError
+        If the file of the plant cannot be read, or its chambers are not those of the robot.
+    """
+    if not config.plant:
+        return robot
+    plant = load_robot(config.plant)
+    if plant.chamber_names != robot.chamber_names:
+        allowed = f"the chambers of the robot: {', '.join(robot.chamber_names)}"
+        raise ConfigError(config.plant, "links", ", ".join(plant.chamber_names), allowed)
+    return plant
 
 
 def check_volumes(robot: Robot, where: str, key: str) -> None:

@@ -9,13 +9,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.errors import ConfigError
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model.discretised import discretised
 from soro_core.model.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
-from soro_core.robot import Robot, load_robot
-from soro_core.twin.config import TwinConfig, check_volumes
+from soro_core.robot import Robot
+from soro_core.twin.config import TwinConfig, check_volumes, described_plant
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -27,23 +26,6 @@ def true_robot(robot: Robot, config: TwinConfig) -> Robot:
         stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale
     ).refine(config.refine)
     return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
-
-
-def described_plant(robot: Robot, config: TwinConfig) -> Robot:
-    """Return the robot whose file describes the plant: that of `twin.plant`, or the robot itself.
-
-    Raises
-    ------
-    ConfigError
-        If the file of the plant cannot be read, or its chambers are not those of the robot.
-    """
-    if not config.plant:
-        return robot
-    plant = load_robot(config.plant)
-    if plant.chamber_names != robot.chamber_names:
-        allowed = f"the chambers of the robot: {', '.join(robot.chamber_names)}"
-        raise ConfigError(config.plant, "links", ", ".join(plant.chamber_names), allowed)
-    return plant
 
 
 class Plant:

@@ -73,7 +73,9 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         for k in range(1, 60):  # until the filter is sure of the arm, and the watch estimates the delay
             sample = PoseSample(k * dt, pose[:3, 3], quaternion, estimator.length)
             poses = [sample] if k % 8 else []  # a tick without a sample has a kernel of its own
-            state, _ = estimator.step(state, zero, poses, [], dt, nothing if k > 1 else None)
+            imu = ImuSample(k * dt, np.zeros(3), np.array([0.0, 0.0, 9.81]), None, estimator.length)
+            learned = nothing if k > 1 else None
+            state, _ = estimator.step(state, zero, poses, [imu] if k % 8 == 1 else [], dt, learned)
 
     # Inputs ----------------------------------------------------------------------------------------
     def _on_learned(self, message: Float64MultiArray) -> None:

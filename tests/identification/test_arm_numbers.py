@@ -97,7 +97,7 @@ def test_a_plate_shows_its_section_through_tracker_and_mount() -> None:
     frames |= {f"frame/top/offset_{x}": v for x, v in zip("xyz", offset, strict=True)}
     plate = Plate("top", np.arange(2.0), Place(0, 0.05), np.array(position), np.array(quaternion))
     np.testing.assert_allclose(difference(plate, arm, q, frames), 0.0, atol=1e-12)
-    marker = Marker("top", np.arange(2.0), Place(0, 0.05), [*np.array(position), 0.0, 0.0, 0.001])
+    marker = Marker("top", np.arange(2.0), Place(0, 0.05), np.array(position) + np.array([0.0, 0.0, 1e-3]))
     np.testing.assert_allclose(difference(marker, arm, q, frames), [[0, 0, 1e-3]] * 2, atol=1e-12)
 
 

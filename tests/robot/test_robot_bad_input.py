@@ -53,7 +53,7 @@ BAD = [
     (("links", 0, "k_b"), [0.02, float("inf"), 0.5], "links[0].k_b[1]", "inf", "finite"),
     (("links", 0, "k_b"), REMOVED, "links[0].k_b", "None", "three values, or a material"),
     (("links", 0, "material"), MATERIAL, "links[0].k_e", "[300.0", "either material, or k_e and k_b"),
-    (("links", 0, "least_elongation"), -0.96, "links[0].least_elongation", "-0.96", "-0.95"),
+    (("links", 0, "least_elongation"), -0.995, "links[0].least_elongation", "-0.995", "-0.99"),
     (("links", 0, "least_elongation"), 0.0, "links[0].least_elongation", "0.0", "less than 0"),
     (("links", 0, "damping"), [0.1, 1e-6], "links[0].damping", "[0.1, 1e-06]", "3 values of 0 or more"),
     (("links", 0, "damping"), [0.1, -1e-6, 0], "links[0].damping", "-1e-06", "3 values of 0 or more"),

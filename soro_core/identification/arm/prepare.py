@@ -31,7 +31,21 @@ _LEAST = {"m": 1e-4, "rad": 1e-3, "1/m": 1e-3}
 
 
 def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple[list[Whole], list[Whole]]:
-    """Cases of the fit and of the judge: sections of each kind are held out of every recording."""
+    """Return cases of the fit and of the judge: sections of each kind are held out of every recording.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    dt_s : float
+        Step of their simulations [s].
+    rate_hz : float
+        Samples a second that are compared.
+
+    Raises
+    ------
+    ConfigError
+        If no section has pressures and shape.
+    """
     fit: list[Whole] = []
     held: list[Whole] = []
     still = still_limits(recordings)

@@ -91,7 +91,16 @@ class Problem:
         return [case.coordinates(arm) for case in self.cases]
 
     def differences(self, arm: SoftArm, found: Coordinates, values: Mapping[str, float]) -> list[list[Array]]:
-        """Return measured minus predicted of each shape of each case."""
+        """Return measured minus predicted of each shape of each case.
+
+        Parameters
+        ----------
+        arm : SoftArm
+        found : list of lists of (n, n_q)
+            Coordinates of each shape of each case.
+        values : mapping of str to float
+            Numbers, those of the frames among them.
+        """
         return [
             [difference(shape, arm, q, values) for q, shape in zip(own, case.shapes, strict=True)]
             for own, case in zip(found, self.cases, strict=True)
@@ -103,7 +112,16 @@ class Problem:
         return self.differences(arm, self.coordinates(arm), values)
 
     def rows(self, arm: SoftArm, found: Coordinates, values: Mapping[str, float]) -> Array:
-        """Return all differences in expected errors, one long row."""
+        """Return all differences in expected errors, one long row.
+
+        Parameters
+        ----------
+        arm : SoftArm
+        found : list of lists of (n, n_q)
+            Coordinates of each shape of each case.
+        values : mapping of str to float
+            Numbers, those of the frames among them.
+        """
         parts = [
             (d / self.expected[shape.name]).ravel()
             for case, own in zip(self.cases, self.differences(arm, found, values), strict=True)

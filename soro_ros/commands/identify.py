@@ -112,9 +112,9 @@ def identify(
     for what, those in (("fitted", found.fitted), ("held out", found.held_out)):
         for error in those:
             typer.echo(f"  {what}: {error}")
-    typer.echo("\n".join(number_table(found, described)))
+    typer.echo("\n".join(number_table(found)))
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(robot_text(found, described, [path.name for path in recordings]), encoding="utf-8")
+    out.write_text(robot_text(found, [path.name for path in recordings]), encoding="utf-8")
     typer.echo(f"written: {out}")
     if not found.held_out:
         typer.echo("nothing could be held out: the error on other data is not known", err=True)

@@ -70,11 +70,11 @@ def test_the_file_loads_and_says_where_each_number_comes_from(
     found: Identified, guess: Robot, tmp_path
 ) -> None:
     path = tmp_path / "arm.yaml"
-    path.write_text(robot_text(found, guess, ["made"]), encoding="utf-8")
+    path.write_text(robot_text(found, ["made"]), encoding="utf-8")
     loaded = numbers_of(load_robot(path))
     for name, number in numbers_of(found.robot).items():
         assert loaded[name].value == pytest.approx(number.value, rel=1e-6), name
-    table = "\n".join(number_table(found, guess))
+    table = "\n".join(number_table(found))
     assert all(name in table for name in TRUTH)
     assert "identified" in table
 

@@ -206,9 +206,21 @@ def solve(
         x, converged = np.asarray(found.x), bool(found.status > 0)
     except KeyboardInterrupt:
         x, converged, interrupted = search.best[1], False, True
+    return _solution(search, x, converged, interrupted)
+
+
+def evaluated(problem: Problem, values: Mapping[str, float]) -> Solution:
+    """Return the solution that given numbers are, without a search."""
+    search = _Search(problem, lambda cost: None)
+    low, high = problem.bounds
+    return _solution(search, np.clip(problem.position(values), low, high), True, False)
+
+
+def _solution(search: _Search, x: Array, converged: bool, interrupted: bool) -> Solution:
     rows = search.rows_at(x, hopeless=False)
     jacobian = search.jacobian(x)[: len(rows)]
-    return Solution(problem.value(x), x, rows, jacobian, search.cost(rows, x), converged, interrupted)
+    values, cost = search.problem.value(x), search.cost(rows, x)
+    return Solution(values, x, rows, jacobian, cost, converged, interrupted)
 
 
 class _Search:

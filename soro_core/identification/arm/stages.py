@@ -18,7 +18,7 @@ from soro_core.identification.arm.judge import Error, errors, ranges, share_of_r
 from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import Number
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
-from soro_core.identification.arm.problem import Problem, Solution, solve
+from soro_core.identification.arm.problem import Problem, Solution, evaluated, solve
 from soro_core.identification.recording import Marker, Plate, Recording
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
@@ -153,7 +153,8 @@ def identify(
     expected = residual_errors(problem(laws, whole), best)
     interrupted = linear.interrupted or (choice is not None and choice.chosen.interrupted)
     limits = replace(options, most=1) if interrupted else options
-    solution, sure, kept, last = _determined(problem(laws, whole), best, limits, progress)
+    last = problem(laws, whole)
+    solution, sure, kept = _determined(last, best, limits, progress)
     share = share_of_range(judged, moved) if judged else float("nan")
     found = last.robot_of(solution.values)
     return Identified(found, last, solution, sure, choice, fitted, judged, share, kept)
@@ -180,20 +181,28 @@ def _at_rest(problem: Problem, options: Options, progress: Progress) -> dict[str
 
 def _determined(
     problem: Problem, start: Mapping[str, float], options: Options, progress: Progress
-) -> tuple[Solution, Certainty, dict[str, tuple[str, ...]], Problem]:
-    """Fit, and take the least certain number out as long as the data do not determine it."""
+) -> tuple[Solution, Certainty, dict[str, tuple[str, ...]]]:
+    """Fit, and take the least certain number out as long as the data do not determine it.
+
+    The deviations are those with all numbers free: what is taken out is no surer for it, nor are the others.
+    """
     kept: dict[str, tuple[str, ...]] = {}
+    whole = problem
     while True:
         solution = solve(problem, start, options.most, progress=lambda c: progress("all data", c))
         sure = certainty(problem, solution)
         doubts = {n.name: n.doubt for n in problem.numbers}
         open_ = [name for name in sure.undetermined if not name.startswith("frame/")]
         if not open_:
-            return solution, sure, kept, problem
+            break
         worst = max(open_, key=lambda name: sure.deviations[name] / doubts[name])
         kept[worst] = sure.undetermined[worst]
         start = {k: v for k, v in solution.values.items() if k != worst}
         problem = _without(problem, worst, solution.values[worst])
+    if not kept:
+        return solution, sure, kept
+    last = evaluated(whole, {**problem.fixed, **solution.values})
+    return last, certainty(whole, last), kept
 
 
 def _without(problem: Problem, name: str, value: float) -> Problem:

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import yaml
 
-from soro_core.identification.arm.numbers import Number, numbers_of
+from soro_core.identification.arm.laws import is_of_law
+from soro_core.identification.arm.numbers import Number
 from soro_core.identification.arm.stages import Identified
-from soro_core.robot import Robot
 from soro_core.robot.parts import fields
 
 # What would determine a number that a recording leaves open, by the end of its name.
@@ -26,14 +26,12 @@ _EXPERIMENTS = {
 }
 
 
-def robot_text(found: Identified, described: Robot, sources: Sequence[str]) -> str:
+def robot_text(found: Identified, sources: Sequence[str]) -> str:
     """Return the robot file.
 
     Parameters
     ----------
     found : Identified
-    described : Robot
-        As it was before the fit.
     sources : sequence of str
         Names of the recordings.
     """
@@ -43,15 +41,15 @@ def robot_text(found: Identified, described: Robot, sources: Sequence[str]) -> s
         f"# Identified by soro identify from {', '.join(sources)}.",
         *(f"# {line}" for line in _quality(found)),
         "#",
-        *(f"# {line}".rstrip() for line in number_table(found, described)),
+        *(f"# {line}".rstrip() for line in number_table(found)),
     ]
     body = yaml.safe_dump(_plain(keys), sort_keys=False, default_flow_style=None, width=110)
     return "\n".join(lines) + "\n" + body
 
 
-def number_table(found: Identified, described: Robot) -> list[str]:
+def number_table(found: Identified) -> list[str]:
     """Return one line a number: name, value, standard deviation, unit, origin."""
-    rows = [("number", "value", "deviation", "unit", "origin"), *_rows(found, described)]
+    rows = [("number", "value", "deviation", "unit", "origin"), *_rows(found)]
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     return ["  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
 
@@ -62,37 +60,21 @@ def experiment(name: str) -> str:
     return next(text for end, text in _EXPERIMENTS.items() if own.startswith(end))
 
 
-def _rows(found: Identified, described: Robot) -> Iterator[tuple[str, str, str, str, str]]:
-    searched = {n.name: n for n in found.problem.numbers}
-    before = numbers_of(described)
-    for name, number in before.items():
-        if name in searched:
-            value = found.solution.values[name]
-            at = "; at its bound" if name in found.certainty.at_bound else ""
-            yield name, f"{value:.5g}", _deviation(searched[name], found), number.unit, f"identified{at}"
-        elif name in found.kept:
-            open_ = "; ".join(c for c in found.kept[name] if c != f"+{name}")
-            only = f" (open: {open_})" if open_ else ""
-            value, origin = before[name].value, "as described"
-            if name in found.problem.fixed:
-                value, origin = found.problem.fixed[name], "likely"
-            yield (
-                name,
-                f"{value:.5g}",
-                "-",
-                number.unit,
-                f"{origin}: not determined{only}; {experiment(name)}",
-            )
-    for name, number in searched.items():
-        if name.startswith("frame/"):
-            value = found.solution.values[name]
-            yield (
-                name,
-                f"{value:.5g}",
-                _deviation(number, found),
-                number.unit,
-                "identified, of the measurement",
-            )
+def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
+    for number in found.problem.numbers:
+        name, value = number.name, found.solution.values[number.name]
+        yield name, f"{value:.5g}", _deviation(number, found), number.unit, _origin(name, found)
+
+
+def _origin(name: str, found: Identified) -> str:
+    if name.startswith("frame/"):
+        return "identified, of the measurement"
+    if name in found.kept:
+        open_ = "; ".join(c for c in found.kept[name] if c != f"+{name}")
+        only = f" (open: {open_})" if open_ else ""
+        origin = "likely" if is_of_law(name) else "as described"
+        return f"{origin}: not determined{only}; {experiment(name)}"
+    return "identified; at its bound" if name in found.certainty.at_bound else "identified"
 
 
 def _deviation(number: Number, found: Identified) -> str:

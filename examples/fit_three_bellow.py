@@ -19,7 +19,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.identification import (
     Fit,
     ForcedRun,
-    Frame,
+    MeasurementFrame,
     Parameter,
     ReleaseRun,
     curvature_errors,
@@ -101,7 +101,7 @@ def identify(forced: ForcedRun, release: ReleaseRun) -> Fit:
 
 def judge(
     robot: Robot, forced: ForcedRun, release: ReleaseRun
-) -> tuple[dict[str, float], Frame, dict[str, np.ndarray]]:
+) -> tuple[dict[str, float], MeasurementFrame, dict[str, np.ndarray]]:
     """Errors of a robot on both runs, the frame fitted on the first 12 s only, and traces for the picture."""
     arm = SoftArm(robot)
     t, simulated = forced_curvature(arm, forced, dt=0.01)

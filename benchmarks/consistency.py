@@ -86,8 +86,8 @@ def run(options: Options) -> str:
             f"`law: composite`, from {AFTER_S:g} s on, means of seeds 1 to {len(seeds)} (smallest and "
             "largest of a seed). Position and tip have 3 components, (q, qd) has 6. The NIS is that of "
             "/diagnostics. A matched plant is the model of the filter, without a load and with strains that "
-            "are constant along the link (`law_options: {uneven: false}`); its sensors have the noise that is "
-            "declared.",
+            "are constant along the link (`law_options: {uneven: false}`); its sensors have the noise that "
+            "is declared.",
             table(head, rows),
             f"Goals: {met(good)}",
         ]

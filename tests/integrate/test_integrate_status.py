@@ -108,8 +108,8 @@ def test_a_link_that_bending_pulls_short_ends_the_run(name):
     arm, p = asu()
     result = simulate(arm, t_end=5.0, dt=5e-3, integrator=name, pressure=p)
     assert not result.status.ok
-    assert result.t[-1] < 1.4
-    assert -0.951 < result.q[:, 0].min() < -0.5
+    assert result.t[-1] < 2.0
+    assert -0.991 < result.q[:, 0].min() < -0.5
     assert np.isfinite(result.qd).all()
     if name == "rk4":
         assert "the step is too long" in result.status

@@ -60,7 +60,7 @@ class _Announcement(event.Listener):  # type: ignore[misc]
             return
         self.is_logged = True
         logging.getLogger("soro_core").warning(
-            "soro: compiling the model's kernels (half a minute for all of them, cached in %s)",
+            "soro: compiling the model's kernels (a minute or two for all of them, cached in %s)",
             numba_config.CACHE_DIR,
         )
 

@@ -251,7 +251,9 @@ class Run:
             self._check_start(supervisor)
             if not self._reported_compiling and kernels.compiled() > compiled:
                 self._reported_compiling = True
-                self._report("the first start compiles the model's kernels: half a minute, cached afterwards")
+                self._report(
+                    "the first start compiles the model's kernels: a minute or two, cached afterwards"
+                )
 
         def active() -> bool:
             return all(supervisor.active(name) for name in configs)

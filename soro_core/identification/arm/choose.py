@@ -71,7 +71,7 @@ def choose(
     if first is None:
         raise ValueError("the linear law cannot be fitted: it is the start of every other")
     tried, best = [first], first
-    while True:
+    while not first.interrupted:
         found: list[Trial] = []
         for law in (law for law in laws if law not in best.laws):
             trial = fit((*best.laws, law), best.values)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from soro_core.errors import ConfigError, ModelError
+from soro_core.errors import SoroError
 from soro_core.identification.arm.cases import Case
 from soro_core.identification.arm.numbers import Number, with_numbers
 from soro_core.identification.arm.predict import difference
@@ -234,15 +234,15 @@ class _Search:
         self.frames = [n.name.startswith("frame/") for n in problem.numbers]
 
     def rows_at(self, x: Array, hopeless: bool = True) -> Array:
-        """Rows at `x`; huge where an arm with those numbers does not exist or cannot be simulated."""
+        """Rows at `x`; infinite where an arm with those numbers does not exist or cannot be simulated."""
         values = self.problem.value(x)
         try:
             arm, found = self._simulated(x, values)
             rows = self.problem.rows(arm, found, values)
-        except (ModelError, ConfigError):
+        except SoroError:
             if not hopeless:
                 raise
-            return np.full(self.size, 1e3)
+            return np.full(self.size, np.inf)  # which least squares takes as a step too far
         self.size = len(rows)
         return rows
 
@@ -263,18 +263,20 @@ class _Search:
         base = self.rows_at(x)
 
         def column(k: int) -> Array:
-            moved = x.copy()
-            moved[k] += _STEP
-            values = self.problem.value(moved)
-            try:
-                if self.frames[k]:
-                    _, arm, found = self.last  # type: ignore[misc]
-                else:
-                    arm = self.problem.arm(values)
-                    found = self.problem.coordinates(arm)
-                return (self.problem.rows(arm, found, values) - base) / _STEP
-            except (ModelError, ConfigError):
-                return np.zeros(len(base))
+            for step in (_STEP, -_STEP):  # the other side where one is hopeless
+                moved = x.copy()
+                moved[k] += step
+                values = self.problem.value(moved)
+                try:
+                    if self.frames[k]:
+                        _, arm, found = self.last  # type: ignore[misc]
+                    else:
+                        arm = self.problem.arm(values)
+                        found = self.problem.coordinates(arm)
+                    return (self.problem.rows(arm, found, values) - base) / step
+                except SoroError:
+                    continue
+            return np.zeros(len(base))
 
         with ThreadPoolExecutor() as pool:
             columns = list(pool.map(column, range(len(x))))

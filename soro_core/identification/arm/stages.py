@@ -131,8 +131,10 @@ def identify(
         return Problem(robot, tuple(cases), (*freed(robot, laws, kinds)[0], *frames), expected)
 
     values: dict[str, float] = {}
+    interrupted = False
     if rests is not None:
-        values = _at_rest(problem((), [rests]), options, progress)
+        values, interrupted = _at_rest(problem((), [rests]), options, progress)
+        options = replace(options, most=1) if interrupted else options
     linear = solve(problem((), fit), values, options.most, _COMPARED, lambda c: progress("linear", c))
     expected = residual_errors(problem((), fit), linear.values)
 
@@ -146,12 +148,13 @@ def identify(
             return None
         return Trial(laws, own, found.values, found.interrupted)
 
-    choice = choose(options.laws, trial) if held and not linear.interrupted else None
+    interrupted = interrupted or linear.interrupted
+    choice = choose(options.laws, trial) if held and not interrupted else None
     laws, best = (choice.chosen.laws, choice.chosen.values) if choice else ((), linear.values)
     fitted = errors(fit, problem(laws, fit).predicted(best), expected)
     judged = errors(held, problem(laws, held).predicted(best), expected)
     expected = residual_errors(problem(laws, whole), best)
-    interrupted = linear.interrupted or (choice is not None and choice.chosen.interrupted)
+    interrupted = interrupted or (choice is not None and any(t.interrupted for t in choice.tried))
     limits = replace(options, most=1) if interrupted else options
     last = problem(laws, whole)
     solution, sure, kept = _determined(last, best, limits, progress)
@@ -160,8 +163,8 @@ def identify(
     return Identified(found, last, solution, sure, choice, fitted, judged, share, kept)
 
 
-def _at_rest(problem: Problem, options: Options, progress: Progress) -> dict[str, float]:
-    """Numbers from the states at rest, where nothing is damped: the best of several starts."""
+def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[dict[str, float], bool]:
+    """Return the numbers at rest, undamped, the best of several starts, and whether Ctrl-C came."""
     numbers = tuple(n for n in problem.numbers if "/damping_" not in n.name)
     problem = replace(problem, numbers=numbers)
     own = np.array([not n.name.startswith("frame/") for n in numbers])
@@ -176,7 +179,8 @@ def _at_rest(problem: Problem, options: Options, progress: Progress) -> dict[str
                 raise
         if found and found[-1].interrupted:
             break
-    return min(found, key=lambda s: s.cost).values if found else {}
+    best = min(found, key=lambda s: s.cost).values if found else {}
+    return best, any(s.interrupted for s in found)
 
 
 def _determined(
@@ -193,7 +197,7 @@ def _determined(
         sure = certainty(problem, solution)
         doubts = {n.name: n.doubt for n in problem.numbers}
         open_ = [name for name in sure.undetermined if not name.startswith("frame/")]
-        if not open_:
+        if not open_ or solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
             break
         worst = max(open_, key=lambda name: sure.deviations[name] / doubts[name])
         kept[worst] = sure.undetermined[worst]

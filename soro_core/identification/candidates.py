@@ -8,6 +8,7 @@ understands as a step too far, and no derivative is taken across it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from typing import TypeAlias
 
 import numpy as np
@@ -38,7 +39,12 @@ def residuals_or_none(residuals: Callable[[Values], Array], values: Values) -> A
 
 
 def slopes(
-    evaluate: Callable[[Array], Array | None], x: Array, at_x: Array, step: float, bounds: tuple[Array, Array]
+    evaluate: Callable[[Array], Array | None],
+    x: Array,
+    at_x: Array,
+    step: float,
+    bounds: tuple[Array, Array],
+    workers: int | None = 1,
 ) -> Array:
     """Derivatives (n, n_parameters) of the residuals by differences that avoid hopeless candidates.
 
@@ -57,14 +63,20 @@ def slopes(
         Size of the differences, times |x| where that is above 1.
     bounds : two arrays (n_parameters,)
         Lowest and highest parameters.
+    workers : int or None
+        Number of threads, for an `evaluate` that may run in several; None: as many as serve.
     """
-    matrix = np.zeros((at_x.size, x.size))
-    for k in range(x.size):
+
+    def column(k: int) -> Array:
         for side in (step, -step):
             beside = x.copy()
             beside[k] += side * max(1.0, abs(x[k]))
             found = evaluate(beside) if bounds[0][k] <= beside[k] <= bounds[1][k] else None
             if found is not None:
-                matrix[:, k] = (found - at_x) / (beside[k] - x[k])
-                break
-    return matrix
+                return np.asarray((found - at_x) / (beside[k] - x[k]))
+        return np.zeros(at_x.size)
+
+    if workers == 1:
+        return np.column_stack([column(k) for k in range(x.size)])
+    with ThreadPoolExecutor(workers) as pool:
+        return np.column_stack(list(pool.map(column, range(x.size))))

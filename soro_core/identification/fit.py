@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
 from soro_core.identification.candidates import Values, residuals_or_none
-from soro_core.identification.search import Loss, Search
+from soro_core.identification.search import LOSSES, Found, Loss, Search, Settings
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -136,22 +136,25 @@ def fit(
         calls += 1
         return residuals_or_none(residuals, values_of(x))
 
-    found = Search(evaluate, start, first, bounds, loss, relative_step).run(max_iterations)
-    deviations = _deviations(found, unit)
+    settings = Settings(loss, relative_step, max_iterations)
+    found = Search(evaluate, start, first, bounds, settings).run()
+    deviations = _deviations(found, loss, unit)
     return Fit(
         values_of(found.x),
         dict(zip(names, deviations, strict=True)),
         float(found.cost),
         calls + 1,
-        bool(found.success and found.status > 0),
-        str(found.message),
+        found.converged,
+        found.message,
     )
 
 
-def _deviations(found: Any, unit: Array) -> list[float]:
+def _deviations(found: Found, loss: Loss, unit: Array) -> list[float]:
     """Return standard deviations from the Gauss-Newton Hessian of the (robustly weighted) cost."""
-    jac = np.asarray(found.jac)
-    freedom = max(1, len(found.fun) - jac.shape[1])
+    z, (_, first, second) = found.residuals**2, LOSSES[loss]
+    weight = np.maximum(first(z) + 2.0 * z * second(z), np.finfo(float).eps)
+    jac = np.sqrt(weight)[:, None] * found.jacobian
+    freedom = max(1, jac.shape[0] - jac.shape[1])
     hessian = jac.T @ jac
     if np.linalg.matrix_rank(jac) < jac.shape[1]:
         diagonal = np.full(jac.shape[1], np.inf)

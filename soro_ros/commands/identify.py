@@ -50,9 +50,14 @@ def identify(
         ),
     ] = None,
     step_ms: Annotated[
-        float,
-        typer.Option(min=0.1, max=50.0, help="Step of simulations of the last fit; others take twice that."),
-    ] = 2.5,
+        float | None,
+        typer.Option(
+            min=0.1,
+            max=50.0,
+            help="Step of simulations of the last fit; others take twice that. Default: so long that "
+            "stiffness is right to 0.1 %.",
+        ),
+    ] = None,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
@@ -90,7 +95,7 @@ def identify(
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
     options = Options(
-        dt_s=1e-3 * step_ms,
+        dt_s=None if step_ms is None else 1e-3 * step_ms,
         rate_hz=rate_hz,
         laws=tuple(law for law in LAWS if law.name in names),
         starts=starts,

@@ -46,7 +46,8 @@ def record(robot: Robot, highest_pa: float = 50e3, hold_s: float = 1.2, seed: in
     )
     exact = Recording("made", robot.chamber_names, Series("pressure", t, p), plates=(empty,))
     arm = SoftArm(robot)
-    q = Whole(exact, dt=0.0025, rate_hz=1e3).coordinates(arm)[0]
+    whole = Whole(exact, dt=0.0025, rate_hz=1e3)
+    q = whole.coordinates(whole.simulated(arm, {}), {})[0]
     poses = arm.poses(q, arm.length)
     rotation = Rotation.from_matrix(poses[:, :3, :3])
     position = TRACKER.apply(poses[:, :3, 3] + rotation.apply(MOUNT_AT)) + TRACKER_AT

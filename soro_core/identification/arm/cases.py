@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from soro_core.errors import ModelError
+from soro_core.identification.arm.starts import internal_at_start
 from soro_core.identification.recording.recording import Recording
 from soro_core.identification.recording.streams import Shape
 from soro_core.integrate import simulate
@@ -20,6 +22,30 @@ from soro_core.model.statics import equilibrium
 Array: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 ALWAYS: tuple[Interval, ...] = ((-np.inf, np.inf),)
+
+# The stepper with the least error at long steps for its time (`python -m benchmarks --only six_link`).
+_STEPPER = "tr_bdf2_linear"
+
+
+@dataclass(frozen=True)
+class Path:
+    """Motion of an arm.
+
+    Attributes
+    ----------
+    t : (n,)
+        Times [s]; of states at rest their numbers.
+    q, qd : (n, n_q)
+        Coordinates and their rates.
+    """
+
+    t: Array
+    q: Array
+    qd: Array
+
+    def at(self, t: Array) -> Array:
+        """Return the coordinates (len(t), n_q) at times [s], those of the ends before and after."""
+        return np.asarray(CubicHermiteSpline(self.t, self.q, self.qd)(np.clip(t, self.t[0], self.t[-1])))
 
 
 class Case(Protocol):
@@ -40,8 +66,14 @@ class Case(Protocol):
         """Length [s] of what counts as one witness."""
         ...
 
-    def coordinates(self, arm: SoftArm) -> list[Array]:
-        """Return the coordinates (n, n_q) at the samples of each shape.
+    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
+        """Return the motion of an arm.
+
+        Parameters
+        ----------
+        arm : SoftArm
+        values : mapping of str to float
+            Numbers by name; those of the run (`starts`) are used.
 
         Raises
         ------
@@ -49,6 +81,23 @@ class Case(Protocol):
             If the arm has none there: no balance, or a simulation that fails.
         """
         ...
+
+    def coordinates(self, path: Path, frames: Mapping[str, float]) -> list[Array]:
+        """Return the coordinates (n, n_q) at the samples of each shape.
+
+        Parameters
+        ----------
+        path : Path
+            Of `simulated`.
+        frames : mapping of str to float
+            Numbers of the measurement by name (`clock`).
+        """
+        ...
+
+
+def clock(name: str) -> str:
+    """Return the name of the number by which the stamps of the shape of a run are late [s]."""
+    return f"frame/{name}/clock"
 
 
 @dataclass(frozen=True)
@@ -88,18 +137,31 @@ class Whole:
             for s in self.recording.shapes
         )
 
-    def coordinates(self, arm: SoftArm) -> list[Array]:
-        """Return the coordinates of a simulation from rest."""
+    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
+        """Return the motion from rest."""
         times, table = self._pressures
-        q0 = equilibrium(arm, table[0, 0])
-        dt = self.dt
-        result = simulate(arm, q0, np.zeros(arm.n_q), t_end=(len(times) - 1) * dt, dt=dt, pressure=table)
-        q = np.asarray(result.q, float)
+        internal = internal_at_start(arm, self.name, values)
+        q0 = equilibrium(arm, table[0, 0], internal=internal)
+        result = simulate(
+            arm,
+            q0,
+            t_end=(len(times) - 1) * self.dt,
+            dt=self.dt,
+            integrator=_STEPPER,
+            pressure=table,
+            internal0=internal,
+        )
+        q, qd = np.asarray(result.q, float), np.asarray(result.qd, float)
         if len(q) != len(times) or not np.isfinite(q).all():
             raise ModelError(
                 f"{self.name} failed after {result.t[-1]:.3g} s: {result.status.message}", self.name
             )
-        return [np.column_stack([np.interp(s.t, times, column) for column in q.T]) for s in self.shapes]
+        return Path(times, q, qd)
+
+    def coordinates(self, path: Path, frames: Mapping[str, float]) -> list[Array]:
+        """Return the coordinates when the samples were taken: before their stamps by what these are late."""
+        late = frames.get(clock(self.name), 0.0)
+        return [path.at(s.t - late) for s in self.shapes]
 
     @cached_property
     def _pressures(self) -> tuple[Array, Array]:
@@ -131,13 +193,17 @@ class Rests:
     shapes: tuple[Shape, ...]
     block_s: float = field(default=1.0, init=False)
 
-    def coordinates(self, arm: SoftArm) -> list[Array]:
-        """Return the coordinates at balance, each search started at the nearest state that was found."""
+    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
+        """Return the balances, each search started at the nearest state that was found."""
         q = np.zeros((len(self.pressure), arm.n_q))
         for k, p in enumerate(self.pressure):
             near = int(np.argmin(np.linalg.norm(self.pressure[:k] - p, axis=1))) if k else 0
             q[k] = equilibrium(arm, p, q[near] if k else None)
-        return [q[s.t.astype(int)] for s in self.shapes]
+        return Path(np.arange(len(q), dtype=np.float64), q, np.zeros_like(q))
+
+    def coordinates(self, path: Path, frames: Mapping[str, float]) -> list[Array]:
+        """Return the balance at each sample."""
+        return [path.q[s.t.astype(int)] for s in self.shapes]
 
 
 def _within(t: Array, intervals: Sequence[Interval]) -> NDArray[np.bool_]:

@@ -8,13 +8,14 @@ estimate of independent samples.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.identification.arm.numbers import Number
+from soro_core.identification.arm.numbers import Number, is_of_robot
 from soro_core.identification.arm.problem import Problem, Solution
 
 Array: TypeAlias = NDArray[np.float64]
@@ -72,8 +73,35 @@ def certainty(problem: Problem, solution: Solution) -> Certainty:
     return Certainty(deviations, correlation, _undetermined(numbers, covariance), tuple(at_bound))
 
 
-def _covariance(problem: Problem, solution: Solution) -> Array:
-    """Covariance of x."""
+def not_determined(problem: Problem, solution: Solution) -> dict[str, tuple[str, ...]]:
+    """Return numbers of the robot to be fixed so that the data determine the others, with what stays open.
+
+    The least certain number goes first; the covariance of the others is that with those fixed.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+    """
+    free = list(range(len(problem.numbers)))
+    found: dict[str, tuple[str, ...]] = {}
+    while True:
+        covariance = _covariance(problem, solution, free)
+        numbers = tuple(problem.numbers[k] for k in free)
+        spread = np.sqrt(np.diag(covariance))
+        open_ = [i for i, n in enumerate(numbers) if is_of_robot(n.name) and spread[i] > UNDETERMINED]
+        if not open_:
+            return found
+        worst = max(open_, key=lambda i: float(spread[i]))
+        found[numbers[worst].name] = _undetermined(numbers, covariance)[numbers[worst].name]
+        del free[worst]
+
+
+def _covariance(problem: Problem, solution: Solution, free: Sequence[int] | None = None) -> Array:
+    """Covariance of x, or of those of its numbers that are free."""
+    if free is not None:
+        own = list(free)
+        solution = replace(solution, x=solution.x[own], jacobian=solution.jacobian[:, own])
     weight = 1.0 / np.sqrt(1.0 + solution.rows**2)
     jacobian = solution.jacobian
     freedom = max(1, len(solution.rows) - len(solution.x))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from soro_core.identification.arm.cases import Case
+from soro_core.identification.arm.cases import Case, Whole, clock
 from soro_core.identification.arm.numbers import Number
 from soro_core.identification.recording.streams import Curvature, Marker, Plate, Shape
 from soro_core.model import SoftArm
@@ -21,6 +21,9 @@ Array: TypeAlias = NDArray[np.float64]
 _TURN, _PLACE = 0.5, 0.1
 _BODY, _MARKER = 0.005, 0.05
 _CURVATURE = 1.0
+# Deviation of the clock of a run [s] before any data, where pressures were measured and where they are
+# stated, and the most.
+_CLOCK, _STATED_CLOCK, _MOST_CLOCK = 0.02, 0.1, 0.5
 
 
 def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
@@ -35,12 +38,33 @@ def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
         As described before the fit; its motions need the right directions, not the right size.
     cases : sequence of Case
     """
-    seen = [(s, q) for case in cases for s, q in zip(case.shapes, case.coordinates(arm), strict=True)]
+    seen = [
+        (s, q)
+        for case in cases
+        for s, q in zip(case.shapes, case.coordinates(case.simulated(arm, {}), {}), strict=True)
+    ]
     numbers = [n for shape, q in seen if isinstance(shape, Curvature) for n in _camera(shape)]
     bodies = [(s, arm.poses(q, s.place.along(arm.robot))) for s, q in seen if isinstance(s, Plate | Marker)]
     if bodies:
         numbers += _tracker(bodies)
     return tuple({n.name: n for n in numbers}.values())
+
+
+def clock_numbers(cases: Sequence[Case]) -> tuple[Number, ...]:
+    """Return by how much the stamps of the shape of each run are late against those of its pressures."""
+    return tuple(
+        Number(
+            clock(case.name),
+            0.0,
+            "s",
+            "shift",
+            _STATED_CLOCK if case.recording.is_stated else _CLOCK,
+            -_MOST_CLOCK,
+            _MOST_CLOCK,
+        )
+        for case in cases
+        if isinstance(case, Whole)
+    )
 
 
 def _tracker(bodies: Sequence[tuple[Plate | Marker, Array]]) -> list[Number]:

@@ -53,6 +53,11 @@ class Number:
     upper: float
 
 
+def is_of_robot(name: str) -> bool:
+    """Whether a number belongs to the robot: not to a frame of the measurement, nor to one run."""
+    return name.startswith("link")
+
+
 def numbers_of(robot: Robot) -> dict[str, Number]:
     """Return the numbers of a robot by name, those of laws that it does not use included.
 

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from soro_core.errors import SoroError
-from soro_core.identification.arm.cases import Case
-from soro_core.identification.arm.numbers import Number, with_numbers
+from soro_core.identification.arm.cases import Case, Path
+from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
 from soro_core.identification.arm.predict import difference
+from soro_core.identification.arm.starts import is_of_run
+from soro_core.identification.search import Search, Settings
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 
 Array: TypeAlias = NDArray[np.float64]
-Coordinates: TypeAlias = list[list[Array]]
 
 # Step of the derivatives, in deviations of the prior: above the round-off of a simulation.
 _STEP = 1e-4
@@ -37,7 +36,7 @@ class Problem:
     cases : tuple of Case
     numbers : tuple of Number
         Searched; `value` is the most likely value before any data, `doubt` the deviation from it. Names that
-        begin with ``frame/`` belong to the measurement, all others to the robot.
+        begin with ``frame/`` belong to the measurement, those with ``run/`` to one run, others to the robot.
     expected : mapping of str to array
         Expected error of each column of a shape's difference, by its name: a row counts less beyond it.
     fixed : mapping of str to float
@@ -83,48 +82,53 @@ class Problem:
 
     def robot_of(self, values: Mapping[str, float]) -> Robot:
         """Return the robot with its share of the numbers, and those that are fixed."""
-        own = {name: v for name, v in values.items() if not name.startswith("frame/")}
+        own = {name: v for name, v in values.items() if is_of_robot(name)}
         return with_numbers(self.robot, {**self.fixed, **own})
 
-    def coordinates(self, arm: SoftArm) -> Coordinates:
-        """Return the coordinates of each shape of each case."""
-        return [case.coordinates(arm) for case in self.cases]
+    def paths(self, arm: SoftArm, values: Mapping[str, float]) -> list[Path]:
+        """Return the motion of an arm in each case."""
+        return [case.simulated(arm, values) for case in self.cases]
 
-    def differences(self, arm: SoftArm, found: Coordinates, values: Mapping[str, float]) -> list[list[Array]]:
+    def differences(
+        self, arm: SoftArm, paths: Sequence[Path], values: Mapping[str, float]
+    ) -> list[list[Array]]:
         """Return measured minus predicted of each shape of each case.
 
         Parameters
         ----------
         arm : SoftArm
-        found : list of lists of (n, n_q)
-            Coordinates of each shape of each case.
+        paths : sequence of Path
+            Its motion in each case.
         values : mapping of str to float
             Numbers, those of the frames among them.
         """
         return [
-            [difference(shape, arm, q, values) for q, shape in zip(own, case.shapes, strict=True)]
-            for own, case in zip(found, self.cases, strict=True)
+            [
+                difference(shape, arm, q, values)
+                for q, shape in zip(case.coordinates(path, values), case.shapes, strict=True)
+            ]
+            for path, case in zip(paths, self.cases, strict=True)
         ]
 
     def predicted(self, values: Mapping[str, float]) -> list[list[Array]]:
         """Return measured minus predicted of each shape of each case, for given numbers."""
         arm = self.arm(values)
-        return self.differences(arm, self.coordinates(arm), values)
+        return self.differences(arm, self.paths(arm, values), values)
 
-    def rows(self, arm: SoftArm, found: Coordinates, values: Mapping[str, float]) -> Array:
+    def rows(self, arm: SoftArm, paths: Sequence[Path], values: Mapping[str, float]) -> Array:
         """Return all differences in expected errors, one long row.
 
         Parameters
         ----------
         arm : SoftArm
-        found : list of lists of (n, n_q)
-            Coordinates of each shape of each case.
+        paths : sequence of Path
+            Its motion in each case.
         values : mapping of str to float
             Numbers, those of the frames among them.
         """
         parts = [
             (d / self.expected[shape.name]).ravel()
-            for case, own in zip(self.cases, self.differences(arm, found, values), strict=True)
+            for case, own in zip(self.cases, self.differences(arm, paths, values), strict=True)
             for shape, d in zip(case.shapes, own, strict=True)
         ]
         return np.concatenate(parts)
@@ -182,121 +186,94 @@ def solve(
 
     Raises
     ------
-    ModelError
+    SoroError
         If the start cannot be simulated.
     """
-    search = _Search(problem, progress)
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
-    search.best = np.inf, x0
-    search.rows_at(x0, hopeless=False)
-    interrupted = False
-    try:
-        found: Any = least_squares(
-            search.residuals,
-            x0,
-            jac=search.jacobian,
-            bounds=(low, high),
-            loss=search.loss,
-            max_nfev=most,
-            ftol=tolerance,
-            xtol=tolerance,
-            x_scale="jac",
-        )
-        x, converged = np.asarray(found.x), bool(found.status > 0)
-    except KeyboardInterrupt:
-        x, converged, interrupted = search.best[1], False, True
-    return _solution(search, x, converged, interrupted)
+    return _searched(problem, x0, Settings(most=most, tolerance=tolerance), progress)
 
 
 def evaluated(problem: Problem, values: Mapping[str, float]) -> Solution:
     """Return the solution that given numbers are, without a search."""
-    search = _Search(problem, lambda cost: None)
-    low, high = problem.bounds
-    return _solution(search, np.clip(problem.position(values), low, high), True, False)
+    return _searched(problem, np.clip(problem.position(values), *problem.bounds), None)
 
 
-def _solution(search: _Search, x: Array, converged: bool, interrupted: bool) -> Solution:
-    rows = search.rows_at(x, hopeless=False)
-    jacobian = search.jacobian(x)[: len(rows)]
-    values, cost = search.problem.value(x), search.cost(rows, x)
-    return Solution(values, x, rows, jacobian, cost, converged, interrupted)
+def _searched(
+    problem: Problem,
+    x0: Array,
+    settings: Settings | None,
+    progress: Callable[[float], None] = lambda cost: None,
+) -> Solution:
+    rows = _Rows(problem)
+    chosen = replace(settings or Settings(), step=_STEP, squares=len(x0), workers=None)
+    search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
+    found = search.run() if settings else search.here()
+    own = slice(0, len(found.residuals) - len(x0))
+    return Solution(
+        problem.value(found.x),
+        found.x,
+        found.residuals[own],
+        found.jacobian[own],
+        found.cost,
+        found.converged,
+        found.interrupted,
+    )
 
 
-class _Search:
-    """Residuals and derivatives for the library's search, which remember the last arm that was built."""
+@dataclass(frozen=True)
+class _Motion:
+    """An arm and its motion in each case, with the numbers of robot and run that they belong to."""
 
-    def __init__(self, problem: Problem, progress: Callable[[float], None]) -> None:
-        self.problem, self.progress = problem, progress
-        self.last: tuple[bytes, SoftArm, Coordinates] | None = None
-        self.size = 0
-        self.best: tuple[float, Array] = np.inf, np.zeros(len(problem.numbers))
-        self.frames = [n.name.startswith("frame/") for n in problem.numbers]
+    robot: bytes
+    arm: SoftArm
+    runs: tuple[bytes, ...]
+    paths: tuple[Path, ...]
 
-    def rows_at(self, x: Array, hopeless: bool = True) -> Array:
-        """Rows at `x`; infinite where an arm with those numbers does not exist or cannot be simulated."""
-        values = self.problem.value(x)
+
+class _Rows:
+    """Rows of candidates, with those of the prior. What a number does not change is not simulated anew."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        names = [n.name for n in problem.numbers]
+        self._robot = np.array([is_of_robot(name) for name in names], bool)
+        self._runs = [np.array([is_of_run(name, case.name) for name in names]) for case in problem.cases]
+        self._last: _Motion | None = None
+
+    def first(self, x: Array) -> Array:
+        """Return the rows at the start; raises where they do not exist."""
+        self._last = self._motion(x)
+        return self._of(x, self._last)
+
+    def at(self, x: Array) -> Array | None:
+        """Return the rows at `x`; None where no arm has those numbers, or it cannot be simulated."""
+        return self._tried(x, keep=True)
+
+    def beside(self, x: Array) -> Array | None:
+        """Return the same, and keep the motion of the latest candidate."""
+        return self._tried(x, keep=False)
+
+    def _tried(self, x: Array, keep: bool) -> Array | None:
         try:
-            arm, found = self._simulated(x, values)
-            rows = self.problem.rows(arm, found, values)
+            motion = self._motion(x)
+            rows = self._of(x, motion)
         except SoroError:
-            if not hopeless:
-                raise
-            return np.full(self.size, np.inf)  # which least squares takes as a step too far
-        self.size = len(rows)
-        return rows
+            return None
+        if keep:
+            self._last = motion
+        return rows if np.isfinite(rows).all() else None
 
-    def residuals(self, x: Array) -> Array:
-        rows = self.rows_at(x)
-        cost = self.cost(rows, x)
-        if cost < self.best[0]:
-            self.best = cost, x.copy()
-        self.progress(self.best[0])
-        return np.concatenate([rows, x])
+    def _motion(self, x: Array) -> _Motion:
+        values = self._problem.value(x)
+        robot, runs = x[self._robot].tobytes(), tuple(x[own].tobytes() for own in self._runs)
+        last = self._last if self._last is not None and self._last.robot == robot else None
+        arm = self._problem.arm(values) if last is None else last.arm
+        paths = [
+            case.simulated(arm, values) if last is None or last.runs[k] != runs[k] else last.paths[k]
+            for k, case in enumerate(self._problem.cases)
+        ]
+        return _Motion(robot, arm, runs, tuple(paths))
 
-    @staticmethod
-    def cost(rows: Array, x: Array) -> float:
-        """Half the sum of the soft losses and of the squares of `x`."""
-        return float(np.sum(np.sqrt(1.0 + rows**2) - 1.0) + 0.5 * x @ x)
-
-    def jacobian(self, x: Array) -> Array:
-        base = self.rows_at(x)
-
-        def column(k: int) -> Array:
-            for step in (_STEP, -_STEP):  # the other side where one is hopeless
-                moved = x.copy()
-                moved[k] += step
-                values = self.problem.value(moved)
-                try:
-                    if self.frames[k]:
-                        _, arm, found = self.last  # type: ignore[misc]
-                    else:
-                        arm = self.problem.arm(values)
-                        found = self.problem.coordinates(arm)
-                    return (self.problem.rows(arm, found, values) - base) / step
-                except SoroError:
-                    continue
-            return np.zeros(len(base))
-
-        with ThreadPoolExecutor() as pool:
-            columns = list(pool.map(column, range(len(x))))
-        return np.vstack([np.column_stack(columns), np.eye(len(x))])
-
-    def loss(self, z: Array) -> Array:
-        """Soft-L1 loss of the rows and squares of the prior: values, first and second derivatives (3, m)."""
-        out = np.empty((3, len(z)))
-        out[0], out[1], out[2] = z, 1.0, 0.0
-        t = 1.0 + z[: self.size]
-        out[0, : self.size], out[1, : self.size], out[2, : self.size] = (
-            2 * (t**0.5 - 1),
-            t**-0.5,
-            -0.5 * t**-1.5,
-        )
-        return out
-
-    def _simulated(self, x: Array, values: Mapping[str, float]) -> tuple[SoftArm, Coordinates]:
-        key = np.asarray(x)[[not f for f in self.frames]].tobytes()
-        if self.last is None or self.last[0] != key:
-            arm = self.problem.arm(values)
-            self.last = key, arm, self.problem.coordinates(arm)
-        return self.last[1], self.last[2]
+    def _of(self, x: Array, motion: _Motion) -> Array:
+        return np.concatenate([self._problem.rows(motion.arm, motion.paths, self._problem.value(x)), x])

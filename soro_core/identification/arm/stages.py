@@ -9,16 +9,18 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.errors import ConfigError, ModelError
+from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.identification.arm.cases import Case, Whole
-from soro_core.identification.arm.certainty import Certainty, certainty
+from soro_core.identification.arm.certainty import Certainty, certainty, not_determined
 from soro_core.identification.arm.choose import Choice, Trial, choose
-from soro_core.identification.arm.frames import frame_numbers
+from soro_core.identification.arm.frames import clock_numbers, frame_numbers
 from soro_core.identification.arm.judge import Error, errors, ranges, share_of_range, squares
 from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
-from soro_core.identification.arm.numbers import Number
+from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
+from soro_core.identification.arm.pace import longest_step
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
 from soro_core.identification.arm.problem import Problem, Solution, evaluated, solve
+from soro_core.identification.arm.starts import start_numbers
 from soro_core.identification.recording import Marker, Plate, Recording
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
@@ -28,8 +30,12 @@ Progress: TypeAlias = Callable[[str, float], None]
 
 # Step of the simulations by which laws are compared, over that of the last fit.
 _COARSE = 2.0
-# A search that only compares laws ends at a relative change of its cost below this.
-_COMPARED = 1e-3
+# Turn of the slowest swing in a step of the last fit [rad]: its stiffness comes out right to 0.1 %.
+_TURN = 0.125
+# Relative change of the cost at which a search ends: one that only compares laws, and the last one. The first
+# has so many steps at most.
+_COMPARED, _LAST = 2e-3, 1e-4
+_TRIAL = 10
 
 
 @dataclass(frozen=True)
@@ -38,9 +44,9 @@ class Options:
 
     Attributes
     ----------
-    dt_s : float
-        Step of simulations [s] of the last fit; laws are compared with twice that. Steps of 5 ms make an arm
-        of 8 Hz look 1 % stiffer than it is.
+    dt_s : float or None
+        Step of simulations [s] of the last fit; laws are compared with twice that. None: so long that
+        stiffness is right to 0.1 %.
     rate_hz : float
         Samples a second that are compared.
     laws : tuple of Law
@@ -53,7 +59,7 @@ class Options:
         Of these starts.
     """
 
-    dt_s: float = 0.0025
+    dt_s: float | None = None
     rate_hz: float = 25.0
     laws: tuple[Law, ...] = LAWS
     most: int = 25
@@ -120,15 +126,21 @@ def identify(
     """
     options = Options() if options is None else options
     robot = plain(robot)
-    fit, held = split(recordings, _COARSE * options.dt_s, options.rate_hz)
-    whole = [Whole(r, options.dt_s, rate_hz=options.rate_hz) for r in recordings]
+    dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
+    fit, held = split(recordings, _COARSE * dt, options.rate_hz)
+    whole = [Whole(r, dt, rate_hz=options.rate_hz) for r in recordings]
     rests, moved = rests_of(recordings), ranges(whole)
     expected = {s.name: first_errors(s, moved[s.name]) for case in whole for s in case.shapes}
     frames = frame_numbers(SoftArm(robot), [rests] if rests is not None else fit)
+    clocks = clock_numbers(whole)
     kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
 
     def problem(laws: Sequence[Law], cases: Sequence[Case]) -> Problem:
-        return Problem(robot, tuple(cases), (*freed(robot, laws, kinds)[0], *frames), expected)
+        numbers, begin = freed(robot, laws, kinds)
+        runs = [case.name for case in cases if isinstance(case, Whole)]
+        starts = start_numbers(SoftArm(with_numbers(robot, begin)), runs)
+        own = (*clocks, *starts) if runs else ()
+        return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected)
 
     values: dict[str, float] = {}
     interrupted = False
@@ -142,7 +154,9 @@ def identify(
         name = " + ".join(law.name for law in laws) or "linear"
         begin = {**linear.values, **freed(robot, laws, kinds)[1], **start}
         try:
-            found = solve(problem(laws, fit), begin, options.most, _COMPARED, lambda c: progress(name, c))
+            found = solve(
+                problem(laws, fit), begin, min(_TRIAL, options.most), _COMPARED, lambda c: progress(name, c)
+            )
             own = squares(held, problem(laws, held).predicted(found.values), moved)
         except (ModelError, ConfigError):
             return None
@@ -167,7 +181,7 @@ def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[di
     """Return the numbers at rest, undamped, the best of several starts, and whether Ctrl-C came."""
     numbers = tuple(n for n in problem.numbers if "/damping_" not in n.name)
     problem = replace(problem, numbers=numbers)
-    own = np.array([not n.name.startswith("frame/") for n in numbers])
+    own = np.array([is_of_robot(n.name) for n in numbers])
     draw = np.random.default_rng(options.seed)
     found: list[Solution] = []
     for k in range(options.starts):
@@ -186,34 +200,41 @@ def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[di
 def _determined(
     problem: Problem, start: Mapping[str, float], options: Options, progress: Progress
 ) -> tuple[Solution, Certainty, dict[str, tuple[str, ...]]]:
-    """Fit, and take the least certain number out as long as the data do not determine it.
+    """Fit, take out what the data do not determine, and fit the rest again.
 
     The deviations are those with all numbers free: what is taken out is no surer for it, nor are the others.
     """
     kept: dict[str, tuple[str, ...]] = {}
     whole = problem
     while True:
-        solution = solve(problem, start, options.most, progress=lambda c: progress("all data", c))
-        sure = certainty(problem, solution)
-        doubts = {n.name: n.doubt for n in problem.numbers}
-        open_ = [name for name in sure.undetermined if not name.startswith("frame/")]
-        if not open_ or solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
+        solution = solve(problem, start, options.most, _LAST, lambda c: progress("all data", c))
+        if solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
             break
-        worst = max(open_, key=lambda name: sure.deviations[name] / doubts[name])
-        kept[worst] = sure.undetermined[worst]
-        start = {k: v for k, v in solution.values.items() if k != worst}
-        problem = _without(problem, worst, solution.values[worst])
+        open_ = not_determined(problem, solution)
+        if not open_:
+            break
+        kept.update(open_)
+        for name in open_:
+            problem = _without(problem, name, solution.values)
+        start = {k: v for k, v in solution.values.items() if k not in kept}
     if not kept:
-        return solution, sure, kept
+        return solution, certainty(problem, solution), kept
     last = evaluated(whole, {**problem.fixed, **solution.values})
     return last, certainty(whole, last), kept
 
 
-def _without(problem: Problem, name: str, value: float) -> Problem:
+def _without(problem: Problem, name: str, values: Mapping[str, float]) -> Problem:
     """Return the problem that does not search a number.
 
-    One of a law stays where the fit had it: the law was chosen because it predicts. Others stay as described.
+    One of a law stays where the fit had it: the law was chosen because it predicts. Others stay as described,
+    where such an arm can be simulated with the other numbers.
     """
-    fixed = {**problem.fixed, name: value} if is_of_law(name) else problem.fixed
     numbers: tuple[Number, ...] = tuple(n for n in problem.numbers if n.name != name)
-    return replace(problem, fixed=fixed, numbers=numbers)
+    described = replace(problem, numbers=numbers)
+    if not is_of_law(name):
+        try:
+            described.predicted({k: v for k, v in values.items() if k != name})
+            return described
+        except SoroError:
+            pass
+    return replace(described, fixed={**problem.fixed, name: values[name]})

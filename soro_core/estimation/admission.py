@@ -9,12 +9,19 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.draft import Draft
 from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.samples import PoseSample, Sample
+from soro_core.estimation.tracker import Tracker
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16
 
 
-def admit(draft: Draft, offered: Iterable[Sample], config: EstimatorConfig, length_m: float) -> list[Sample]:
+def admit(
+    draft: Draft,
+    offered: Iterable[Sample],
+    config: EstimatorConfig,
+    length_m: float,
+    tracker: Tracker | None = None,
+) -> list[Sample]:
     """Return the samples to be used now, sorted by stamp; those of later wait, others are counted.
 
     Parameters
@@ -25,6 +32,8 @@ def admit(draft: Draft, offered: Iterable[Sample], config: EstimatorConfig, leng
     config : EstimatorConfig
     length_m : float
         Length of the arm [m].
+    tracker : Tracker, optional
+        What poses are seen by; they are returned as those of cross-sections in the robot's world.
     """
     fresh: list[Sample] = []
     waiting: list[Sample] = []
@@ -43,6 +52,8 @@ def admit(draft: Draft, offered: Iterable[Sample], config: EstimatorConfig, leng
             draft.count("stale")
         else:
             stamps[name] = sample.stamp_s
+            if tracker is not None and isinstance(sample, PoseSample):
+                sample = tracker.section(sample)
             fresh.append(sample)
     draft.waiting = tuple(waiting[-_MOST_WAITING:])
     return fresh

@@ -24,6 +24,7 @@ from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.scaled import scaled_noise
 from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
+from soro_core.estimation.tracker import Tracker
 from soro_core.estimation.unseen import unseen_covariance
 from soro_core.estimation.watch import Watch
 from soro_core.model.discretised import discretised
@@ -58,6 +59,7 @@ class Estimator:
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links, dt)
         self._watch = Watch(self.arm, self.config)
+        self._tracker = Tracker.of(robot)
         self._units = np.diag(q_scale_of(self.arm, model.links) ** 2)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
@@ -133,7 +135,7 @@ class Estimator:
             mean = 0.5 * (state.pressure_pa + draft.pressure_pa)
             parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
             draft.extend(mean, parts, self._kept)
-        fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length)
+        fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
         replay(self.filter, draft, fresh)
         draft.monitors = self._watch.step(draft, draft.innovations)
         state = draft.result()

@@ -7,6 +7,7 @@ understands as a step too far, and no derivative is taken across it.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeAlias
@@ -64,7 +65,7 @@ def slopes(
     bounds : two arrays (n_parameters,)
         Lowest and highest parameters.
     workers : int or None
-        Number of threads, for an `evaluate` that may run in several; None: as many as serve.
+        Number of threads, for an `evaluate` that may run in several; None: one a core.
     """
 
     def column(k: int) -> Array:
@@ -78,5 +79,5 @@ def slopes(
 
     if workers == 1:
         return np.column_stack([column(k) for k in range(x.size)])
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
         return np.column_stack(list(pool.map(column, range(x.size))))

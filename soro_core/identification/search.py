@@ -52,7 +52,7 @@ class Settings:
     squares : int
         So many residuals at the end are of a prior: their squares count, whatever the loss.
     workers : int or None
-        Threads for derivatives; None: as many as serve.
+        Threads for derivatives; None: one a core.
     """
 
     loss: Loss = "soft_l1"

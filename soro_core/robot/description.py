@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal
 
@@ -10,24 +9,14 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from soro_core.config import Floats, Strict, parse
 from soro_core.errors import ConfigError
+from soro_core.robot.calibration import Calibration
 from soro_core.robot.link import Link
 from soro_core.robot.parts import check_split, fields, plain, scaled_link, split_link
 from soro_core.robot.surroundings import Contacts, PointMass, TipConstraint
-from soro_core.robot.vectors import Vector2, Vector3, Vector4
+from soro_core.robot.vectors import Quaternion, Vector2, Vector3
 
 # Round-off of a caller who adds up lengths [m].
 END_TOLERANCE = 1e-9
-
-
-class Calibration(Strict):
-    """How a motion-capture frame sits on the robot; used to compare with measurements only."""
-
-    frame_rotation_rad: float = Field(
-        0.0, description="turns the model's curvature vector into the measured frame"
-    )
-    curvature_offset: Vector2 = Field(
-        (0.0, 0.0), description="measured curvature [1/m] of the straight robot"
-    )
 
 
 class Robot(Strict):
@@ -37,7 +26,7 @@ class Robot(Strict):
     name: str = Field("robot", min_length=1, description="default: the name of the file")
     description: str = ""
     gravity: Vector3 = Field((0.0, 0.0, -9.81), description="in the world frame [m/s^2]")
-    base_quaternion: Vector4 = Field(
+    base_quaternion: Quaternion = Field(
         (0.0, 0.0, 0.0, 1.0), description="x, y, z, w of the base frame in the world"
     )
     base_position: Vector3 = Field((0.0, 0.0, 0.0), description="of the base frame in the world [m]")
@@ -60,13 +49,6 @@ class Robot(Strict):
         ge=1,
         description="every so many links are one link of the original; its chambers run along all of them",
     )
-
-    @field_validator("base_quaternion")
-    @classmethod
-    def _unit(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if abs(math.hypot(*value) - 1.0) > 1e-6:
-            raise ValueError(f"a unit quaternion (norm 1, here {math.hypot(*value):.6g})")
-        return value
 
     @field_validator("pressure_range_pa")
     @classmethod

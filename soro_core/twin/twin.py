@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from soro_core import pneumatics
 from soro_core.errors import ModelError
 from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.estimation.tracker import Tracker
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
@@ -81,6 +82,7 @@ class Twin:
         self.config = config
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
+        self._tracker = Tracker.of(self.plant.arm.robot)
         self._pose_clock = SensorClock.of(config.pose, config.rate_hz)
         self._imu_clock = SensorClock.of(config.imu, config.rate_hz)
         # A generator a source: a sensor that is switched off does not change what the others measure.
@@ -108,7 +110,9 @@ class Twin:
         arm, config, t = self.plant.arm, self.config, state.tick * self.dt
 
         def pose(at: float, rng: np.random.Generator) -> PoseSample:
-            return measure_pose(config.pose, arm.pose(state.arm.q, at), t, at, rng)
+            section = arm.pose(state.arm.q, at)
+            shown = section if self._tracker is None else self._tracker.seen(section, at)
+            return measure_pose(config.pose, shown, t, at, rng)
 
         def imu(at: float, rng: np.random.Generator) -> ImuSample:
             gravity = np.array(arm.robot.gravity)

@@ -23,7 +23,7 @@ Array: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 ALWAYS: tuple[Interval, ...] = ((-np.inf, np.inf),)
 
-# The stepper with the least error at long steps for its time (`python -m benchmarks --only six_link`).
+# The stepper with the least error at long steps for its time (`python -m benchmarks --only sixlink`).
 _STEPPER = "tr_bdf2_linear"
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from soro_core.identification.arm.cases import Case, Whole, clock
 from soro_core.identification.arm.numbers import Number
 from soro_core.identification.recording.streams import Curvature, Marker, Plate, Shape
 from soro_core.model import SoftArm
+from soro_core.robot import Robot
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -48,6 +49,45 @@ def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
     if bodies:
         numbers += _tracker(bodies)
     return tuple({n.name: n for n in numbers}.values())
+
+
+def calibrated(robot: Robot, shapes: Iterable[Shape], values: Mapping[str, float]) -> Robot:
+    """Return the robot with the frames that were found as its calibration.
+
+    Parameters
+    ----------
+    robot : Robot
+    shapes : iterable of Shape
+        What was seen.
+    values : mapping of str to float
+        Numbers of `frame_numbers` by name.
+    """
+    keys: dict[str, Any] = {}
+    bodies: dict[str, dict[str, Any]] = {}
+    for shape in shapes:
+        at = f"frame/{shape.name}"
+        if isinstance(shape, Plate):
+            bodies[shape.name] = {
+                "at": shape.place.along(robot) / robot.length,
+                "offset_m": _vector(values, f"{at}/offset"),
+                "quaternion": _quaternion(values, f"{at}/turn"),
+            }
+        elif isinstance(shape, Curvature):
+            keys["frame_rotation_rad"] = values[f"{at}/turn"]
+            keys["curvature_offset"] = (values[f"{at}/offset_x"], values[f"{at}/offset_y"])
+    if bodies:
+        keys["tracker_position"] = _vector(values, "frame/tracker/offset")
+        keys["tracker_quaternion"] = _quaternion(values, "frame/tracker/turn")
+        keys["bodies"] = list(bodies.values())
+    return robot.replace(calibration=keys)
+
+
+def _vector(values: Mapping[str, float], name: str) -> tuple[float, ...]:
+    return tuple(values[f"{name}_{axis}"] for axis in "xyz")
+
+
+def _quaternion(values: Mapping[str, float], name: str) -> tuple[float, ...]:
+    return tuple(float(v) for v in Rotation.from_rotvec(_vector(values, name)).as_quat())
 
 
 def clock_numbers(cases: Sequence[Case]) -> tuple[Number, ...]:

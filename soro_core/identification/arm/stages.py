@@ -13,7 +13,7 @@ from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.identification.arm.cases import Case, Whole
 from soro_core.identification.arm.certainty import Certainty, certainty, not_determined
 from soro_core.identification.arm.choose import Choice, Trial, choose
-from soro_core.identification.arm.frames import clock_numbers, frame_numbers
+from soro_core.identification.arm.frames import calibrated, clock_numbers, frame_numbers
 from soro_core.identification.arm.judge import Error, errors, ranges, share_of_range, squares
 from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
@@ -173,7 +173,9 @@ def identify(
     last = problem(laws, whole)
     solution, sure, kept = _determined(last, best, limits, progress)
     share = share_of_range(judged, moved) if judged else float("nan")
-    found = last.robot_of(solution.values)
+    found = calibrated(
+        last.robot_of(solution.values), (s for r in recordings for s in r.shapes), solution.values
+    )
     return Identified(found, last, solution, sure, choice, fitted, judged, share, kept)
 
 

@@ -119,6 +119,7 @@ def identify(
         If the arm as described cannot be simulated.
     """
     options = Options() if options is None else options
+    recordings = [recording for recording in recordings if recording.shapes]
     robot = plain(robot)
     fit, held = split(recordings, _COARSE * options.dt_s, options.rate_hz)
     whole = [Whole(r, options.dt_s, rate_hz=options.rate_hz) for r in recordings]

@@ -142,7 +142,8 @@ def splits(found: FoundSteps, options: Options) -> str:
                     cells += [f"{result.within} of {result.n}", share]
             rows.append([name, kind.name, *cells])
     header = ("held out in turn", "parameters for each line", *2 * ("within 20 %", "share, 95 % interval"))
-    return f"t63 of fills, then of vents, by what is held out:\n\n{table(header, rows)}" if rows else ""
+    text = "t63 of fills, then of vents, by what is held out:"
+    return f"{text}\n\n{table(header, rows)}" if rows else ""
 
 
 def wilson(good: int, n: int, z: float = 1.96) -> tuple[float, float]:
@@ -174,7 +175,7 @@ def leaks(data: Path, options: Options) -> str:
     ]
     header = ("chamber", "closed at, s", *names, "law chosen on the first half", "its error")
     return (
-        "chamber_leak: RMS error on the second half, over the pressure at the start, by the law fitted to the "
+        "chamber_leak: RMS error on the second half, over the pressure at the start, of laws fitted to the "
         f"first half.\n\n{table(header, rows)}"
     )
 

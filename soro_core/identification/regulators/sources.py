@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soro_core.errors import ConfigError
 from soro_core.identification.pump import PumpRun
-from soro_core.identification.recording import Recording
+from soro_core.identification.recording import Recording, Series
 from soro_core.identification.regulators.leak import LeakRun
 from soro_core.identification.steps import PressureRecord
 
+Array: TypeAlias = NDArray[np.float64]
+
 # A pump that fills moves the pressure by more than this [Pa].
 _MOVED_PA = 1e3
+
+
+def held(series: Series, t: Array) -> Array:
+    """Return the values (len(t), m) of a series at times t [s], each held until the next one."""
+    last = np.searchsorted(series.t, t, side="right") - 1
+    values: Array = series.values[np.clip(last, 0, None)]
+    return values
 
 
 def step_records(recordings: Sequence[Recording]) -> list[PressureRecord]:
@@ -22,10 +33,9 @@ def step_records(recordings: Sequence[Recording]) -> list[PressureRecord]:
     for one in recordings:
         if one.command is None or one.duty is not None or one.is_stated:
             continue
-        # A set point holds until the next one; before the first one it is not known, and taken as the first.
-        last = np.clip(np.searchsorted(one.command.t, one.pressure.t, side="right") - 1, 0, None)
-        setpoint, pressure = one.command.values[last], one.pressure.values
-        found.append(PressureRecord(one.name, one.pressure.t, one.chambers, setpoint, pressure))
+        # Rows at the stamps of both: a step begins when its set point comes, not with the next reading.
+        t = np.union1d(one.command.t, one.pressure.t)
+        found.append(PressureRecord(one.name, t, one.chambers, held(one.command, t), held(one.pressure, t)))
     return found
 
 
@@ -43,12 +53,11 @@ def pump_runs(recordings: Sequence[Recording]) -> list[PumpRun]:
             continue
         t = one.pressure.t - one.pressure.t[0]
         for k, chamber in enumerate(one.chambers):
-            duty = one.duty.values[:, k]
+            duty = held(one.duty, one.pressure.t)[:, k]
             if not duty.any():
                 continue
-            last = np.clip(np.searchsorted(one.duty.t, one.pressure.t, side="right") - 1, 0, None)
             target = np.nan if one.command is None else float(one.command.values[-1, k])
-            run = PumpRun(one.name, None, target, t, one.pressure.values[:, k], duty[last])
+            run = PumpRun(one.name, None, target, t, one.pressure.values[:, k], duty)
             if run.levels_pa[1] - run.levels_pa[0] < _MOVED_PA:
                 low, high = run.levels_pa
                 got = f"from {low:.0f} to {high:.0f} Pa under power"

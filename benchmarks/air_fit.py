@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +18,17 @@ from soro_core.identification import air
 from soro_core.identification.pump import (
     FULL,
     InnerPI,
-    PumpModel,
     PumpRun,
     errors,
     fit_pump,
-    part_of,
+    model_t63,
     pump_response,
     read_pump_run,
 )
-from soro_core.identification.steps import FoundSteps, crossing, find_steps, read_pressures
+from soro_core.identification.recording import read_csv
+from soro_core.identification.regulators.leak import find_leak
+from soro_core.identification.regulators.sources import leak_runs
+from soro_core.identification.steps import FoundSteps, Step, find_steps, read_pressures
 
 TITLE = "Measured step responses"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -42,6 +46,8 @@ GAINS = {
     "sweep_ki_700": (15.0, 700.0),
 }
 FULL_ABOVE_PA = 5e3
+# Month and day in the names of the runs.
+_DAY = re.compile(r"2023_([a-z]+)_?(\d+)")
 
 
 def run(options: Options) -> str:
@@ -50,7 +56,7 @@ def run(options: Options) -> str:
     if not (data / "asu_two_segment").is_dir():
         return f"Not measured: no data set in {data} (SORO_DATA names another folder)."
     found = regulators(data, options.pick("*", "2023_jan_23*"))
-    fits = []
+    fits: list[air.AirFit] = []
     for kind in options.pick(air.kinds(VOLUME_M3, SUPPLY_PA), air.kinds(VOLUME_M3, SUPPLY_PA)[1:3]):
         options.say(f"{kind.name}, {'each line' if kind.each_line else 'all lines'}")
         fits.append(air.fit_air(found.steps, kind))
@@ -66,7 +72,9 @@ def run(options: Options) -> str:
             "One regulator for all lines, to paste into a platform:",
             f"```yaml\n{air.yaml_text(fits[1 if len(fits) > 2 else 0])}```",
             valves(fits[-1]),
+            splits(found, options),
             pump_text(pumped),
+            leaks(data, options),
             "![measured points and models](air_fit.png)",
         ]
     )
@@ -90,6 +98,7 @@ def valves(fitted: air.AirFit) -> str:
                 line or "all",
                 *(figure(1e8 * c) for c in conductances),
                 figure(model.valves.band_pa / 1e3),
+                figure(model.valves.vent_band_pa / 1e3),
                 figure(model.delay_s),
                 figure(model.vent_delay_s),
             ]
@@ -99,6 +108,7 @@ def valves(fitted: air.AirFit) -> str:
         "C fill, l/(s bar)",
         "C vent, l/(s bar)",
         "band, kPa",
+        "vent band, kPa",
         "delay, s",
         "vent delay, s",
     )
@@ -106,6 +116,67 @@ def valves(fitted: air.AirFit) -> str:
     return (
         f"{table(header, rows)}\n\nFor a volume of {given}, which are not published: only C over volume "
         "counts, and steps tell next to nothing of the supply."
+    )
+
+
+def splits(found: FoundSteps, options: Options) -> str:
+    """Flow with one band and with two, judged on what other parts of the runs have not seen."""
+    ways: dict[str, Callable[[Step], str]] = {
+        "each run": lambda step: step.run,
+        "each session": lambda step: step.run.rsplit("_r", 1)[0],
+        "each day": lambda step: "_".join(_DAY.findall(step.run)[0]),
+        "each month": lambda step: _DAY.findall(step.run)[0][0],
+        "every other run": lambda step: str(sorted({s.run for s in found.steps}).index(step.run) % 2),
+    }
+    rows = []
+    for name, group_of in options.pick(ways, {}).items():
+        for kind in air.kinds(VOLUME_M3, SUPPLY_PA)[-3:]:
+            options.say(f"{kind.name}, without {name}")
+            judged = air.fit_air(found.steps, kind, group_of).held_out
+            cells = []
+            for fill in (True, False):
+                result = air.score(judged, fill)
+                if result is not None:
+                    low, high = wilson(result.within, result.n)
+                    share = f"{100 * result.within / result.n:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
+                    cells += [f"{result.within} of {result.n}", share]
+            rows.append([name, kind.name, *cells])
+    header = ("held out in turn", "parameters for each line", *2 * ("within 20 %", "share, 95 % interval"))
+    text = "t63 of fills, then of vents, by what is held out:"
+    return f"{text}\n\n{table(header, rows)}" if rows else ""
+
+
+def wilson(good: int, n: int, z: float = 1.96) -> tuple[float, float]:
+    """Interval of a share by Wilson, for independent samples."""
+    share, width = good / n, z * z / n
+    middle = (share + 0.5 * width) / (1.0 + width)
+    half = z * float(np.sqrt(share * (1.0 - share) / n + 0.25 * width / n)) / (1.0 + width)
+    return middle - half, middle + half
+
+
+def leaks(data: Path, options: Options) -> str:
+    """Closed chambers: errors of each law on the second half, fitted to the first."""
+    found = []
+    for path in sorted((data / "chamber_leak").glob("*.csv")):
+        options.say(path.stem)
+        found += [find_leak(one) for one in leak_runs([read_csv(path, "chamber_leak", None)])]
+    if not found:
+        return ""
+    names = list(found[0].errors)
+    rows = [
+        [
+            one.run.run,
+            figure(one.closed_s),
+            *(f"{100 * one.errors[name]:.2f} %" for name in names),
+            one.law.name,
+            f"{100 * one.error:.2f} %",
+        ]
+        for one in found
+    ]
+    header = ("chamber", "closed at, s", *names, "law chosen on the first half", "its error")
+    return (
+        "chamber_leak: RMS error on the second half, over the pressure at the start, of laws fitted to the "
+        f"first half.\n\n{table(header, rows)}"
     )
 
 
@@ -158,19 +229,12 @@ def pumps(data: Path, options: Options) -> list[Pumped]:
     return pumped
 
 
-def t63(run: PumpRun, model: PumpModel) -> float:
-    """Time of the model to 63.2 % of its own way, from its start to its last tenth [s]."""
-    t, pressure, _ = pump_response(model, run)
-    levels = float(pressure[0]), float(np.median(pressure[t >= 0.9 * run.t[-1]]))
-    return crossing(t, part_of(pressure, levels))
-
-
 def pump_text(pumped: list[Pumped]) -> str:
     """Table of the runs of the pump."""
     rows = []
     good = 0
     for one in pumped:
-        run, measured, model = one.run, one.run.t63_s, t63(one.run, one.others)
+        run, measured, model = one.run, one.run.t63_s, model_t63(one.others, one.run)
         good += abs(model / measured - 1.0) <= air.GOOD
         rms = [
             float(np.sqrt(np.mean(errors(run, pump_response(m, run)) ** 2))) for m in (one.others, one.own)
@@ -183,7 +247,7 @@ def pump_text(pumped: list[Pumped]) -> str:
                 figure(model, 2),
                 f"{round(100 * (model / measured - 1)):+d} %",
                 figure(rms[0] / 1e3, 2),
-                f"{round(100 * (t63(run, one.own) / measured - 1)):+d} %",
+                f"{round(100 * (model_t63(one.own, run) / measured - 1)):+d} %",
                 figure(rms[1] / 1e3, 2),
                 figure(one.own.valves.supply_pa / 1e3),
             ]
@@ -199,7 +263,7 @@ def pump_text(pumped: list[Pumped]) -> str:
         "RMS, kPa",
         "stall pressure, kPa",
     )
-    median = float(np.median([abs(t63(one.run, one.others) / one.run.t63_s - 1) for one in pumped]))
+    median = float(np.median([abs(model_t63(one.others, one.run) / one.run.t63_s - 1) for one in pumped]))
     return (
         f"softbot_pressure_loop: a pump under PI control, set point 35 kPa. By the fit to the other runs "
         f"{good} of {len(pumped)} runs are within 20 %, the median error is {100 * median:.0f} %.\n\n"

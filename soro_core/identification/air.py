@@ -1,11 +1,12 @@
 """Comparison of regulator models with recorded step responses: fitted to all runs, judged on held-out runs.
 
-Two-fold cross-validation: the parameters fitted to one half of the runs are judged on the other half. A
-direction (fill or vent) that is missing in the first half is not judged.
+Cross-validation: some runs in turn are judged by the parameters fitted to all others; of a single run,
+some of its steps. A direction (fill or vent) that is missing in the others is not judged.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -80,7 +81,7 @@ class AirFit:
     fits : dict
         Outcome of each fit, by the same keys.
     own, held_out : tuple of Judged
-        Steps judged by the model of all runs, and by the model of the other half of the runs.
+        Steps judged by the model of all runs, and by a model that has not seen their run.
     """
 
     kind: Kind
@@ -121,10 +122,21 @@ class Score:
 
 
 def kinds(volume_m3: float, supply_pa: float) -> tuple[Kind, ...]:
-    """Return all kinds: lags and flow, with parameters for all lines or for each line."""
+    """Return all kinds: lags and flow, for all lines or for each line; the last one is the best.
+
+    Parameters
+    ----------
+    volume_m3 : float
+        Volume of a chamber with its tube [m^3].
+    supply_pa : float
+        Gauge pressure of the supply [Pa].
+    """
 
     def flow(steps: Sequence[Step]) -> tuple[FlowModel, Fit]:
         return fit_flow(steps, volume_m3, supply_pa)
+
+    def one_band(steps: Sequence[Step]) -> tuple[FlowModel, Fit]:
+        return fit_flow(steps, volume_m3, supply_pa, directional=False)
 
     def one_lag(steps: Sequence[Step]) -> tuple[RegulatorModel, Fit]:
         return fit_regulator(steps, directional=False)
@@ -134,13 +146,24 @@ def kinds(volume_m3: float, supply_pa: float) -> tuple[Kind, ...]:
         Kind("lag for each way", False, fit_regulator, regulator_response),
         Kind("flow", False, flow, flow_response),
         Kind("lag for each way", True, fit_regulator, regulator_response),
+        Kind("flow, one band", True, one_band, flow_response),
         Kind("flow", True, flow, flow_response),
     )
 
 
-def fit_air(steps: Sequence[Step], kind: Kind) -> AirFit:
-    """Fit one kind of model and judge it on own and held-out steps."""
-    one, other = halves(steps)
+def fit_air(steps: Sequence[Step], kind: Kind, group_of: Callable[[Step], str | int] | None = None) -> AirFit:
+    """Fit one kind of model and judge it on own and held-out steps.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Measured steps.
+    kind : Kind
+        Kind of model.
+    group_of : callable, optional
+        Group of a step: each group in turn is held out. Default: `groups`.
+    """
+    members = groups(steps) if group_of is None else {id(step): group_of(step) for step in steps}
     t = grid(steps)
     models, fits = {}, {}
     own: list[Judged] = []
@@ -149,20 +172,36 @@ def fit_air(steps: Sequence[Step], kind: Kind) -> AirFit:
         group = [step for step in steps if name in ("", step.line)]
         models[name], fits[name] = kind.fit(group)
         own += judge(group, kind.response(models[name], group, t))
-        for seen, unseen in ((one, other), (other, one)):
-            training = [step for step in group if step.run in seen]
+        for out in sorted({members[id(step)] for step in group}):
+            training = [step for step in group if members[id(step)] != out]
             directions = {step.fill for step in training}
-            test = [step for step in group if step.run in unseen and step.fill in directions]
+            test = [step for step in group if members[id(step)] == out and step.fill in directions]
             if test:
                 model, _ = kind.fit(training)
                 held_out += judge(test, kind.response(model, test, t))
     return AirFit(kind, models, fits, tuple(own), tuple(held_out))
 
 
-def halves(steps: Sequence[Step]) -> tuple[frozenset[str], frozenset[str]]:
-    """Return the names of every other run, and of the rest."""
+def groups(steps: Sequence[Step], most: int = 8) -> dict[int, int]:
+    """Return the group of each step by its id: groups of runs, or, in a single run, of its steps.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Measured steps.
+    most : int
+        Largest number of groups; runs with neighbouring names, mostly of one day, are in one group.
+    """
     runs = sorted({step.run for step in steps})
-    return frozenset(runs[::2]), frozenset(runs[1::2])
+    if len(runs) > 1:
+        number = min(most, len(runs))
+        return {id(step): runs.index(step.run) * number // len(runs) for step in steps}
+    seen: Counter[tuple[str, bool]] = Counter()
+    found = {}
+    for step in steps:
+        found[id(step)] = seen[step.line, step.fill] % 2
+        seen[step.line, step.fill] += 1
+    return found
 
 
 def score(judged: Iterable[Judged], fill: bool) -> Score | None:

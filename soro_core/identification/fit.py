@@ -160,4 +160,6 @@ def _deviations(found: Found, loss: Loss, unit: Array) -> list[float]:
         diagonal = np.full(jac.shape[1], np.inf)
     else:
         diagonal = np.diag(np.linalg.inv(hessian)) * 2 * found.cost / freedom
+        # Near a singular Hessian round-off makes variances negative: the data do not determine these.
+        diagonal = np.where(diagonal >= 0.0, diagonal, np.inf)
     return [float(v) for v in np.sqrt(diagonal) * unit]

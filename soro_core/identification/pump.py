@@ -28,6 +28,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Full duty cycle in recordings, 8 bit.
 FULL = 255.0
+# Time step of a pump that a recorded duty cycle drives [s].
+PERIOD_S = 0.01
 # Scale of the robust loss: larger errors count linearly [Pa].
 _SCALE_PA = 1e3
 
@@ -71,8 +73,8 @@ class PumpRun:
     ----------
     run : str
         Name of the run.
-    control : InnerPI
-        Controller of the run.
+    control : InnerPI or None
+        Controller of the run; None where the recorded duty cycle drives the pump.
     target_pa : float
         Set point [Pa gauge].
     t, pressure, duty : arrays of shape (n,)
@@ -80,7 +82,7 @@ class PumpRun:
     """
 
     run: str
-    control: InnerPI
+    control: InnerPI | None
     target_pa: float
     t: Array
     pressure: Array
@@ -90,6 +92,11 @@ class PumpRun:
     def levels_pa(self) -> tuple[float, float]:
         """Pressures at the start and over the last tenth of the run [Pa gauge]."""
         return float(self.pressure[0]), float(np.median(self.pressure[self.t >= 0.9 * self.t[-1]]))
+
+    @property
+    def period_s(self) -> float:
+        """Time between two values of the duty cycle in a simulation [s]."""
+        return PERIOD_S if self.control is None else self.control.period_s
 
     @property
     def t63_s(self) -> float:
@@ -117,6 +124,13 @@ def read_pump_run(path: str | Path, control: InnerPI) -> PumpRun:
         1e3 * columns["Pressure"],
         columns["PWM"] / FULL,
     )
+
+
+def model_t63(model: PumpModel, run: PumpRun) -> float:
+    """Return the time of the model to 63.2 % of its own way, from its start to its last tenth [s]."""
+    t, pressure, _ = pump_response(model, run)
+    levels = float(pressure[0]), float(np.median(pressure[t >= 0.9 * run.t[-1]]))
+    return crossing(t, part_of(pressure, levels))
 
 
 def part_of(pressure: Array, levels_pa: tuple[float, float]) -> Array:
@@ -147,7 +161,7 @@ def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
         If the chamber has no air or no volume.
     """
     control = run.control
-    t = np.arange(0.0, run.t[-1] + control.period_s, control.period_s)
+    t = np.arange(0.0, run.t[-1] + run.period_s, run.period_s)
     volume = np.array([model.volume_m3])
     gas = make_gas(model.valves, volume)
     mass, mass_end, slope = np.empty(1), np.empty(1), np.empty(1)
@@ -155,12 +169,15 @@ def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
     masses_at(gas, pressure[0], volume, mass)
     stall = np.array([model.valves.supply_pa])
     integrated = 0.0
+    if control is None:
+        duties = run.duty[np.clip(np.searchsorted(run.t, t, side="right") - 1, 0, None)]
     for k in range(1, len(t)):
-        duties[k - 1], integrated = control.duty(run.target_pa - float(pressure[k - 1, 0]), integrated)
+        if control is not None:
+            duties[k - 1], integrated = control.duty(run.target_pa - float(pressure[k - 1, 0]), integrated)
         # The conductance stands for the opening: the set point is the stall pressure, and the band is narrow.
         driven = gas._replace(fill=gas.fill * duties[k - 1])
         if not chamber_pressures(
-            driven, mass, volume, volume, stall, control.period_s, mass_end, pressure[k], slope
+            driven, mass, volume, volume, stall, run.period_s, mass_end, pressure[k], slope
         ):
             raise ModelError("a chamber without air or volume", "volume")
         mass, mass_end = mass_end, mass

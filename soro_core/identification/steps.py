@@ -66,7 +66,7 @@ class StepLimits:
     hold_s: float = 3.0
     """Shortest constant set point after the step [s]."""
     flicker_s: float = 0.5
-    """Changes of a set point within this time form one step, which starts at the last of them [s]."""
+    """Changes of a set point within this time form one step, from the last of them, or a longer ramp [s]."""
     gap_s: float = 0.3
     """Longest time without a new reading while the pressure moves [s]."""
     moved: float = 0.2
@@ -254,6 +254,8 @@ def _step(record: PressureRecord, line: int, rows: _Rows, fresh: Mask, limits: S
         return ""
     if abs(after - before) < limits.change_pa:
         return "too small"
+    if t[rows.first] < -limits.flicker_s:
+        return "a ramp"
     if t[rows.first] - t[rows.begin] < limits.before_s or t[rows.end - 1] < limits.hold_s:
         return "not held long enough"
     there = ~np.isnan(reading)

@@ -190,7 +190,11 @@ def fit_regulator(steps: Sequence[Step], directional: bool = True) -> tuple[Regu
 
 
 def fit_flow(
-    steps: Sequence[Step], volume_m3: float, supply_pa: float, critical_ratio: float = 0.35
+    steps: Sequence[Step],
+    volume_m3: float,
+    supply_pa: float,
+    critical_ratio: float = 0.35,
+    directional: bool = True,
 ) -> tuple[FlowModel, Fit]:
     """Fit level 2: conductances, band and dead times for a given volume and supply.
 
@@ -207,6 +211,8 @@ def fit_flow(
         Pressure of the supply [Pa gauge].
     critical_ratio : float
         Critical pressure ratio b of ISO 6358.
+    directional : bool
+        Whether fills and vents have a band each.
 
     Returns
     -------
@@ -222,13 +228,15 @@ def fit_flow(
     change = float(np.median([step.change_pa for step in steps]))
     flow = change * volume_m3 / AMBIENT_PA
     upper = 1e3 * flow / (AMBIENT_PA * min(rise, fall))
-    unknown = (
+    unknown = [
         Parameter("fill_m3_s_pa", flow / ((AMBIENT_PA + supply_pa) * rise), 0.0, upper),
         Parameter("vent_m3_s_pa", flow / (AMBIENT_PA * fall), 0.0, upper),
         Parameter("band_pa", change / 3, 100.0, 1e6),
         Parameter("delay_s", 0.1 * rise, 0.0, 2.0 * rise),
         Parameter("vent_delay_s", 0.1 * fall, 0.0, 2.0 * fall),
-    )
+    ]
+    if directional:
+        unknown.append(Parameter("vent_band_pa", change / 3, 100.0, 1e6))
     given = {"supply_pa": supply_pa, "critical_ratio": critical_ratio}
 
     def model(values: Values) -> FlowModel:

@@ -52,6 +52,7 @@ class Gas(NamedTuple):
     supply: Array
     exhaust: Array
     band: Array
+    vent_band: Array
     critical: float
     exponent: float
     ambient: float
@@ -69,6 +70,7 @@ class ValveChamber(NamedTuple):
     supply: float
     exhaust: float
     band: float
+    vent_band: float
     critical: float
     exponent: float
     ambient: float
@@ -109,6 +111,7 @@ def make_gas(model: ValveModel, volume_m3: Array, condition: ValveCondition | No
         supply=np.where(is_open, AMBIENT_PA, supply),
         exhaust=np.where(is_open, AMBIENT_PA, AMBIENT_PA + model.exhaust_pa),
         band=np.where(is_open, OPEN_BAND_PA, model.band_pa),
+        vent_band=np.where(is_open, OPEN_BAND_PA, model.vent_band_pa or model.band_pa),
         critical=model.critical_ratio,
         exponent=model.polytropic,
         ambient=AMBIENT_PA,
@@ -127,6 +130,7 @@ def valve_chamber(g: Gas, u: int) -> ValveChamber:
         g.supply[u],
         g.exhaust[u],
         g.band[u],
+        g.vent_band[u],
         g.critical,
         g.exponent,
         g.ambient,
@@ -153,8 +157,10 @@ def pressure_of(g: ValveChamber, mass: float, volume: float) -> float:
 @inner
 def inflow(g: ValveChamber, pressure: float, volume: float, setpoint: float) -> tuple[float, float]:
     """Mass flow [kg/s] into a chamber at an absolute pressure, and its derivative, which is 0 or less."""
-    opening = (min(max(setpoint, g.exhaust), g.supply) - pressure) / g.band
-    by_p = -1.0 / g.band if abs(opening) < 1.0 else 0.0
+    gap = min(max(setpoint, g.exhaust), g.supply) - pressure
+    band = g.band if gap >= 0.0 else g.vent_band
+    opening = gap / band
+    by_p = -1.0 / band if abs(opening) < 1.0 else 0.0
     opening = min(max(opening, -1.0), 1.0)
     if opening >= 0.0:
         flow, _, slope = mass_flow(g.fill, g.critical, g.supply, pressure)

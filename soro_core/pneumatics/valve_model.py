@@ -21,6 +21,7 @@ class ValveModel(Strict):
         0.0, ge=-101e3, le=0, description="gauge pressure of the exhaust; below 0 a vacuum"
     )
     band_pa: float = Field(2e3, gt=0, le=1e6, description="deviation from the set point that opens it fully")
+    vent_band_pa: float = Field(0.0, ge=0, le=1e6, description="the same above the set point; 0 for band_pa")
     polytropic: float = Field(1.0, ge=1, le=1.4, description="exponent n of the gas; 1 isothermal")
     temperature_k: float = Field(293.15, gt=100, le=1000, description="temperature of the air outside")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
@@ -37,38 +36,25 @@ def pressures(
     parameters to paste into a platform.
     """
     from rich.console import Console
-    from rich.table import Table
 
-    from soro_core.errors import ConfigError
     from soro_core.identification import air
-    from soro_core.identification.steps import FoundSteps, StepLimits, find_steps, read_pressures
+    from soro_core.identification.regulators.stages import AirOptions, find_regulators
+    from soro_core.identification.steps import StepLimits, read_pressures
+    from soro_ros.commands.identify_air import print_regulators
 
     console = Console(stderr=True)
-    limits = StepLimits(change_pa=1e3 * smallest_kpa)
-    found = FoundSteps((), Counter(), 0, 0, 0)
-    for path in records:
-        found += find_steps(read_pressures(path), limits)
-    print(found)
-    if not found.steps:
-        raise ConfigError(
-            ", ".join(map(str, records)),
-            "",
-            "no step to fit",
-            f"steps that hold {limits.hold_s:g} s and more",
+    options = AirOptions(1e-6 * volume_ml, 1e3 * supply_kpa, StepLimits(change_pa=1e3 * smallest_kpa))
+    with console.status("regulators") as status:
+        found = find_regulators(
+            [read_pressures(path) for path in records], options, lambda stage, _: status.update(stage)
         )
-    fits = []
-    for kind in air.kinds(1e-6 * volume_ml, 1e3 * supply_kpa):
-        with console.status(f"{kind.name}, {'each line' if kind.each_line else 'all lines'}"):
-            fits.append(air.fit_air(found.steps, kind))
-    table = Table(*air.HEADER)
-    for row in air.rows(fits):
-        table.add_row(*row)
-    Console().print(table)
-    for fitted in fits[1:]:
+    assert found is not None
+    print_regulators(found)
+    for fitted in found.fits[1:]:
         print(f"# {fitted.kind.name}, parameters for {'each line' if fitted.kind.each_line else 'all lines'}")
         print(air.yaml_text(fitted))
     if picture is not None:
         from soro_core.identification.air_picture import draw
 
-        draw(picture, found.steps, [fits[0], *fits[-2:]])
+        draw(picture, found.steps.steps, [found.fits[0], *found.fits[-2:]])
         console.print(f"written: {picture}")

@@ -18,16 +18,24 @@ def identify(
     robot: Annotated[
         str,
         typer.Argument(
-            help="Robot file whose geometry and masses hold; its other numbers are first guesses."
+            help="Robot file whose geometry and masses hold; its other numbers are first guesses. Not "
+            "needed where CSV files have pressures and no shape."
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Robot file to write (YAML); regulators, pumps and leaks go beside it, into "
+            "NAME_regulators.yaml.",
+            show_default=False,
         ),
     ],
     recordings: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(
             help="Bags (folders of runs or of bags, MCAP files) and CSV files.", show_default=False
         ),
-    ],
-    out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
+    ] = None,
     columns: Annotated[
         list[str] | None,
         typer.Option(
@@ -61,13 +69,15 @@ def identify(
     rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
+    volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
+    supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
     force: Annotated[bool, typer.Option(help="Replace --out if it exists.")] = False,
 ) -> None:
-    """Find stiffness, damping, gains and laws of an arm from recordings; write its robot file.
+    """Find stiffness, damping, gains and laws of an arm, and its regulators, from recordings; write files.
 
     The file has the deviation and the origin of each number. Some sections of every recording are held out:
     they choose the laws, and their error is the one that counts. Ctrl-C keeps the best so far. Exit status:
-    0 found, 1 not accepted, 2 wrong use. See docs/identification.md.
+    0 found, 1 not accepted or not physical, 2 wrong use. See docs/identification.md.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -78,6 +88,7 @@ def identify(
     from soro_core.identification.arm.written import number_table, robot_text
     from soro_core.identification.recording import summary
     from soro_core.robot import load_robot
+    from soro_ros.commands.identify_air import AirStage, sources
 
     if out.exists() and not force:
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
@@ -89,11 +100,15 @@ def identify(
     odd = [name for name in names if name not in {law.name for law in LAWS}]
     if odd:
         raise ConfigError("soro identify", "--laws", odd[0], ", ".join(law.name for law in LAWS))
-    described = load_robot(robot)
+    name, paths = sources(robot, recordings or [])
+    described = None if name is None else load_robot(name)
     console = Console(stderr=True)
-    read = _read(recordings, columns or [], described)
+    air = AirStage(out, volume_ml, supply_kpa, accept, force)
+    read = _read(paths, columns or [], described)
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
+    if described is None or not any(recording.shapes for recording in read):
+        raise typer.Exit(air.run(read, console, required=True))
     options = Options(
         dt_s=None if step_ms is None else 1e-3 * step_ms,
         rate_hz=rate_hz,
@@ -119,17 +134,20 @@ def identify(
             typer.echo(f"  {what}: {error}")
     typer.echo("\n".join(number_table(found)))
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(robot_text(found, [path.name for path in recordings]), encoding="utf-8")
+    out.write_text(robot_text(found, [path.name for path in paths]), encoding="utf-8")
     typer.echo(f"written: {out}")
+    status = air.run(read, console)
     if not found.held_out:
         typer.echo("nothing could be held out: the error on other data is not known", err=True)
     elif 100 * found.held_out_share > accept:
         size = f"{100 * found.held_out_share:.3g} % of the range"
         typer.echo(f"not accepted: RMS error {size}; allowed is {accept:g} %", err=True)
-        raise typer.Exit(1)
+        status = 1
+    if status:
+        raise typer.Exit(status)
 
 
-def _read(paths: list[Path], columns: list[str], robot: Robot) -> list[Recording]:
+def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Recording]:
     from soro_core.identification.recording import read_bag, read_csv
 
     tables = [path for path in paths if path.suffix == ".csv"]
@@ -137,4 +155,11 @@ def _read(paths: list[Path], columns: list[str], robot: Robot) -> list[Recording
         allowed = "one column map, or one for each CSV file"
         raise ConfigError("soro identify", "--columns", f"{len(columns)} for {len(tables)} files", allowed)
     maps = dict(zip(tables, columns * len(tables) if len(columns) == 1 else columns, strict=False))
-    return [read_csv(p, maps[p], robot) if p in maps else read_bag(p, robot) for p in paths]
+    found = []
+    for path in paths:
+        if path not in maps and robot is None:
+            raise ConfigError(
+                "soro identify", "ROBOT", str(path), "a robot file, which names chambers, before a bag"
+            )
+        found.append(read_csv(path, maps[path], robot) if path in maps else read_bag(path, robot))  # type: ignore[arg-type]
+    return found

@@ -49,4 +49,4 @@ def test_a_recording_without_steps_is_refused_with_what_it_lacks(tmp_path: Path)
     done = CliRunner().invoke(app, ["pressures", str(path)])
     assert isinstance(done.exception, ConfigError)
     assert "no step to fit" in str(done.exception)
-    assert "not held long enough" in done.output
+    assert "not held long enough" in done.exception.got

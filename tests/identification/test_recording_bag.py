@@ -148,17 +148,19 @@ def test_other_chambers_are_refused_with_those_of_the_robot(tmp_path):
             read_bag(bag, robot())
 
 
-def test_a_bag_without_poses_or_pressures_is_refused(tmp_path):
+def test_a_bag_without_pressures_is_refused_and_one_without_poses_has_no_shape(tmp_path):
     topics = arm_topics()
-    for gone in ("chambers/state", "sensors/pose0"):
-        left = {name: rows for name, rows in topics.items() if not name.endswith(gone)}
-        bag = write_bag(tmp_path / gone.replace("/", "_"), left)
-        with refused(key=gone if "state" in gone else f"/arm/{gone}", names=(gone,)) as caught:
-            read_bag(bag, robot())
-        assert caught.value.where == str(bag)
-    silent = {**topics, "/arm/sensors/pose0": (POSE, [])}
-    with refused(key="/arm/sensors/pose0"):
-        read_bag(write_bag(tmp_path / "silent", silent), robot())
+    left = {name: rows for name, rows in topics.items() if not name.endswith("chambers/state")}
+    bag = write_bag(tmp_path / "bag", left)
+    with refused(key="chambers/state", names=("chambers/state",)) as caught:
+        read_bag(bag, robot())
+    assert caught.value.where == str(bag)
+    blind = {name: rows for name, rows in topics.items() if "pose" not in name}
+    for name, given in (("blind", blind), ("silent", {**blind, "/arm/sensors/pose0": (POSE, [])})):
+        recording = read_bag(write_bag(tmp_path / name, given), robot())
+        assert recording.shapes == ()
+        assert recording.command is not None
+        assert recording.span == (recording.pressure.t[0], recording.pressure.t[-1])
     typed = {**topics, "/arm/sensors/pose1": topics["/arm/chambers/state"]}
     with refused(key="/arm/sensors/pose1", got=JOINT, names=(POSE,)):
         read_bag(write_bag(tmp_path / "typed", typed), robot())

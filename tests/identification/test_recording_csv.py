@@ -195,7 +195,7 @@ def test_a_map_that_does_not_fit_the_robot_is_refused(tmp_path, changes, key, na
         ({"pressures": {**PRESSURES, "range": [1.0, 1.0]}}, "pressures"),
         ({"pressures": {"stated": {"a": [[0.0, 1.0], [0.0, 2.0]]}}}, "pressures.stated"),
         ({"pressures": {"stated_by_file": {"f": {"a": [[1.0, 1.0], [0.0, 2.0]]}}}}, BY_FILE),
-        ({"markers": {}}, ""),
+        ({"duty": {"columns": {}}}, "duty.columns"),
         ({"markers": {"command": POINT}}, ""),
         ({"bends": {"tip": {"column": "pa"}}}, ""),
         ({"markers": {"tip": {**POINT, "offset": [0.0, 0.0, 0.0]}}}, "markers.tip.offset"),

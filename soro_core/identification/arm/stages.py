@@ -125,6 +125,7 @@ def identify(
         If the arm as described cannot be simulated.
     """
     options = Options() if options is None else options
+    recordings = [recording for recording in recordings if recording.shapes]
     robot = plain(robot)
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
     fit, held = split(recordings, _COARSE * dt, options.rate_hz)

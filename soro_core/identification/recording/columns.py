@@ -92,6 +92,13 @@ class PressureColumns(Strict):
         return {**self.stated, **self.stated_by_file.get(file, {})}
 
 
+class DutyColumns(Strict):
+    """Duty cycles of the pumps of chambers."""
+
+    columns: dict[str, Column] = Field(min_length=1, description="column of each chamber")
+    full: float = Field(1.0, gt=0, description="reading at full power, 255 of an 8-bit timer")
+
+
 class OnArm(Strict):
     """A cross-section."""
 
@@ -159,6 +166,7 @@ class Columns(Strict):
     time: TimeColumn = TimeColumn()
     pressures: PressureColumns
     commands: PressureColumns | None = None
+    duty: DutyColumns | None = None
     frame: str = Field("tracker", description="what positions refer to")
     base: BaseColumns | None = None
     plates: dict[str, PlateColumns] = Field({})
@@ -167,19 +175,52 @@ class Columns(Strict):
     bends: dict[str, BendColumn] = Field({})
 
     @model_validator(mode="after")
-    def _shows_a_shape(self) -> Columns:
+    def _has_different_names(self) -> Columns:
         groups: tuple[dict[str, object], ...] = (self.plates, self.markers, self.curvatures, self.bends)  # type: ignore[assignment]
         names = [name for group in groups for name in group]
-        if not names:
-            raise ValueError("one or more of plates, markers, curvatures, bends")
-        taken = {"pressure", "command", "base"}
+        taken = {"pressure", "command", "duty", "base"}
         for name in names:
             if name in taken:
                 raise ValueError(
-                    f"names of streams that differ, also from pressure, command, base (here {name!r})"
+                    f"names of streams that differ, also from pressure, command, duty, base (here {name!r})"
                 )
             taken.add(name)
         return self
+
+
+def without_shape(columns: Columns) -> Columns:
+    """Return a column map of pressures, set points and duty cycles alone."""
+    nothing: dict[str, object] = {"plates": {}, "markers": {}, "curvatures": {}, "bends": {}}
+    return columns.model_copy(update={**nothing, "base": None})
+
+
+def chambers_of(columns: Columns, robot: Robot | None, where: str) -> tuple[str, ...]:
+    """Return the names of the chambers of a recording: those of the robot, or, without one, of the map.
+
+    Parameters
+    ----------
+    columns : Columns
+        The column map.
+    robot : Robot or None
+        Robot of the recording; None of air alone, which has pressures in columns.
+    where : str
+        File of the column map.
+
+    Raises
+    ------
+    ConfigError
+        If there is neither a robot nor a column of pressure, or set points are of other chambers.
+    """
+    if robot is not None:
+        return robot.chamber_names
+    names = tuple(columns.pressures.columns)
+    if not names:
+        raise ConfigError(
+            where, "pressures.columns", "no column", "a column of each chamber, or a robot file"
+        )
+    if columns.commands is not None and (odd := set(columns.commands.columns) - set(names)):
+        raise ConfigError(where, "commands.columns", min(odd), f"one of {', '.join(names)}")
+    return names
 
 
 def check_columns(columns: Columns, robot: Robot, where: str) -> None:
@@ -209,6 +250,9 @@ def check_columns(columns: Columns, robot: Robot, where: str) -> None:
                 if name not in robot.chamber_names:
                     allowed = f"one of {', '.join(robot.chamber_names)}"
                     raise ConfigError(where, f"{key}.{part}", name, allowed)
+    for name in columns.duty.columns if columns.duty else ():
+        if name not in robot.chamber_names:
+            raise ConfigError(where, "duty.columns", name, f"one of {', '.join(robot.chamber_names)}")
     for kind, group in (("plates", columns.plates), ("markers", columns.markers)):
         for name, body in group.items():
             _check_link(body.link, robot, where, f"{kind}.{name}")

@@ -55,7 +55,7 @@ def read_bag(
     Raises
     ------
     ConfigError
-        If pressures or poses are missing, chambers have other names, a place is not known, or a stream has
+        If pressures are missing, chambers have other names, a place is not known, or a stream has
         no usable samples.
     BagError
         If the bag cannot be read.
@@ -153,11 +153,7 @@ def _sensors(types: Mapping[str, str], prefix: str, where: str) -> list[str]:
         if type_name != _TYPES[match[1]]:
             raise ConfigError(where, topic, type_name, _TYPES[match[1]])
         found.append((match[1] == "imu", int(match[2]), match[0]))
-    names = [name for _, _, name in sorted(found)]
-    if not any("pose" in name for name in names):
-        text = f"topics {', '.join(types)}"
-        raise ConfigError(where, f"{prefix}sensors/pose0", text, f"poses on {prefix}sensors/pose0 ...")
-    return names
+    return [name for _, _, name in sorted(found)]
 
 
 def _places(

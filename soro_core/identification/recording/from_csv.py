@@ -17,7 +17,9 @@ from soro_core.identification.recording.columns import (
     Columns,
     PoseColumns,
     PressureColumns,
+    chambers_of,
     check_columns,
+    without_shape,
 )
 from soro_core.identification.recording.place import Place
 from soro_core.identification.recording.recording import Recording
@@ -31,7 +33,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 
 def read_csv(
-    path: str | Path, columns: Columns | str | Path, robot: Robot, limits: StaleLimits | None = None
+    path: str | Path, columns: Columns | str | Path, robot: Robot | None, limits: StaleLimits | None = None
 ) -> Recording:
     """Read a CSV file of numbers under one line of names.
 
@@ -41,8 +43,8 @@ def read_csv(
         File.
     columns : Columns or path
         The column map, its YAML file, or the name of a shipped one (config/recordings).
-    robot : Robot
-        Robot of the recording, which names the chambers.
+    robot : Robot or None
+        Robot of the recording, which names the chambers; None of air alone: the map names chambers.
     limits : StaleLimits, optional
         When readings are repeated or frozen.
 
@@ -53,18 +55,23 @@ def read_csv(
     """
     map_file = "columns" if isinstance(columns, Columns) else str(find_config(columns, "recordings"))
     columns = columns if isinstance(columns, Columns) else load(map_file, Columns)
-    check_columns(columns, robot, map_file)
+    chambers = chambers_of(columns, robot, map_file)
+    bare = without_shape(columns) if robot is None else columns
+    notes = () if bare == columns else ("the shape is not read: no robot file says what it is of",)
+    columns = bare
+    if robot is not None:
+        check_columns(columns, robot, map_file)
     file = Path(path).stem
     for key, section in (("pressures", columns.pressures), ("commands", columns.commands)):
         if section is not None:
-            _check_chambers(key, section, robot, file, map_file)
+            _check_chambers(key, section, chambers, file, map_file)
     asked = _asked(columns, map_file)
     table = read_table(path, tuple(asked), lambda name: False, asked)
     t = table[columns.time.column] * FACTORS[columns.time.unit]
-    found = [usable(each, str(path)) for each in _raw_streams(columns, robot, table, t, file)]
-    found = without_stale(
-        found, ("command",) if columns.pressures.columns else ("command", "pressure"), limits
-    )
+    usual = None if robot is None else pressure_limits(robot)
+    found = [usable(each, str(path)) for each in _raw_streams(columns, chambers, usual, table, t, file)]
+    driving = ("command", "duty")
+    found = without_stale(found, driving if columns.pressures.columns else (*driving, "pressure"), limits)
     if columns.base is not None:
         base = next(stream for stream, _ in found if stream.name == "base")
         assert isinstance(base, Plate)
@@ -73,9 +80,10 @@ def read_csv(
     series = {stream.name: stream for stream in streams if isinstance(stream, Series)}
     return Recording(
         name=file,
-        chambers=robot.chamber_names,
+        chambers=chambers,
         pressure=series["pressure"],
         command=series.get("command"),
+        duty=series.get("duty"),
         plates=tuple(s for s in streams if isinstance(s, Plate) and s.name != "base"),
         markers=tuple(s for s in streams if isinstance(s, Marker)),
         curvatures=tuple(s for s in streams if isinstance(s, Curvature)),
@@ -83,13 +91,16 @@ def read_csv(
         is_stated=not columns.pressures.columns,
         frame="base" if columns.base else columns.frame,
         faults=tuple(faults for _, faults in found),
+        notes=notes,
     )
 
 
-def _check_chambers(name: str, section: PressureColumns, robot: Robot, file: str, where: str) -> None:
+def _check_chambers(
+    name: str, section: PressureColumns, chambers: tuple[str, ...], file: str, where: str
+) -> None:
     """Refuse a map that gives a chamber no pressure, or two."""
     stated = section.levels(file)
-    for chamber in robot.chamber_names:
+    for chamber in chambers:
         if chamber not in section.columns and chamber not in stated:
             key = f"{name}.stated_by_file.{file}" if section.stated_by_file else f"{name}.columns"
             raise ConfigError(
@@ -105,6 +116,8 @@ def _asked(columns: Columns, where: str) -> dict[str, str]:
     for key, section in (("pressures", columns.pressures), ("commands", columns.commands)):
         if section is not None:
             asked |= {column: f"{key}.columns.{name}" for name, column in section.columns.items()}
+    if columns.duty is not None:
+        asked |= {column: f"duty.columns.{name}" for name, column in columns.duty.columns.items()}
     bodies: dict[str, PoseColumns] = {f"plates.{name}": body for name, body in columns.plates.items()}
     bodies |= {"base": columns.base} if columns.base else {}
     for key, body in bodies.items():
@@ -119,7 +132,14 @@ def _asked(columns: Columns, where: str) -> dict[str, str]:
     return {column: f"{key} of {where}" for column, key in asked.items()}
 
 
-def _raw_streams(columns: Columns, robot: Robot, table: dict[str, Array], t: Array, file: str) -> list[Raw]:
+def _raw_streams(
+    columns: Columns,
+    chambers: tuple[str, ...],
+    usual: Array | None,
+    table: dict[str, Array],
+    t: Array,
+    file: str,
+) -> list[Raw]:
     def stack(names: tuple[str, ...], unit: str = "m") -> Array:
         return np.column_stack([table[name] for name in names]) * FACTORS[unit]
 
@@ -128,9 +148,14 @@ def _raw_streams(columns: Columns, robot: Robot, table: dict[str, Array], t: Arr
         turn = np.column_stack([table[column] for column in body.quaternion])
         return raw(Plate(name, t, place, stack(body.position, body.unit), turn), bad)
 
-    found = [_pressures("pressure", columns.pressures, robot, table, t, file)]
+    found = [_pressures("pressure", columns.pressures, chambers, usual, table, t, file)]
     if columns.commands is not None:
-        found.append(_pressures("command", columns.commands, robot, table, t, file))
+        found.append(_pressures("command", columns.commands, chambers, usual, table, t, file))
+    if columns.duty is not None:
+        values = np.zeros((len(t), len(chambers)))
+        for chamber, column in columns.duty.columns.items():
+            values[:, chambers.index(chamber)] = table[column] / columns.duty.full
+        found.append(raw(Series("duty", t, values), None, _outside(values, np.array([0.0, 1.0]))))
     if columns.base is not None:
         found.append(plate("base", columns.base, Place(0, 0.0)))
     found += [plate(name, body, body.place) for name, body in columns.plates.items()]
@@ -147,19 +172,25 @@ def _raw_streams(columns: Columns, robot: Robot, table: dict[str, Array], t: Arr
 
 
 def _pressures(
-    name: str, section: PressureColumns, robot: Robot, table: dict[str, Array], t: Array, file: str
+    name: str,
+    section: PressureColumns,
+    chambers: tuple[str, ...],
+    usual: Array | None,
+    table: dict[str, Array],
+    t: Array,
+    file: str,
 ) -> Raw:
     """Return pressures or set points (n, n_u) [Pa]; set points of chambers without any are not finite."""
     stated = section.levels(file)
-    values = np.full((len(t), robot.n_u), np.nan)
-    for k, chamber in enumerate(robot.chamber_names):
+    values = np.full((len(t), len(chambers)), np.nan)
+    for k, chamber in enumerate(chambers):
         if chamber in section.columns:
             values[:, k] = table[section.columns[chamber]]
         elif chamber in stated:
             times, levels = np.array(stated[chamber]).T
             values[:, k] = levels[np.clip(np.searchsorted(times, t, side="right") - 1, 0, None)]
     values = values * section.factor + section.offset_pa
-    limits = pressure_limits(robot)
+    limits = usual
     if section.range is not None:
         limits = np.array(section.range) * section.factor + section.offset_pa
     return raw(Series(name, t, values), None, _outside(values, limits) if section.columns else None)

@@ -32,8 +32,10 @@ class Recording:
         Pressures (n, n_u) [Pa gauge].
     command : Series or None
         Set points (n, n_u) [Pa gauge].
+    duty : Series or None
+        Duty cycles of pumps (n, n_u), 0 to 1.
     plates, markers, curvatures, bends, imus : tuple
-        What shows the shape of the arm.
+        What shows the shape of the arm; none of air alone.
     is_stated : bool
         Whether the pressures are stated levels, because none were measured.
     frame : str
@@ -48,6 +50,7 @@ class Recording:
     chambers: tuple[str, ...]
     pressure: Series
     command: Series | None = None
+    duty: Series | None = None
     plates: tuple[Plate, ...] = ()
     markers: tuple[Marker, ...] = ()
     curvatures: tuple[Curvature, ...] = ()
@@ -66,13 +69,14 @@ class Recording:
     @property
     def streams(self) -> tuple[Stream, ...]:
         """All streams."""
-        command = () if self.command is None else (self.command,)
-        return (self.pressure, *command, *self.shapes, *self.imus)
+        driving = tuple(each for each in (self.command, self.duty) if each is not None)
+        return (self.pressure, *driving, *self.shapes, *self.imus)
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time [s] at which both pressures and shape are known."""
-        shown = [stream for stream in (*self.shapes, *self.imus) if stream.t.size]
+        """First and last time [s] at which both pressures and shape, if there is any, are known."""
+        streams: tuple[Stream, ...] = (*self.shapes, *self.imus)
+        shown = [stream for stream in streams if stream.t.size] or [self.pressure]
         starts, ends = [float(s.t[0]) for s in shown], [float(s.t[-1]) for s in shown]
         return max(min(starts), float(self.pressure.t[0])), min(max(ends), float(self.pressure.t[-1]))
 
@@ -101,4 +105,5 @@ class Recording:
         }
         pressure = changed.get(self.pressure.name, self.pressure)
         command = self.command and changed.get(self.command.name, self.command)
-        return replace(self, pressure=pressure, command=command, **values)  # type: ignore[arg-type]
+        duty = self.duty and changed.get(self.duty.name, self.duty)
+        return replace(self, pressure=pressure, command=command, duty=duty, **values)  # type: ignore[arg-type]

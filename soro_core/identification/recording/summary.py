@@ -34,6 +34,8 @@ def line(stream: Stream) -> str:
 
 def _moved(stream: Stream) -> str:
     low, high = stream.motion().min(axis=0), stream.motion().max(axis=0)
+    if stream.name == "duty":
+        return f"{100 * low.min():.0f} to {100 * high.max():.0f} % of full power"
     if isinstance(stream, Series):
         return f"{1e-3 * low.min():.1f} to {1e-3 * high.max():.1f} kPa"
     largest = float((high - low).max())

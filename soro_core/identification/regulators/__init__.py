@@ -1,0 +1,1 @@
+"""Regulators, pumps and leaks from recordings: which stage a recording has, and what each stage found."""

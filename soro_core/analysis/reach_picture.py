@@ -47,7 +47,8 @@ def draw(path: Path, arm: SoftArm, found: Reachable, ways: Sequence[Way], count:
     rest = ways[0].places[0]
     chosen = rest.modes.dominant(count)
     figure = Figure(figsize=(12.0, 10.5), layout="constrained")
-    top, below = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
+    parts: Any = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
+    top, below = parts
     _places(top, arm, found, ways)
     left, right = below.subfigures(1, 2, width_ratios=(1.0, max(1.0, 0.36 * len(chosen))))
     _frequencies(left.subplots(), ways, chosen)

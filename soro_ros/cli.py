@@ -61,7 +61,7 @@ def application() -> typer.Typer:
     app.command()(trade)
     app.command()(board)
     app.command()(reach)
-    app.command()(place_sensors)
+    app.command("place-sensors")(place_sensors)
     app.command()(gains)
     app.command()(identify)
     app.command()(new)

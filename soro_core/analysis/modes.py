@@ -53,7 +53,7 @@ class Modes:
     strain_share: Array
 
     def dominant(self, count: int) -> list[int]:
-        """Numbers of the modes that most of the softness of the tip is of, the slowest first."""
+        """Numbers of the modes with most of the softness of the tip, the slowest first."""
         # A margin keeps the slower of two equal modes first.
         order = sorted(range(len(self.tip_share)), key=lambda k: (-round(float(self.tip_share[k]), 6), k))
         return sorted(order[:count])

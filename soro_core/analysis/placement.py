@@ -36,8 +36,8 @@ class Information:
     tips: Array
 
     def value(self, chosen: Sequence[int]) -> float:
-        """Mean information of a set of candidates [nat], 0 of none."""
-        return float(np.linalg.slogdet(self._posterior_information(chosen))[1].mean())
+        """Mean mutual information of state and samples of a set of candidates [nat], 0 of none."""
+        return 0.5 * float(np.linalg.slogdet(self._posterior_information(chosen))[1].mean())
 
     def smallest(self, chosen: Sequence[int]) -> float:
         """Smallest eigenvalue of the scaled Gramian of a set, in the worst window."""

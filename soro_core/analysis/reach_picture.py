@@ -124,26 +124,29 @@ def _frequencies(axes: Any, ways: Sequence[Way], chosen: Sequence[int]) -> None:
         free = np.array([place.modes.frequency_hz[chosen] for place in way.places])
         swing = np.array([place.modes.damped_hz[chosen] for place in way.places])
         swing[swing == 0.0] = np.nan
-        free[free < FREE * free.max()] = np.nan
+        free[free < FREE * way.places[0].modes.frequency_hz.max()] = np.nan
         x, colour, end = 1e-3 * way.pressure_pa, _COLOURS(n % 10), "" if way.reached else ", no rest beyond"
         axes.plot(x, swing, color=colour, lw=1.5)
         axes.plot(x, free, color=colour, lw=1.0, ls=":")
         axes.plot([], [], color=colour, label=f"{way.name} to {x[-1]:g} kPa{end}")
     axes.set_yscale("log")
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
-    axes.tick_params(axis="y", which="minor", labelsize=7)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.3)  # room for the legend
+    if high < 20.0 * low:  # too few decades alone
+        axes.yaxis.set_minor_formatter("{x:g}")
+        axes.tick_params(axis="y", which="minor", labelsize=7)
     axes.set_xlabel("pressure of the chambers that are named, the others at rest, kPa")
     axes.set_ylabel("frequency, Hz")
     axes.set_title("frequencies of the modes: with losses (lines), without (dots)", fontsize=9)
     axes.grid(True, which="both", alpha=0.25)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="upper left", ncols=2)
 
 
 def _shapes(figure: Any, arm: SoftArm, rest: Place, chosen: Sequence[int]) -> None:
     """The dominant modes at rest, each in the vertical plane of its largest motion."""
     panels = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
-    figure.suptitle("modes at rest that the softness of the tip is of; black: rest", fontsize=9)
+    figure.suptitle("modes at rest with most of the softness of the tip; black: rest", fontsize=9)
     still = shape(arm, rest.q)
     for axes, k in zip(panels, chosen, strict=True):
         step = rest.modes.shapes[:, k]

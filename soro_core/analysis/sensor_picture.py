@@ -12,6 +12,8 @@ from soro_core.analysis.problem import Placement
 from soro_core.analysis.sensor_report import steps
 from soro_core.control.reachable import shape
 
+# Room for the names beside the arm, part of its length.
+_ROOM = 0.6
 _MARKERS = {"pose": "s", "marker": "o", "imu": "^", "bend": "D"}
 _COLOURS = {"pose": "tab:blue", "marker": "tab:green", "imu": "tab:red", "bend": "tab:purple"}
 
@@ -62,8 +64,9 @@ def _arm(axes: Any, placement: Placement) -> None:
             va="center", ha="right",
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
-    left, right = axes.get_xlim()
-    axes.set_xlim(left - 0.9 * (right - left), right)  # room for the names
+    tip = 1e3 * arm.pose(placement.rest, arm.length)[:3, 3]
+    axes.update_datalim([(tip[:2] @ across - _ROOM * 1e3 * arm.length, tip[2])])
+    axes.autoscale_view()
     axes.set_xlabel("sideways, mm")
     axes.set_ylabel("z, mm")
     axes.set_title("sensors in the order of choice\n(dark: rest, light: farthest)", fontsize=9)

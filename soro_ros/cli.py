@@ -38,6 +38,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.identify import identify
     from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.new import new
+    from soro_ros.commands.place_sensors import place_sensors
     from soro_ros.commands.play import play
     from soro_ros.commands.reach import reach
     from soro_ros.commands.run import run
@@ -60,6 +61,7 @@ def application() -> typer.Typer:
     app.command()(trade)
     app.command()(board)
     app.command()(reach)
+    app.command("place-sensors")(place_sensors)
     app.command()(gains)
     app.command()(identify)
     app.command()(new)

@@ -11,6 +11,7 @@ KERNELS = {"inner", "kernel", "entry"}
 # Folders whose functions are all documented; a package with a slash at its end: the files beside its folders.
 FOLDERS = (
     "soro_core/",
+    "soro_core/analysis",
     "soro_core/bag",
     "soro_core/control",
     "soro_core/emulation",

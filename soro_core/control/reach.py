@@ -12,6 +12,7 @@ from soro_core.control.controller import Controller
 from soro_core.control.trajectory import Circle
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
+from soro_core.model.rest_forces import RestForces
 from soro_core.model.statics import equilibrium
 
 Array: TypeAlias = NDArray[np.float64]
@@ -20,8 +21,6 @@ Array: TypeAlias = NDArray[np.float64]
 POINTS = 16
 # Part of the load that the pressures may miss and still count as exact.
 _EXACT = 1e-3
-# Increment of strain for the difference quotient of the stiffness.
-_STEP = 1e-6
 
 
 def check_reach(controller: Controller, part: float) -> None:
@@ -83,13 +82,5 @@ def _rest(arm: SoftArm, q: Array, lacking: Array, pressure_pa: Array) -> Array:
     try:
         return equilibrium(arm, pressure_pa, q)
     except ModelError:  # the search fails near buckling: use the linear stiffness instead
-
-        def load(q: Array) -> Array:
-            return np.asarray(
-                arm.gravity_force(q) + arm.elastic_force(q) - arm.actuation_matrix(q) @ pressure_pa
-            )
-
-        stiffness = np.stack(
-            [(load(q + e) - load(q - e)) / (2 * _STEP) for e in _STEP * np.eye(q.size)], axis=1
-        )
+        stiffness = RestForces(arm, pressure_pa).stiffness(q, outside=0.0)
         return np.asarray(q - np.linalg.lstsq(stiffness, lacking, rcond=None)[0])

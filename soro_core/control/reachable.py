@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
-from soro_core.model.statics import equilibrium
+from soro_core.model.statics import stable_equilibrium
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -21,8 +21,6 @@ MOST = 1000
 _POINTS = 25
 # Directions about the base, for the radius that the tip reaches in each.
 _DIRECTIONS = 12
-# Increment of strain for the difference quotient of the stiffness.
-_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -95,15 +93,11 @@ def reachable(
     grid = pressure_grid(np.full(arm.n_u, minimum_pa), np.full(arm.n_u, maximum_pa))
     found: list[tuple[Array, Array]] = []
     for pressure in grid:
-        near = found[-1][1] if found else np.zeros(arm.n_q)
-        for start in (near, np.zeros(arm.n_q)):
-            try:
-                q = equilibrium(arm, pressure, start, load_kg)
-            except ModelError:
-                continue
-            if is_stable(arm, pressure, q, load_kg):
-                found.append((pressure, q))
-                break
+        try:
+            q = stable_equilibrium(arm, pressure, found[-1][1] if found else None, load_kg)
+        except ModelError:
+            continue
+        found.append((pressure, q))
     if not found:
         raise ModelError(f"{arm.robot.name} has no stable rest under any pressure", "load")
     pressures, coordinates = (np.array(rows) for rows in zip(*found, strict=True))
@@ -129,27 +123,3 @@ def pressure_grid(minimum_pa: Array, maximum_pa: Array) -> Array:
     numbers = range(0, levels**n, max(1, levels**n // MOST))
     digits = np.array([[k // levels**i % levels for i in reversed(range(n))] for k in numbers])
     return np.asarray(minimum_pa + digits / (levels - 1) * (maximum_pa - minimum_pa))
-
-
-def is_stable(arm: SoftArm, pressure_pa: Array, q: Array, load_kg: float) -> bool:
-    """Return whether the arm returns to a rest: its stiffness has no negative direction.
-
-    Parameters
-    ----------
-    arm : SoftArm
-        Model.
-    pressure_pa : ndarray (n_u,)
-        Pressures [Pa gauge].
-    q : ndarray (n_q,)
-        Coordinates at rest under these pressures.
-    load_kg : float
-        Mass at the tip beside that of the robot [kg].
-    """
-    zero = np.zeros(arm.n_q)
-
-    def load(at: Array) -> Array:
-        force = arm.gravity_force(at) + arm.elastic_force(at) - arm.actuation_matrix(at) @ pressure_pa
-        return np.asarray(force + load_kg * arm.mass_regressor(at, zero, zero, zero)[:, 0])
-
-    stiffness = np.stack([(load(q + e) - load(q - e)) / (2 * _STEP) for e in _STEP * np.eye(q.size)], axis=1)
-    return bool(np.min(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T))) > 0.0)

@@ -13,6 +13,8 @@ from soro_core.model.soft_arm import SoftArm
 Array: TypeAlias = NDArray[np.float64]
 
 STEP = 1e-6
+# Error of the smallest stiffness by these differences, as a part of those of the coordinates.
+NEUTRAL = 1e-8
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,11 @@ class RestForces:
         return np.stack(slopes, axis=1)
 
     def is_stable(self, q: Array) -> bool:
-        """Whether the arm returns to an equilibrium: no direction of negative stiffness."""
+        """Whether the arm stays at an equilibrium: no direction of negative stiffness.
+
+        An arm that hangs over beside its base may turn about the vertical without any stiffness: it stays.
+        """
         matrix = self.stiffness(q)
-        return bool(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min() > 0.0)
+        unit = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
+        scaled = 0.5 * (matrix + matrix.T) / np.outer(unit, unit)
+        return bool(np.linalg.eigvalsh(scaled).min() > -NEUTRAL)

@@ -11,6 +11,7 @@ from soro_core.errors import ModelError
 from soro_core.model.branch import follow
 from soro_core.model.checks import finite, listed, require, shaped
 from soro_core.model.rest_forces import RestForces
+from soro_core.model.settle import settle
 from soro_core.model.soft_arm import SoftArm
 from soro_core.robot.coordinates import strain_fields
 
@@ -90,6 +91,52 @@ def equilibrium(
             f"no equilibrium at pressures {listed(p)} Pa of {name}: {trouble}; {cure}", "equilibrium"
         )
     return q
+
+
+def stable_equilibrium(
+    arm: SoftArm, pressure: ArrayLike, near: ArrayLike | None = None, added_tip_mass: float = 0.0
+) -> Array:
+    """Coordinates of an equilibrium to which the arm returns.
+
+    The search starts at `near`. Where it ends at none, or at an unstable one, it is that of `equilibrium`,
+    which follows the branch from rest; where that one is unstable too, or rest is, it is the one that the arm
+    falls to.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    pressure : array_like of shape (n_u,)
+        [Pa gauge].
+    near : array_like of shape (n_q,), optional
+        Equilibrium under other pressures.
+    added_tip_mass : float
+        Mass at the tip beside that of the robot [kg].
+
+    Returns
+    -------
+    Array of shape (n_q,)
+
+    Raises
+    ------
+    ModelError
+        As `equilibrium`, and if the arm falls to no stable one.
+    """
+    forces = RestForces(arm, np.asarray(pressure, float), added_tip_mass)
+    if near is not None:
+        try:
+            q = equilibrium(arm, pressure, near, added_tip_mass)
+        except ModelError:
+            pass
+        else:
+            if forces.is_stable(q):
+                return q
+    try:
+        q = equilibrium(arm, pressure, None, added_tip_mass)
+    except NoBalanceError:
+        raise
+    except ModelError:  # there is no branch to follow from an unstable rest
+        return settle(forces, np.zeros(arm.n_q))
+    return q if forces.is_stable(q) else settle(forces, q)
 
 
 def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, str]:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.kinematics import elongation_for_pressure
-from soro_core.control.reachable import is_stable
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
+from soro_core.model.rest_forces import RestForces
 from soro_core.model.statics import equilibrium
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields, strain_fields
@@ -96,7 +96,7 @@ def rests(robot: Robot, load_kg: float, parts: int) -> bool:
         q = equilibrium(arm, low, None, load_kg)
     except ModelError:
         return False
-    return is_stable(arm, low, q, load_kg)
+    return RestForces(arm, low, load_kg).is_stable(q)
 
 
 def _rank(arm: SoftArm) -> int:
@@ -177,6 +177,6 @@ def _resting_place(arm: SoftArm) -> Array | None:
                 q = equilibrium(arm, part * target, q)
         except ModelError:
             continue
-        if np.max(np.abs(q) * lengths) < LINK_BEND and is_stable(arm, target, q, 0.0):
+        if np.max(np.abs(q) * lengths) < LINK_BEND and RestForces(arm, target).is_stable(q):
             return q
     return None

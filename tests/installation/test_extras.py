@@ -16,6 +16,9 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 BOARD = tomllib.loads((ROOT / "board/pyproject.toml").read_text())["project"]
 NODES = ("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player")
 
+# Commands that need no extra.
+ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "new"}
+
 # What a module is to the import system where its package is not installed.
 HIDE = "import json, sys\nfor name in json.loads({hidden!r}):\n    sys.modules[name] = None\n"
 
@@ -101,7 +104,7 @@ def test_the_command_lines_are_of_every_subcommand_that_needs_an_extra():
     app = application()
     names = {command.name or command.callback.__name__ for command in app.registered_commands}
     names |= {group.name for group in app.registered_groups}
-    assert names == {line[1] for line in commands("bag")} | {"fit", "reach", "gains", "identify", "new"}
+    assert names == {line[1] for line in commands("bag")} | ALONE
 
 
 def test_a_new_arm_is_written_without_any_extra(tmp_path):

@@ -80,6 +80,10 @@ class Identified:
     kept : dict
         Numbers that the data do not determine, with the combinations that stay open: as described, or, of a
         law, where the fit had them.
+    fit_cases, held_cases : tuple of Whole
+        What the choice of laws was fitted to and judged by.
+    interrupted : bool
+        Whether Ctrl-C ended a search: then these are the best numbers until there.
     """
 
     robot: Robot
@@ -91,6 +95,9 @@ class Identified:
     held_out: tuple[Error, ...]
     held_out_share: float
     kept: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    fit_cases: tuple[Whole, ...] = ()
+    held_cases: tuple[Whole, ...] = ()
+    interrupted: bool = False
 
 
 def identify(
@@ -160,7 +167,11 @@ def identify(
     solution, sure, kept = _determined(last, best, limits, progress)
     share = share_of_range(judged, moved) if judged else float("nan")
     found = last.robot_of(solution.values)
-    return Identified(found, last, solution, sure, choice, fitted, judged, share, kept)
+    interrupted = interrupted or solution.interrupted
+    parts = tuple(fit), tuple(held)
+    return Identified(
+        found, last, solution, sure, choice, fitted, judged, share, kept, *parts, interrupted=interrupted
+    )
 
 
 def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[dict[str, float], bool]:

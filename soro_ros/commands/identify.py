@@ -56,23 +56,39 @@ def identify(
     rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
-    force: Annotated[bool, typer.Option(help="Replace --out if it exists.")] = False,
+    force: Annotated[bool, typer.Option(help="Replace --out and --report if they exist.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Folder for a page with pictures and numbers of the result.", show_default=False),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            help="Numbers whose profile in the report is simulated, with commas; all; or none. "
+            "Default: the three least certain."
+        ),
+    ] = None,
 ) -> None:
     """Find stiffness, damping, gains and laws of an arm from recordings; write its robot file.
 
     The file has the deviation and the origin of each number. Some sections of every recording are held out:
-    they choose the laws, and their error is the one that counts. Ctrl-C keeps the best so far. Exit status:
-    0 found, 1 not accepted, 2 wrong use. See docs/identification.md.
+    they choose the laws, and their error is the one that counts. Exit status: 0 found and accepted; 1 not
+    accepted (the error is above --accept, nothing could be held out, or a number is unphysical), the file is
+    written and says why; 2 wrong use or data, nothing is written; 130 after Ctrl-C, the file has the best so
+    far. See docs/identification.md.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from soro_core.identification.arm.laws import LAWS
+    from soro_core.identification.arm.physical import check_described
+    from soro_core.identification.arm.report.verdict import is_accepted, sentence
     from soro_core.identification.arm.stages import Options
     from soro_core.identification.arm.stages import identify as search
-    from soro_core.identification.arm.written import number_table, robot_text
-    from soro_core.identification.recording import summary
+    from soro_core.identification.arm.written import impossible, number_table, robot_text
+    from soro_core.identification.recording import check_motion, summary
     from soro_core.robot import load_robot
+    from soro_ros.identify_report import ReportOptions, write
 
     if out.exists() and not force:
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
@@ -85,10 +101,14 @@ def identify(
     if odd:
         raise ConfigError("soro identify", "--laws", odd[0], ", ".join(law.name for law in LAWS))
     described = load_robot(robot)
+    check_described(described, robot)
+    wanted = ReportOptions(report, profile)
+    wanted.check(described, force)
     console = Console(stderr=True)
     read = _read(recordings, columns or [], described)
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
+    check_motion(read)
     options = Options(
         dt_s=1e-3 * step_ms,
         rate_hz=rate_hz,
@@ -116,12 +136,16 @@ def identify(
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(robot_text(found, [path.name for path in recordings]), encoding="utf-8")
     typer.echo(f"written: {out}")
-    if not found.held_out:
-        typer.echo("nothing could be held out: the error on other data is not known", err=True)
-    elif 100 * found.held_out_share > accept:
-        size = f"{100 * found.held_out_share:.3g} % of the range"
-        typer.echo(f"not accepted: RMS error {size}; allowed is {accept:g} %", err=True)
-        raise typer.Exit(1)
+    interrupted = found.interrupted
+    if wanted.folder is not None:
+        page, was_ended = write(found, wanted, 0.01 * accept, out, console)
+        interrupted = interrupted or was_ended
+        typer.echo(f"written: {page}")
+    odd = impossible(found)
+    accepted = is_accepted(found, 0.01 * accept, odd)
+    typer.echo(sentence(found, 0.01 * accept, odd), err=not accepted)
+    if interrupted or not accepted:
+        raise typer.Exit(130 if interrupted else 1)
 
 
 def _read(paths: list[Path], columns: list[str], robot: Robot) -> list[Recording]:

@@ -45,8 +45,6 @@ class Result:
     unphysical : tuple of Unphysical
     out : str
         The robot file that is written.
-    sources : tuple of str
-        Names of the recordings, in their order.
     """
 
     found: Identified
@@ -54,7 +52,6 @@ class Result:
     profiles: tuple[Profile, ...]
     unphysical: tuple[Unphysical, ...]
     out: str
-    sources: tuple[str, ...]
 
 
 def content_of(result: Result, traces: Sequence[Trace]) -> Content:

@@ -50,7 +50,7 @@ def laws_picture(laws: Sequence[Mapping[str, Any]], accept: float) -> str:
             axes.text(100.0 * accept, -0.6, " allowed", fontsize=8, va="bottom")
         axes.grid(axis="y", visible=False)
         for y, size, spread_ in zip(at, sizes, spread, strict=True):
-            axes.text(size + spread_, y, f"  {size:.3g}", va="center", fontsize=8)
+            axes.text(size + spread_, float(y), f"  {size:.3g}", va="center", fontsize=8)
         axes.set_xlim(0.0, 1.12 * max(a + b for a, b in zip(sizes, spread, strict=True)) or 1.0)
         return svg(figure)
 
@@ -73,7 +73,7 @@ def correlation_picture(correlation: Mapping[str, Any]) -> str:
                 if i != j:
                     colour = "white" if abs(matrix[i, j]) > 0.75 else "black"
                     text = f"{matrix[i, j]:.1f}".replace("0.", ".")
-                    axes.text(j, i, text, ha="center", va="center", fontsize=6, color=colour)
+                    axes.text(float(j), float(i), text, ha="center", va="center", fontsize=6, color=colour)
         figure.colorbar(image, ax=axes, shrink=0.7, label="correlation")
         return svg(figure)
 

@@ -49,14 +49,13 @@ def verdict_of(
     accepted = is_accepted(found, accept, unphysical)
     share = found.held_out_share if found.held_out else None
     judged = found.held_out or found.fitted
-    sizes = _by_unit(judged)
     return {
         "accepted": accepted,
         "interrupted": found.interrupted,
         "held_out_share": share,
         "accept_share": accept,
-        "errors": sizes,
-        "text": _sentence(found, accept, accepted, sizes, unphysical),
+        "errors": _by_unit(judged),
+        "text": sentence(found, accept, unphysical),
         "next": list(_next(found, accept, accepted, out, unphysical, written_off)),
     }
 
@@ -80,24 +79,27 @@ def in_words(size: float, unit: str) -> str:
     return f"{factor * size:.3g} {shown}"
 
 
-def _sentence(
-    found: Identified,
-    accept: float,
-    accepted: bool,
-    sizes: Sequence[dict[str, Any]],
-    unphysical: Sequence[Unphysical],
-) -> str:
-    begin = "Interrupted, best so far: " if found.interrupted else ""
-    word = "accepted" if accepted else "not accepted"
+def sentence(found: Identified, accept: float, unphysical: Sequence[Unphysical]) -> str:
+    """Return the verdict: accepted or not, and the error that counts.
+
+    Parameters
+    ----------
+    found : Identified
+    accept : float
+        Largest RMS error, in ranges moved.
+    unphysical : sequence of Unphysical
+    """
+    begin = "interrupted, best so far: " if found.interrupted else ""
+    begin += "accepted" if is_accepted(found, accept, unphysical) else "not accepted"
+    sizes = _by_unit(found.held_out or found.fitted)
     error = ", ".join(in_words(each["rms"], each["unit"]) for each in sizes)
-    if not found.held_out:
-        text = f"{begin}{word}: nothing could be held out, so the error on other data is not known."
-        return f"{text} The RMS error on the data of the fit is {error}."
-    share = f"{100 * found.held_out_share:.3g} % of the range moved ({error})"
-    text = f"{begin}{word}: the RMS error on what was held out is {share}; allowed is {100 * accept:.3g} %."
-    if unphysical:
-        text += " Unphysical: " + "; ".join(str(each) for each in unphysical) + "."
-    return text
+    if found.held_out:
+        share = f"{100 * found.held_out_share:.3g} % of the range moved ({error})"
+        text = f"{begin}: RMS error {share} on what was held out; allowed is {100 * accept:.3g} %"
+    else:
+        text = f"{begin}: nothing could be held out, so the error on other data is not known; "
+        text += f"RMS error {error} on the data of the fit"
+    return "; ".join([text, *(f"unphysical: {each}" for each in unphysical)])
 
 
 def _next(

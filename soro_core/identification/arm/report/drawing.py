@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 # Inches of a page's width.
 WIDTH = 9.0
 MEASURED, PREDICTED, HELD_OUT = ("#1f2933", "#d1495b", "#e8eef5")
-COLOURS = ("#1b6ca8", "#c8553d", "#4f8a4c")
+COLOURS = ("#1b6ca8", "#e08e2b", "#4f8a4c", "#7b5ea7", "#a0522d", "#3aa6a6", "#8a8f98", "#c75b9b")
 _STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -48,13 +48,15 @@ def svg(figure: Figure) -> str:
 
 
 def png(figure: Figure) -> str:
-    """Return a figure of many points as address of an image in the page itself; 32 colours are enough."""
+    """Return a figure of many points as address of an image in the page itself; 64 colours are enough."""
     from PIL import Image
 
     with io.BytesIO() as drawn, io.BytesIO() as small:
         figure.savefig(drawn, format="png", dpi=150)
         with Image.open(drawn) as image:
-            image.convert("RGB").quantize(32).save(small, format="png", optimize=True)
+            image.convert("RGB").quantize(64, Image.Quantize.MAXCOVERAGE).save(
+                small, format="png", optimize=True
+            )
         return _address("image/png", small.getvalue())
 
 

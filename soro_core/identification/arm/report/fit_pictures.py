@@ -72,8 +72,8 @@ def correlation_picture(correlation: Mapping[str, Any]) -> str:
             for i, j in zip(*np.nonzero(np.abs(matrix) > _STRONG), strict=True):
                 if i != j:
                     colour = "white" if abs(matrix[i, j]) > 0.75 else "black"
-                    text = f"{matrix[i, j]:.1f}".replace("0.", ".")
-                    axes.text(float(j), float(i), text, ha="center", va="center", fontsize=6, color=colour)
+                    text = f"{matrix[i, j]:.2f}".replace("0.", ".")
+                    axes.text(float(j), float(i), text, ha="center", va="center", fontsize=5.5, color=colour)
         figure.colorbar(image, ax=axes, shrink=0.7, label="correlation")
         return svg(figure)
 
@@ -91,7 +91,7 @@ def profiles_picture(profiles: Sequence[Mapping[str, Any]]) -> str:
             points = [*each["points"], {"at": 0.0, "rise": 0.0, "rise_of_data": 0.0}]
             points = sorted(points, key=lambda p: p["at"])
             at = [p["at"] for p in points]
-            axes.plot(at, [p["rise"] for p in points], color=colour, marker="o", ms=3, clip_on=False)
+            axes.plot(at, [p["rise"] for p in points], color=colour, marker="o", ms=3)
             axes.plot(at, [p["rise_of_data"] for p in points], color=colour, lw=0.7, ls=":")
             axes.set_title(each["name"].removeprefix("frame/"), fontsize=7.5)
             axes.set_xlim(-2.4, 2.4)

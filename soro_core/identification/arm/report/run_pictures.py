@@ -52,8 +52,10 @@ def run_picture(trace: Trace) -> str:
         pressures = next(rows)
         recording = trace.recording
         inside = (recording.pressure.t >= t[0]) & (recording.pressure.t <= t[-1])
-        for name, column in zip(recording.chambers, recording.pressure.values[inside].T, strict=True):
-            pressures.plot(recording.pressure.t[inside], 1e-3 * column, lw=0.9, label=name)
+        columns = zip(recording.chambers, recording.pressure.values[inside].T, strict=True)
+        for k, (name, column) in enumerate(columns):
+            colour = COLOURS[k % len(COLOURS)]
+            pressures.plot(recording.pressure.t[inside], 1e-3 * column, lw=0.9, color=colour, label=name)
         pressures.set_ylabel("kPa")
         pressures.set_title("pressures")
         pressures.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)

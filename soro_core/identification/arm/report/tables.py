@@ -13,6 +13,9 @@ Content = dict[str, Any]
 # From SI to the unit that a reader uses.
 SHOWN = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "1/m": (1.0, "1/m")}
 
+# Samples left out over those used above which a stream is marked.
+_MANY = 0.05
+
 
 def data_table(content: Content) -> str:
     """Return the streams of each recording."""
@@ -27,7 +30,12 @@ def data_table(content: Content) -> str:
                     Cell(stream["stream"]),
                     number(stream["rate_hz"], f"{at}.rate_hz", digits=4),
                     number(stream["samples"], f"{at}.samples", digits=9),
-                    number(stream["left_out"], f"{at}.left_out", digits=9, is_bad=stream["left_out"] > 0),
+                    number(
+                        stream["left_out"],
+                        f"{at}.left_out",
+                        digits=9,
+                        is_bad=stream["left_out"] > _MANY * stream["samples"],
+                    ),
                     Cell(stream["why"] if stream["left_out"] else ""),
                 ]
             )

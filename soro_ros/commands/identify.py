@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.errors import ConfigError
+from soro_core.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
     from soro_core.identification.recording import Recording
@@ -156,4 +156,11 @@ def _read(paths: list[Path], columns: list[str], robot: Robot) -> list[Recording
         allowed = "one column map, or one for each CSV file"
         raise ConfigError("soro identify", "--columns", f"{len(columns)} for {len(tables)} files", allowed)
     maps = dict(zip(tables, columns * len(tables) if len(columns) == 1 else columns, strict=False))
-    return [read_csv(p, maps[p], robot) if p in maps else read_bag(p, robot) for p in paths]
+    found = []
+    for path in paths:
+        try:
+            found.append(read_csv(path, maps[path], robot) if path in maps else read_bag(path, robot))
+        except BagError as error:  # a bag that cannot be read is wrong use, as a table is
+            text = str(error).removeprefix(f"{path}: ")
+            raise ConfigError(str(path), error.place, text, "a bag that can be read") from None
+    return found

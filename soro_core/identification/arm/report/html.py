@@ -33,6 +33,7 @@ table { border-collapse: collapse; width: 100%; font-size: .83rem; margin: .5rem
 th { text-align: left; font-weight: 600; border-bottom: 1.5px solid var(--ink);
   padding: .25rem .6rem .25rem 0; vertical-align: bottom; }
 td { border-bottom: 1px solid var(--line); padding: .22rem .6rem .22rem 0; vertical-align: top; }
+td:first-child { white-space: nowrap; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 figure { margin: .8rem 0 1.2rem; } figure img { max-width: 100%; height: auto; display: block; }
 code { font-size: .9em; }
@@ -96,7 +97,9 @@ def number(
     """
     if value is None:
         return Cell("–")
-    return Cell(f"{factor * value:.{digits}g}", path, factor, is_bad)
+    shown = factor * value
+    text = f"{shown:.0f}" if 10**digits <= abs(shown) < 1e6 else f"{shown:.{digits}g}"
+    return Cell(text, path, factor, is_bad)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:

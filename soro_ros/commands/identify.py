@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.errors import ConfigError
+from soro_core.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
     from soro_core.identification.recording import Recording
@@ -71,24 +71,40 @@ def identify(
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
     volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
     supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
-    force: Annotated[bool, typer.Option(help="Replace --out if it exists.")] = False,
+    force: Annotated[bool, typer.Option(help="Replace --out and --report if they exist.")] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Folder for a page with pictures and numbers of the result.", show_default=False),
+    ] = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            help="Numbers whose profile in the report is simulated, with commas; all; or none. "
+            "Default: the three least certain."
+        ),
+    ] = None,
 ) -> None:
     """Find stiffness, damping, gains and laws of an arm, and its regulators, from recordings; write files.
 
     The file has the deviation and the origin of each number. Some sections of every recording are held out:
-    they choose the laws, and their error is the one that counts. Ctrl-C keeps the best so far. Exit status:
-    0 found, 1 not accepted or not physical, 2 wrong use. See docs/identification.md.
+    they choose the laws, and their error is the one that counts. Exit status: 0 found and accepted; 1 not
+    accepted (the error is above --accept, nothing could be held out, or a number is unphysical), the file is
+    written and says why; 2 wrong use or data, nothing is written; 130 after Ctrl-C, the file has the best so
+    far. See docs/identification.md.
     """
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from soro_core.identification.arm.laws import LAWS
+    from soro_core.identification.arm.physical import check_described
+    from soro_core.identification.arm.report.verdict import is_accepted, sentence
     from soro_core.identification.arm.stages import Options
     from soro_core.identification.arm.stages import identify as search
-    from soro_core.identification.arm.written import number_table, robot_text
-    from soro_core.identification.recording import summary
+    from soro_core.identification.arm.written import impossible, number_table, robot_text
+    from soro_core.identification.recording import check_motion, summary
     from soro_core.robot import load_robot
     from soro_ros.commands.identify_air import AirStage, sources
+    from soro_ros.identify_report import ReportOptions, write
 
     if out.exists() and not force:
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
@@ -102,6 +118,10 @@ def identify(
         raise ConfigError("soro identify", "--laws", odd[0], ", ".join(law.name for law in LAWS))
     name, paths = sources(robot, recordings or [])
     described = None if name is None else load_robot(name)
+    wanted = ReportOptions(report, profile)
+    if described is not None:
+        check_described(described, str(name))
+        wanted.check(described, force)
     console = Console(stderr=True)
     air = AirStage(out, volume_ml, supply_kpa, accept, force)
     read = _read(paths, columns or [], described)
@@ -109,6 +129,7 @@ def identify(
         console.print(summary(recording), highlight=False, markup=False)
     if described is None or not any(recording.shapes for recording in read):
         raise typer.Exit(air.run(read, console, required=True))
+    check_motion(read)
     options = Options(
         dt_s=None if step_ms is None else 1e-3 * step_ms,
         rate_hz=rate_hz,
@@ -136,15 +157,18 @@ def identify(
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(robot_text(found, [path.name for path in paths]), encoding="utf-8")
     typer.echo(f"written: {out}")
-    status = air.run(read, console)
-    if not found.held_out:
-        typer.echo("nothing could be held out: the error on other data is not known", err=True)
-    elif 100 * found.held_out_share > accept:
-        size = f"{100 * found.held_out_share:.3g} % of the range"
-        typer.echo(f"not accepted: RMS error {size}; allowed is {accept:g} %", err=True)
-        status = 1
-    if status:
-        raise typer.Exit(status)
+    interrupted = found.interrupted
+    status = 0 if interrupted else air.run(read, console)
+    if wanted.folder is not None:
+        page, was_ended = write(found, wanted, 0.01 * accept, out, console)
+        interrupted = interrupted or was_ended
+        typer.echo(f"written: {page}")
+    odd = impossible(found)
+    accepted = is_accepted(found, 0.01 * accept, odd)
+    typer.echo(sentence(found, 0.01 * accept, odd), err=not accepted)
+    status = status if accepted else 1
+    if interrupted or status:
+        raise typer.Exit(130 if interrupted else status)
 
 
 def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Recording]:
@@ -161,5 +185,9 @@ def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Re
             raise ConfigError(
                 "soro identify", "ROBOT", str(path), "a robot file, which names chambers, before a bag"
             )
-        found.append(read_csv(path, maps[path], robot) if path in maps else read_bag(path, robot))  # type: ignore[arg-type]
+        try:
+            found.append(read_csv(path, maps[path], robot) if path in maps else read_bag(path, robot))  # type: ignore[arg-type]
+        except BagError as error:  # a bag that cannot be read is wrong use, as a table is
+            text = str(error).removeprefix(f"{path}: ")
+            raise ConfigError(str(path), error.place, text, "a bag that can be read") from None
     return found

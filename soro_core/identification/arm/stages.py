@@ -86,6 +86,10 @@ class Identified:
     kept : dict
         Numbers that the data do not determine, with the combinations that stay open: as described, or, of a
         law, where the fit had them.
+    fit_cases, held_cases : tuple of Whole
+        What the choice of laws was fitted to and judged by.
+    interrupted : bool
+        Whether Ctrl-C ended a search: then these are the best numbers until there.
     """
 
     robot: Robot
@@ -97,6 +101,9 @@ class Identified:
     held_out: tuple[Error, ...]
     held_out_share: float
     kept: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    fit_cases: tuple[Whole, ...] = ()
+    held_cases: tuple[Whole, ...] = ()
+    interrupted: bool = False
 
 
 def identify(
@@ -177,7 +184,11 @@ def identify(
     found = calibrated(
         last.robot_of(solution.values), (s for r in recordings for s in r.shapes), solution.values
     )
-    return Identified(found, last, solution, sure, choice, fitted, judged, share, kept)
+    interrupted = interrupted or solution.interrupted
+    parts = tuple(fit), tuple(held)
+    return Identified(
+        found, last, solution, sure, choice, fitted, judged, share, kept, *parts, interrupted=interrupted
+    )
 
 
 def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[dict[str, float], bool]:

@@ -8,6 +8,7 @@ import yaml
 
 from soro_core.identification.arm.laws import is_of_law
 from soro_core.identification.arm.numbers import Number
+from soro_core.identification.arm.physical import Unphysical, unphysical
 from soro_core.identification.arm.stages import Identified
 from soro_core.robot.parts import fields
 
@@ -60,24 +61,59 @@ def experiment(name: str) -> str:
     return next(text for end, text in _EXPERIMENTS.items() if own.startswith(end))
 
 
-def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
-    for number in found.problem.numbers:
-        name, value = number.name, found.solution.values[number.name]
-        yield name, f"{value:.5g}", _deviation(number, found), number.unit, _origin(name, found)
+def impossible(found: Identified) -> tuple[Unphysical, ...]:
+    """Return what no arm has among the numbers that were found."""
+    own = {name: value for name, value in found.solution.values.items() if name not in found.kept}
+    return unphysical(found.robot, own)
 
 
-def _origin(name: str, found: Identified) -> str:
+def marks(name: str, found: Identified, odd: Sequence[Unphysical]) -> Iterator[str]:
+    """Return what is to be known of a number beside its deviation.
+
+    Parameters
+    ----------
+    name : str
+    found : Identified
+    odd : sequence of Unphysical
+    """
+    if name in found.kept:
+        yield "fixed"
+    elif name in found.certainty.at_bound:
+        yield "at its bound"
+    if any(name in each.numbers for each in odd):
+        yield "unphysical"
+
+
+def origin(name: str, found: Identified) -> str:
+    """Return where a number comes from.
+
+    Parameters
+    ----------
+    name : str
+    found : Identified
+    """
     if name.startswith("frame/"):
         return "identified, of the measurement"
     if name in found.kept:
         open_ = "; ".join(c for c in found.kept[name] if c != f"+{name}")
         only = f" (open: {open_})" if open_ else ""
-        origin = "likely" if is_of_law(name) else "as described"
-        return f"{origin}: not determined{only}; {experiment(name)}"
-    return "identified; at its bound" if name in found.certainty.at_bound else "identified"
+        begin = "likely" if is_of_law(name) else "as described"
+        return f"{begin}: not determined{only}; {experiment(name)}"
+    return "identified"
+
+
+def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
+    odd = impossible(found)
+    for number in found.problem.numbers:
+        name, value = number.name, found.solution.values[number.name]
+        more = [mark for mark in marks(name, found, odd) if mark != "fixed"]
+        where = "; ".join([origin(name, found), *more])
+        yield name, f"{value:.5g}", _deviation(number, found), number.unit, where
 
 
 def _deviation(number: Number, found: Identified) -> str:
+    if number.name in found.certainty.at_bound and number.name not in found.kept:
+        return "-"  # where a bound ends the search, the parabola of the covariance has no meaning
     size = found.certainty.deviations[number.name]
     return f"{100 * size:.2g} %" if number.kind == "factor" else f"{size:.2g}"
 
@@ -89,6 +125,9 @@ def _quality(found: Identified) -> Iterator[str]:
     yield from (f"{what}: {error}." for error in found.held_out or found.fitted)
     if found.held_out:
         yield f"RMS error on what was held out: {100 * found.held_out_share:.2g} % of the range moved."
+    if found.interrupted:
+        yield "INTERRUPTED: the search did not end; these are the best numbers until there."
+    yield from (f"UNPHYSICAL: {each}." for each in impossible(found))
 
 
 def _plain(value: object) -> object:

@@ -148,7 +148,7 @@ def is_stable(arm: SoftArm, pressure_pa: Array, q: Array, load_kg: float) -> boo
     zero = np.zeros(arm.n_q)
 
     def load(at: Array) -> Array:
-        force = arm.gravity_force(at) + arm.elastic_force(at) - arm.actuation_matrix(at) @ pressure_pa
+        force = arm.gravity_force(at) + arm.elastic_force(at) - arm.pressure_force(at, pressure_pa)
         return np.asarray(force + load_kg * arm.mass_regressor(at, zero, zero, zero)[:, 0])
 
     stiffness = np.stack([(load(q + e) - load(q - e)) / (2 * _STEP) for e in _STEP * np.eye(q.size)], axis=1)

@@ -48,7 +48,7 @@ class RestForces:
         """
         arm = self.arm
         force = arm.gravity_force(q) + arm.elastic_force(q)
-        force -= arm.actuation_matrix(q) @ (pressures * self.pressure_pa)
+        force -= pressures * arm.pressure_force(q, self.pressure_pa)
         if self.added_tip_mass:
             none = np.zeros(arm.n_q)
             force += self.added_tip_mass * arm.mass_regressor(q, none, none, none)[:, 0]

@@ -167,7 +167,7 @@ def _chamber(keys: dict[str, Any], n: Mapping[str, float], j: int) -> dict[str, 
     changed = {k: v * factors.get(k, 1.0) if isinstance(v, float) else v for k, v in keys.items()}
     if keys.get("alpha_eps", 1.0):
         changed["area_slope"] = n["area_slope"]
-    changed["area_saturation"] = n["area_saturation"] if changed["area_slope"] else 0.0
+    changed["area_saturation"] = n["area_saturation"] if changed.get("area_slope") else 0.0
     changed["dead_band_pa"] = n["dead_band"]
     return changed
 

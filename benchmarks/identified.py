@@ -95,7 +95,8 @@ def run(options: Options) -> str:
     return "\n\n".join(
         [
             f"`config/robots/{ROBOT}.yaml`, identified from {', '.join(FITTED)}, on the runs that were held "
-            f"out (every second level of both sets, chosen before). Median errors: {'; '.join(figures)}; {silent} of {len(rows)} steps without a damped sine (nan) left out.",
+            f"out (every second level of both sets, chosen before). Median errors: {'; '.join(figures)}; "
+            f"{silent} of {len(rows)} steps without a damped sine (nan) left out.",
             "Frequency and damping ratio: a damped sine on a parabola, fitted to the mean of the tip markers "
             f"from {_AFTER_S:g} s after the step on, for {_FOR_S:g} s, with the same stamps for measurement "
             "and model (`soro_core/identification/ring.py`). End: displacement of that mean by the fill, over"

@@ -122,7 +122,10 @@ def test_each_tracker_has_its_own_frame() -> None:
     tip = arm.pose(q[0], arm.length)[:3, 3]
     frames = {"frame/tracker/offset_x": 0.1, "frame/second/offset_y": 0.2, "frame/second/turn_z": np.pi / 2}
     turned = np.array([-tip[1], tip[0], tip[2]])
-    for name, seen in (("tracker", tip + [0.1, 0.0, 0.0]), ("second", turned + [0.0, 0.2, 0.0])):
+    for name, seen in (
+        ("tracker", tip + np.array([0.1, 0.0, 0.0])),
+        ("second", turned + np.array([0.0, 0.2, 0.0])),
+    ):
         marker = Marker("point", np.arange(1.0), Place(0), np.array([seen]), frame=name)
         np.testing.assert_allclose(difference(marker, arm, q, frames), 0.0, atol=1e-12)
 

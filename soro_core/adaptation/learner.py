@@ -231,7 +231,7 @@ class Learner:
         """Return r / U (n_q,) and Phi (n_q, size)."""
         arm, q, qd = self.arm, sample.q, sample.qd
         model = arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
-        missing = arm.actuation_matrix(q) @ sample.pressure_pa - model - arm.internal_force(q, sample.creep)
+        missing = arm.pressure_force(q, sample.pressure_pa) - model - arm.internal_force(q, sample.creep)
         regressor = self.force.regressor(q, qd, qdd)
         if sample.uneven is not None:
             lacks = sample.uneven

@@ -12,7 +12,7 @@ from soro_core.adaptation.regulators import RegulatorObserver
 from soro_core.config import changed
 from soro_core.control.actuation import complete_pressures
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
-from soro_core.control.config import ControllerConfig, require_chambers
+from soro_core.control.config import ControllerConfig, refuse_dead_bands, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
@@ -65,6 +65,7 @@ class Controller(GivenReferences):
         self.pressures = complete_pressures(config.pressures)
         self.config = changed(config, pressures=self.pressures)
         require_chambers(robot, "controller")
+        refuse_dead_bands(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.fields = strain_fields(robot)

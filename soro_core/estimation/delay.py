@@ -193,8 +193,9 @@ class DelayModel:
         value = 0.5 * (row.value + last.value)
         acceleration = (row.rate - last.rate) / (t_s - state.t_s)
         inertia, none = rows @ self._compliance, self._none
-        beside = at.mean_pa - 0.5 * (at.pressure_pa + last.pressure_pa)
-        value -= inertia @ self.arm.actuation_matrix(belief.q) @ beside
+        beside = self.arm.pressure_force(belief.q, at.mean_pa)
+        beside -= self.arm.pressure_force(belief.q, 0.5 * (at.pressure_pa + last.pressure_pa))
+        value -= inertia @ beside
         heavier = self.arm.tip_mass_force(belief.q, none, acceleration)
         regressor[:, 1] -= inertia @ (heavier - self.arm.tip_mass_force(belief.q, none, none))
         value += inertia @ self.arm.inertia_matrix(belief.q) @ acceleration
@@ -231,7 +232,7 @@ class DelayModel:
     def _static(self, q: Array, pressure_pa: Array) -> Array:
         """Return the forces of the arm at rest (n_q,), on the left-hand side."""
         arm = self.arm
-        return arm.elastic_force(q) + arm.gravity_force(q) - arm.actuation_matrix(q) @ pressure_pa
+        return arm.elastic_force(q) + arm.gravity_force(q) - arm.pressure_force(q, pressure_pa)
 
     def _fitted(self, state: DelayFit, regressor: Array, value: Array, t_s: float) -> DelayFit:
         """Return the fit with one more row.

@@ -113,7 +113,7 @@ class Uneven:
     def _static(self, x: Array, pressure_pa: Array) -> Array:
         """Return weight, elastic force and pressures (2 n_q,) on the left-hand side."""
         fine = self.fine
-        return fine.gravity_force(x) + fine.elastic_force(x) - fine.actuation_matrix(x) @ pressure_pa
+        return fine.gravity_force(x) + fine.elastic_force(x) - fine.pressure_force(x, pressure_pa)
 
     def _positions(self, x: Array) -> Array:
         """Return the Jacobian (3 n_links, 2 n_q) of the positions of the links' ends."""

@@ -128,9 +128,16 @@ def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
     Raises
     ------
     ModelError
-        If a chamber has no volume.
+        If a chamber has no volume, or a dead band.
     """
-    return NO_AIR if valves is None else make_gas(valves, chamber_volumes(arm))
+    if valves is None:
+        return NO_AIR
+    for name, band in zip(arm.robot.chamber_names, arm.tables.dead_band, strict=True):
+        if band > 0.0:
+            raise ModelError(
+                f"{arm.robot.name}: dead_band_pa = {band:g} of {name}: allowed with valves is 0", name
+            )
+    return make_gas(valves, chamber_volumes(arm))
 
 
 def chamber_volumes(arm: SoftArm) -> Array:

@@ -7,7 +7,8 @@ method keeps its order [HLW06, IV.4; K19]. If the kinetic energy is too small fo
 
 The correction applies only to steps with an exact balance. Gravity, elasticity, creep, hysteresis, contact
 and the held tip store energy and otherwise only dissipate; pressures that are constant over the step do the
-work p (V1 - V0). Wrenches, and pressures that change within a step, are input: such steps are not corrected.
+work p (V1 - V0), p what acts of them. Wrenches, and pressures that change within a step, are input: such
+steps are not corrected.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.integrate.scheme import Dissipative, Scheme
 from soro_core.integrate.system import NOT_RESOLVED, StepWork
-from soro_core.model.chambers import volumes
+from soro_core.model.chambers import acting, volumes
 from soro_core.model.dynamics import GOOD
 from soro_core.model.elasticity import elastic_energy
 from soro_core.model.external import add_external_forces
@@ -108,8 +109,9 @@ def _keep(
     volumes(t, q0, before)
     volumes(t, q1, after)
     for u in range(row.shape[1]):
-        bound += row[0, u] * (after[u] - before[u])
-        size += abs(row[0, u]) * (abs(after[u]) + abs(before[u]))
+        p = acting(t, u, row[0, u])
+        bound += p * (after[u] - before[u])
+        size += abs(p) * (abs(after[u]) + abs(before[u]))
     excess = kinetic + rest - bound
     if not excess > 0.0:
         work.energy[0] = kinetic + rest

@@ -55,7 +55,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     places, weights, point_mass = with_masses(robot, *radau(nodes))
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
-    samples, actuation, area_rate, axial_gain = _chambers(robot, offset, places, weights)
+    samples, actuation, area_rate, saturation, axial_gain = _chambers(robot, offset, places, weights)
     kind = MdeTables if method == "mde" else Tables
     tables = kind(
         steps=steps,
@@ -90,6 +90,8 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         chamber_samples=samples,
         actuation=actuation,
         area_rate=area_rate,
+        area_saturation=saturation,
+        dead_band=np.array([c.dead_band_pa for link in links for c in link.chambers], dtype=np.float64),
         axial_gain=axial_gain,
         internal_kind=np.array(kinds, dtype=np.int64),
         internal_coordinate=np.array(coordinates, dtype=np.int64),
@@ -158,8 +160,8 @@ def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
 
 def _chambers(
     robot: Robot, offset: Integers, places: Array, weights: Array
-) -> tuple[Integers, Array, Array, Array]:
-    """Numbers of samples, actuation, area rates and axial gains of `Tables`.
+) -> tuple[Integers, Array, Array, Array, Array]:
+    """Numbers of samples, actuation, area rates, area saturations and axial gains of `Tables`.
 
     A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on
     every unit of undeformed length that it runs along, docs/model.md (23).
@@ -169,7 +171,7 @@ def _chambers(
     samples = np.zeros((n, robot.n_u), dtype=np.int64)
     actuation = np.zeros((len(at), robot.n_q, robot.n_u))
     area_rate = np.zeros((len(at), n, robot.n_u))
-    axial_gain = np.zeros((n, robot.n_u))
+    saturation, axial_gain = np.zeros((n, robot.n_u)), np.zeros((n, robot.n_u))
     u = -1
     for first, owner in enumerate(robot.links):
         group = range(first, min(first + robot.refinement, n))
@@ -193,9 +195,9 @@ def _chambers(
                 if chamber.area_slope != 0.0:
                     area_rate[:k, i, u] = chamber.area_slope / (share * axial)
                 samples[i, u] = k
-                axial_gain[i, u] = axial
+                saturation[i, u], axial_gain[i, u] = chamber.area_saturation, axial
     most = samples.max(initial=1)
-    return samples, actuation[:most], area_rate[:most], axial_gain
+    return samples, actuation[:most], area_rate[:most], saturation, axial_gain
 
 
 def _columns(link: Link, first: int) -> list[list[int]]:

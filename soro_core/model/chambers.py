@@ -7,7 +7,9 @@ section by section. The force is p times the gradient of the chamber's volume,
     V = int A (exp(area_slope delta) - 1) / area_slope dsigma
     dV/dq = int A exp(area_slope delta) d(delta)/dq dsigma,
 
-so that it stays conservative at constant pressure. The integrals are sums over the nodes of the link. At each
+so that it stays conservative at constant pressure. With area_saturation = w the growth is the logistic curve
+of docs/model.md (54) instead, which ends at 1 / w. Of a pressure within the dead band nothing acts, of others
+what is beyond it, (56). The integrals are sums over the nodes of the link. At each
 the tables have the gradient of what a constant area would displace there, so that A delta is its product with
 q. Where the strain or the area is constant, one sample stands for the whole link.
 """
@@ -26,6 +28,16 @@ from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Exponent beyond which the logistic curve is at its bound, and its exponential near the largest number.
+_FAR = 500.0
+
+
+@inner
+def acting(t: Tables, u: int, pressure: float) -> float:
+    """Part of a pressure of chamber u that is beyond its dead band [Pa]."""
+    band: float = t.dead_band[u]
+    return max(pressure - band, 0.0) + min(pressure + band, 0.0)
+
 
 @inner
 def _displaced(t: Tables, i: int, u: int, k: int, q: Array) -> float:
@@ -39,9 +51,27 @@ def _displaced(t: Tables, i: int, u: int, k: int, q: Array) -> float:
 @inner
 def _growth(t: Tables, i: int, u: int, k: int, q: Array) -> float:
     """Area there over that without strain."""
-    if t.area_rate[k, i, u] == 0.0:
+    rate: float = t.area_rate[k, i, u]
+    w: float = t.area_saturation[i, u]
+    if rate == 0.0:
         return 1.0
-    return math.exp(t.area_rate[k, i, u] * _displaced(t, i, u, k, q))
+    exponent = rate * _displaced(t, i, u, k, q)
+    if w == 0.0:
+        return math.exp(exponent)
+    return 1.0 / (w + (1.0 - w) * math.exp(-max(exponent / (1.0 - w), -_FAR)))
+
+
+@inner
+def _swept(rate: float, w: float, plain: float) -> float:
+    """Volume displaced where a constant area displaces `plain` [m^3]: the integral of the growth."""
+    if rate == 0.0:
+        return plain
+    if w == 0.0:
+        return math.expm1(rate * plain) / rate
+    exponent = rate * plain / (1.0 - w)
+    if exponent < _FAR:
+        return math.log1p(w * math.expm1(exponent)) * (1.0 - w) / (w * rate)
+    return (exponent + math.log(w)) * (1.0 - w) / (w * rate)
 
 
 @inner
@@ -70,18 +100,18 @@ def volumes(t: Tables, q: Array, volume: Array) -> None:
         volume[u] = 0.0
         for i in range(t.length.shape[0]):
             for k in range(t.chamber_samples[i, u]):
-                rate, plain = t.area_rate[k, i, u], _displaced(t, i, u, k, q)
-                volume[u] += math.expm1(rate * plain) / rate if rate != 0.0 else plain
+                plain = _displaced(t, i, u, k, q)
+                volume[u] += _swept(t.area_rate[k, i, u], t.area_saturation[i, u], plain)
 
 
 @inner
 def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> None:
-    """force += H(q) p."""
+    """force += H(q) times what acts of p."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
             # In a long arm most chambers run along few links, and a call costs more than this test.
             if t.chamber_samples[i, u] > 0:
-                add_gradient(t, i, u, q, pressure[u], force)
+                add_gradient(t, i, u, q, acting(t, u, pressure[u]), force)
 
 
 @inner
@@ -93,7 +123,8 @@ def add_pressure_stiffness(t: Tables, q: Array, pressure: Array, factor: float, 
                 rate = t.area_rate[k, i, u]
                 if rate == 0.0:
                     continue
-                scaled = factor * pressure[u] * rate * _growth(t, i, u, k, q)
+                growth, w = _growth(t, i, u, k, q), t.area_saturation[i, u]
+                scaled = factor * acting(t, u, pressure[u]) * rate * growth * (1.0 - w * growth) / (1.0 - w)
                 for c in range(t.offset[i], t.offset[i + 1]):
                     for d in range(t.offset[i], t.offset[i + 1]):
                         K[c, d - t.offset[i]] -= scaled * t.actuation[k, c, u] * t.actuation[k, d, u]

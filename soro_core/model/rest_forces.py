@@ -53,7 +53,7 @@ class RestForces:
         """
         arm = self.arm
         force = arm.gravity_force(q) + arm.elastic_force(q)
-        force -= arm.actuation_matrix(q) @ (pressures * self.pressure_pa)
+        force -= pressures * arm.pressure_force(q, self.pressure_pa)
         if self.internal is not None:
             force += arm.internal_force(q, self.internal)
         if self.added_tip_mass:

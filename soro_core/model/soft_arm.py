@@ -133,13 +133,22 @@ class SoftArm(ForwardDynamics):
         return self._assemble(self.tables.damping)
 
     def actuation_matrix(self, q: ArrayLike | None = None) -> Array:
-        """H (n_q, n_u), generalised force per Pa, default at q = 0; constant without area_slope."""
+        """H (n_q, n_u), generalised force per acting Pa, default at q = 0; constant without area_slope."""
         q, _ = self._state(self._no_velocity if q is None else q)
         gradients = np.empty((self.n_u, self.n_q))
         entries.actuation(self._box, q, gradients)
         return np.ascontiguousarray(gradients.T)
 
     pressure_matrix = actuation_matrix
+
+    def acting_pressure(self, p: ArrayLike) -> Array:
+        """Part of gauge pressures p (n_u,) [Pa] that is beyond the dead bands of their chambers."""
+        p, band = self._vector(p, self.n_u, "p"), self.tables.dead_band
+        return np.asarray(np.maximum(p - band, 0.0) + np.minimum(p + band, 0.0))
+
+    def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
+        """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times what acts of them."""
+        return np.asarray(self.actuation_matrix(q) @ self.acting_pressure(p))
 
     def displaced_volume(self, q: ArrayLike) -> Array:
         """Volume of each chamber beyond that at q = 0 [m^3], (n_u,); its gradient is `actuation_matrix`."""

@@ -150,7 +150,7 @@ def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, s
     weight = np.where(fields.stretch, 1.0, fields.length)
     branch = follow(forces.unbalanced, rest, weight, _scale(none, 1.0))
     if branch.share < 1.0:
-        reached = branch.share * p
+        reached = p - (1.0 - branch.share) * arm.acting_pressure(p)
         raise NoBalanceError(
             f"no equilibrium at pressures {listed(p)} Pa of {arm.robot.name}: no balance beyond"
             f" {listed(reached)} Pa, on the way there from no pressure; lower the pressures or the load",

@@ -101,6 +101,10 @@ class Tables(NamedTuple):
     """dV/dq of areas that do not depend on strain, at each sample: (n_samples, n_q, n_u)."""
     area_rate: Array
     """Relative growth of the area per volume displaced there, at each sample [1/m^3]: (n_samples, n, n_u)."""
+    area_saturation: Array
+    """1 over the largest relative growth of the area of each chamber along each link, 0: none; (n, n_u)."""
+    dead_band: Array
+    """Pressure that each chamber takes before any of it acts [Pa], (n_u,)."""
     axial_gain: Array
     """Area times length of each chamber along each link, (n, n_u)."""
     internal_kind: Integers

@@ -2,9 +2,10 @@
 
 from soro_core.robot.basis import shape_integrals, shape_values, strain_rows
 from soro_core.robot.calibration import Calibration, SensorBody
+from soro_core.robot.chamber import Chamber
 from soro_core.robot.description import Robot
 from soro_core.robot.discretisation import Discretisation, with_basis
-from soro_core.robot.link import Chamber, Creep, Hysteresis, Link, Material
+from soro_core.robot.link import Creep, Hysteresis, Link, Material
 from soro_core.robot.load import load_robot, robot_from_dict
 from soro_core.robot.section import link_damping, link_stiffness, shear_factors
 from soro_core.robot.strain import StrainField

@@ -10,8 +10,9 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from soro_core.robot.chamber import Chamber
 from soro_core.robot.description import Robot
-from soro_core.robot.link import Chamber, Link
+from soro_core.robot.link import Link
 
 # max of sqrt(-eps (1 + eps)^3), at eps = -1/4.
 LARGEST = math.sqrt(27.0 / 256.0)

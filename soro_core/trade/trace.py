@@ -217,7 +217,7 @@ def first_frequency_hz(arm: SoftArm, q: Array, pressure_pa: Array | None = None)
     p = np.zeros(arm.n_u) if pressure_pa is None else pressure_pa
 
     def load(at: Array) -> Array:
-        force = arm.gravity_force(at) - arm.actuation_matrix(at) @ p
+        force = arm.gravity_force(at) - arm.pressure_force(at, p)
         return force - arm.external_forces(at).generalised if _has_outside_energy(arm) else force
 
     # Central differences: a step of 1e-5 leaves a relative error of 1e-10.

@@ -151,6 +151,8 @@ def check_volumes(robot: Robot, where: str, key: str) -> None:
     for name, chamber in zip(robot.chamber_names, chambers, strict=True):
         if chamber.volume_m3 is None and chamber.alpha_eps == 0.0:
             raise ConfigError(where, key, "states", f"lag, or a volume_m3 of {name} in the robot file")
+        if chamber.dead_band_pa > 0.0:
+            raise ConfigError(where, key, "states", f"lag, or dead_band_pa 0 of {name} in the robot file")
 
 
 class ShadowSection(Strict):

@@ -53,8 +53,8 @@ def identify(
     laws: Annotated[
         str | None,
         typer.Option(
-            help="Laws that may be added, with commas: " + "hyper-elastic, area slope, creep, slow creep, "
-            "Dahl hysteresis; none for the linear law. Default: all."
+            help="Laws that may be added, with commas: " + "hyper-elastic, area slope, saturating area, "
+            "dead band, creep, slow creep, Dahl hysteresis; none for the linear law. Default: all."
         ),
     ] = None,
     step_ms: Annotated[

@@ -46,6 +46,21 @@ def test_numbers_change_what_they_name() -> None:
     )
 
 
+def test_numbers_of_a_chamber_reach_all_chambers_of_the_link() -> None:
+    robot = plain(load_robot("tue_three_bellow"))
+    values = {"link0/area_slope": 3.0, "link0/area_saturation": 0.3, "link0/dead_band": 1500.0}
+    changed = with_numbers(robot, values)
+    for chamber in changed.links[0].chambers:
+        assert (chamber.area_slope, chamber.area_saturation, chamber.dead_band_pa) == (3.0, 0.3, 1500.0)
+    found = numbers_of(changed)
+    assert {name: found[name].value for name in values} == values
+    # A bound of an area that does not grow has no meaning, and no robot has it.
+    flat = with_numbers(changed, {"link0/area_slope": 0.0})
+    assert {chamber.area_saturation for chamber in flat.links[0].chambers} == {0.0}
+    linear = plain(changed).links[0].chambers[0]
+    assert (linear.area_slope, linear.area_saturation, linear.dead_band_pa) == (0.0, 0.0, 0.0)
+
+
 def test_slow_creep_alone_stays_slow_creep() -> None:
     robot = with_numbers(
         plain(load_robot("tue_three_bellow")), {"link0/slow_b": 0.3, "link0/slow_b_tau": 2.0}
@@ -99,6 +114,20 @@ def test_a_plate_shows_its_section_through_tracker_and_mount() -> None:
     np.testing.assert_allclose(difference(plate, arm, q, frames), 0.0, atol=1e-12)
     marker = Marker("top", np.arange(2.0), Place(0, 0.05), np.array(position) + np.array([0.0, 0.0, 1e-3]))
     np.testing.assert_allclose(difference(marker, arm, q, frames), [[0, 0, 1e-3]] * 2, atol=1e-12)
+
+
+def test_each_tracker_has_its_own_frame() -> None:
+    arm = SoftArm(load_robot("tue_three_bellow"))
+    q = np.array([[0.02, 3.0, -1.0]])
+    tip = arm.pose(q[0], arm.length)[:3, 3]
+    frames = {"frame/tracker/offset_x": 0.1, "frame/second/offset_y": 0.2, "frame/second/turn_z": np.pi / 2}
+    turned = np.array([-tip[1], tip[0], tip[2]])
+    for name, seen in (
+        ("tracker", tip + np.array([0.1, 0.0, 0.0])),
+        ("second", turned + np.array([0.0, 0.2, 0.0])),
+    ):
+        marker = Marker("point", np.arange(1.0), Place(0), np.array([seen]), frame=name)
+        np.testing.assert_allclose(difference(marker, arm, q, frames), 0.0, atol=1e-12)
 
 
 def test_a_camera_turns_and_shifts_curvatures() -> None:

@@ -64,6 +64,23 @@ def test_units_become_si(tmp_path):
     assert (found.name, found.chambers, found.frame, found.is_stated) == ("run", CHAMBERS, "tracker", False)
 
 
+def test_stated_levels_are_reached_with_a_lag_of_each_direction(tmp_path):
+    steps = {CHAMBERS[1]: [[0.0, 1.0], [0.1, 3.0], [0.3, 0.0]]}
+    pressures = {"columns": {CHAMBERS[0]: "pa"}, "stated": steps, "stated_lag_s": [0.05, 0.2]}
+    found = read_csv(write_csv(tmp_path / "run.csv", table()), columns(pressures=pressures), robot())
+    t, p = found.pressure.t, found.pressure.values[:, 1]
+    top = 3.0 - 2.0 * np.exp(-0.2 / 0.05)
+    rise, fall = (t >= 0.1) & (t < 0.3 - 1e-9), t >= 0.3 - 1e-9
+    np.testing.assert_allclose(p[t < 0.1 - 1e-9], 1.0)
+    np.testing.assert_allclose(p[rise], 3.0 - 2.0 * np.exp(-(t[rise] - 0.1) / 0.05), rtol=1e-9)
+    np.testing.assert_allclose(p[fall], top * np.exp(-(t[fall] - 0.3) / 0.2), rtol=1e-9)
+
+
+def test_places_keep_the_name_of_their_frame(tmp_path):
+    found = read_csv(write_csv(tmp_path / "run.csv", table()), columns(frame="second"), robot())
+    assert [marker.frame for marker in found.markers] == ["second"]
+
+
 def test_levels_are_stated_where_no_pressure_was_recorded(tmp_path):
     """Of all files, or by file; a chamber has a column or levels."""
     steps = {CHAMBERS[1]: [[0.0, 1.0], [0.1, 3.0], [0.3, 0.0]]}

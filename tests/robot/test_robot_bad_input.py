@@ -28,11 +28,15 @@ GOOD = {
 }
 MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 1.7e5, "viscosity": 300.0}
 REMOVED = object()
+CHAMBER = ("links", 0, "chambers", 0)
 SQUARE = [[1.0, -1.0], [1.0, -0.4], [1.0, 0.4], [1.0, 1.0]]
 
 # (path of the key, new value, key named in the line, words in what was found, words in what is allowed)
 BAD = [
     (("links",), REMOVED, "links", "nothing", "required"),
+    ((*CHAMBER, "dead_band_pa"), -1.0, "links[0].chambers[0].dead_band_pa", "-1", "0"),
+    ((*CHAMBER, "area_saturation"), 1.0, "links[0].chambers[0].area_saturation", "1", "0.99"),
+    ((*CHAMBER, "area_saturation"), 0.5, "links[0].chambers[0].area_saturation", "0.5", "area_slope"),
     (("links",), [], "links", "[]", "at least 1"),
     (("links",), 3, "links", "3", "a list"),
     (("colour",), "red", "colour", "an unknown key", "links"),

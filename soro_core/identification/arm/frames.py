@@ -46,8 +46,8 @@ def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
     ]
     numbers = [n for shape, q in seen if isinstance(shape, Curvature) for n in _camera(shape)]
     bodies = [(s, arm.poses(q, s.place.along(arm.robot))) for s, q in seen if isinstance(s, Plate | Marker)]
-    if bodies:
-        numbers += _tracker(bodies)
+    for frame in dict.fromkeys(body.frame for body, _ in bodies):
+        numbers += _tracker([(body, poses) for body, poses in bodies if body.frame == frame])
     return tuple({n.name: n for n in numbers}.values())
 
 
@@ -111,9 +111,10 @@ def _tracker(bodies: Sequence[tuple[Plate | Marker, Array]]) -> list[Number]:
     predicted = np.concatenate([poses[:, :3, 3] for _, poses in bodies])
     measured = np.concatenate([body.position for body, _ in bodies])
     middle, shift = predicted.mean(axis=0), measured.mean(axis=0)
+    frame = bodies[0][0].frame
     turn, _ = Rotation.align_vectors(measured - shift, predicted - middle)
-    numbers = _three("tracker/turn", turn.as_rotvec(), "rad", _TURN)
-    numbers += _three("tracker/offset", shift - turn.apply(middle), "m", _PLACE)
+    numbers = _three(f"{frame}/turn", turn.as_rotvec(), "rad", _TURN)
+    numbers += _three(f"{frame}/offset", shift - turn.apply(middle), "m", _PLACE)
     for name in dict.fromkeys(body.name for body, _ in bodies):
         numbers += _body([(b, poses) for b, poses in bodies if b.name == name], turn)
     return numbers

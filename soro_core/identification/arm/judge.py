@@ -16,6 +16,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Rows beyond this many expected errors count as written off by the soft loss.
 _WRITTEN_OFF = 3.0
+# A shape that moves less than this part of the one that moves most shows noise: it counts for nothing.
+_HARDLY = 0.1
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def squares(
     moved: Mapping[str, float],
     block_s: float = 2.0,
 ) -> tuple[float, ...]:
-    """Return the mean square error of each stretch of `block_s` seconds, in ranges moved.
+    """Return the mean square error of each stretch of `block_s` seconds, in ranges moved, of what moves.
 
     Parameters
     ----------
@@ -97,10 +99,13 @@ def squares(
         Samples of one stretch have one error in common, and count as one.
     """
     found = []
+    largest: dict[str, float] = {}
+    for shape in (shape for case in cases for shape in case.shapes):
+        largest[unit_of(shape)] = max(largest.get(unit_of(shape), 0.0), moved[shape.name])
     for case, own in zip(cases, differences, strict=True):
         parts: dict[int, list[float]] = {}
         for shape, rows in zip(case.shapes, own, strict=True):
-            if not moved[shape.name] > 0.0:
+            if not moved[shape.name] > _HARDLY * largest[unit_of(shape)]:
                 continue
             size = np.sum(rows[:, : _places(shape)] ** 2, axis=1) / moved[shape.name] ** 2
             for block in np.unique(np.floor(shape.t / block_s)):
@@ -133,7 +138,7 @@ def share_of_range(found: Sequence[Error], moved: Mapping[str, float]) -> float:
     largest: dict[str, float] = {}
     for e in found:
         largest[e.unit] = max(largest.get(e.unit, 0.0), moved[e.shape])
-    used = [e for e in found if moved[e.shape] > 0.1 * largest[e.unit] > 0.0]
+    used = [e for e in found if moved[e.shape] > _HARDLY * largest[e.unit]]
     squares = sum(e.samples * (e.rms / moved[e.shape]) ** 2 for e in used)
     return float(np.sqrt(squares / max(1, sum(e.samples for e in used))))
 

@@ -33,11 +33,16 @@ class Law:
 LAWS = (
     Law("hyper-elastic", ("rise_{}", "rate_{}"), {"rise_{}": 0.1}),
     Law("area slope", ("area_slope",), {}),
+    Law("saturating area", ("area_slope", "area_saturation"), {"area_saturation": 0.2}),
+    Law("dead band", ("dead_band",), {"dead_band": 500.0}),
     Law("creep", ("creep_{}", "creep_{}_tau"), {"creep_{}": 0.1}),
     Law("slow creep", ("slow_{}", "slow_{}_tau"), {"slow_{}": 0.1}),
     Law("Dahl hysteresis", ("dahl_{}", "dahl_{}_range"), {"dahl_{}": 0.1}),
 )
-_NEUTRAL = ("rise_e", "rise_b", "area_slope", "creep_e", "creep_b", "slow_e", "slow_b", "dahl_e", "dahl_b")
+_NEUTRAL = (
+    *("rise_e", "rise_b", "area_slope", "area_saturation", "dead_band"),
+    *("creep_e", "creep_b", "slow_e", "slow_b", "dahl_e", "dahl_b"),
+)
 
 
 def plain(robot: Robot) -> Robot:

@@ -19,6 +19,8 @@ from soro_core.robot.parts import fields
 # A law that a robot does not use yet starts with these: tanh saturates within usual strains.
 _RATES = {"e": 45.0, "b": 3.0}
 _DAHL_RANGE = 1.0
+# A few kilopascals unfold a wall.
+_BAND_PA = 2000.0
 # A single branch of creep with a longer relaxation time [s] is the slow one.
 _SLOW_S = 0.5
 # Branches of creep by name, with the relaxation time [s] of one that a robot does not have yet.
@@ -122,6 +124,10 @@ def _of_link(robot: Robot, link: Link, name: str) -> Iterator[Number]:
         yield factor("gain", 1.0, "of the file", 1.0)
         yield factor("arm", 1.0, "of the file", 0.3)
         yield Number(f"{name}/area_slope", slope, "1", "shift", 5.0, -50.0, 50.0)
+        saturation = max(c.area_saturation for c in link.chambers)
+        yield Number(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
+        band, most = max(c.dead_band_pa for c in link.chambers), max(robot.pressure_range_pa)
+        yield Number(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
         for j in range(1, len(link.chambers)):
             yield factor(f"chamber{j}/gain", 1.0, "of the file", 0.15)
 
@@ -166,6 +172,8 @@ def _chamber(keys: dict[str, Any], n: Mapping[str, float], j: int) -> dict[str, 
     changed = {k: v * factors.get(k, 1.0) if isinstance(v, float) else v for k, v in keys.items()}
     if keys.get("alpha_eps", 1.0):
         changed["area_slope"] = n["area_slope"]
+    changed["area_saturation"] = n["area_saturation"] if changed.get("area_slope") else 0.0
+    changed["dead_band_pa"] = n["dead_band"]
     return changed
 
 

@@ -53,7 +53,7 @@ def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
 @difference.register
 def _(shape: Plate, arm: SoftArm, q: Array, frames: Frames) -> Array:
     poses = _sections(arm, q, shape)
-    turn, _ = tracker(frames)
+    turn, _ = tracker(frames, shape.frame)
     predicted = turn @ poses[:, :3, :3] @ rotation_exp(_vector(frames, f"{shape.name}/turn"))
     apart = Rotation.from_matrix(predicted).inv() * Rotation.from_quat(shape.quaternion)
     return np.column_stack([_position(shape, poses, frames, np.zeros(3)), apart.as_rotvec()])
@@ -80,9 +80,9 @@ def _(shape: Bend, arm: SoftArm, q: Array, frames: Frames) -> Array:
     return np.asarray(shape.angle - _mean(arm, q, shape.link, "bending_y") * length)[:, None]
 
 
-def tracker(frames: Frames) -> tuple[Array, Array]:
-    """Rotation (3, 3) and position (3,) [m] of the world of the robot in the frame of the tracker."""
-    return rotation_exp(_vector(frames, "tracker/turn")), _vector(frames, "tracker/offset")
+def tracker(frames: Frames, name: str = "tracker") -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) [m] of the world of the robot in the frame of a tracker."""
+    return rotation_exp(_vector(frames, f"{name}/turn")), _vector(frames, f"{name}/offset")
 
 
 def _sections(arm: SoftArm, q: Array, shape: Plate | Marker) -> Array:
@@ -90,7 +90,7 @@ def _sections(arm: SoftArm, q: Array, shape: Plate | Marker) -> Array:
 
 
 def _position(shape: Plate | Marker, poses: Array, frames: Frames, known: Array) -> Array:
-    turn, offset = tracker(frames)
+    turn, offset = tracker(frames, shape.frame)
     body = known + _vector(frames, f"{shape.name}/offset")
     return np.asarray(shape.position - (poses[:, :3, 3] + poses[:, :3, :3] @ body) @ turn.T - offset)
 

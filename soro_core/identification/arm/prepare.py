@@ -24,6 +24,8 @@ from soro_core.identification.recording.streams import Curvature, Marker, Shape
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Of recordings with one section each the second is held out, and each that many further.
+_EVERY = 4
 # Expected errors before any fit, in parts of the range that a shape moved, and of a plate's angle [rad].
 _FIRST_SHARE, _FIRST_TURN = 0.03, 0.05
 # No expected error is smaller than this: m, rad, 1/m.
@@ -32,6 +34,9 @@ _LEAST = {"m": 1e-4, "rad": 1e-3, "1/m": 1e-3}
 
 def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple[list[Whole], list[Whole]]:
     """Return cases of the fit and of the judge: sections of each kind are held out of every recording.
+
+    Where no recording has two sections of a kind, whole recordings are held out: the second, and every
+    fourth on.
 
     Parameters
     ----------
@@ -49,8 +54,12 @@ def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple
     fit: list[Whole] = []
     held: list[Whole] = []
     still = still_limits(recordings)
-    for recording in recordings:
-        used, out = hold_out(sections(recording, still=still))
+    parted = [hold_out(sections(recording, still=still)) for recording in recordings]
+    if not any(out for _, out in parted):
+        known = [k for k, (used, _) in enumerate(parted) if used]
+        whole = set(known[1::_EVERY])
+        parted = [((), used) if k in whole else (used, out) for k, (used, out) in enumerate(parted)]
+    for recording, (used, out) in zip(recordings, parted, strict=True):
         for parts, into in ((used, fit), (out, held)):
             if parts:
                 judged: tuple[Interval, ...] = tuple((p.start, p.end) for p in parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeAlias
@@ -55,7 +56,7 @@ def profiles(
         values = problem.value(x)
         try:
             arm = problem.arm(values)
-            return problem.rows(arm, problem.coordinates(arm), values)
+            return problem.rows(arm, problem.paths(arm, values), values)
         except SoroError:
             return None
 
@@ -68,7 +69,7 @@ def profiles(
         for k in every
     }
     asked = [k for k in every if problem.numbers[k].name in wanted]
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         try:
             for done, (k, points) in enumerate(
                 zip(asked, pool.map(lambda k: searched(rows_at, optimum, k, spread(k)), asked), strict=True)

@@ -23,6 +23,8 @@ _EXPERIMENTS = {
     "dahl_": "the same levels approached from below and from above",
     "gain": "a known weight at the tip in some of the runs, or quick steps",
     "arm": "levels of single chambers, with a position sensor",
+    "area_saturation": "levels up to the largest pressure",
+    "dead_band": "levels of a few kilopascals, one chamber at a time",
     "area_slope": "levels of all chambers together and of single ones",
 }
 

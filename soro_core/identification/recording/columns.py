@@ -60,6 +60,9 @@ class PressureColumns(Strict):
     stated_by_file: dict[str, dict[str, Levels]] = Field(
         {}, description="the same by the name of the file without its ending, where levels differ by file"
     )
+    stated_lag_s: Vector2 = Field(
+        (0.0, 0.0), description="lag [s] with which a stated level is reached, of a rise and of a fall"
+    )
     range: Vector2 | None = Field(
         None, description="readings outside are left out, in `unit`; default: the robot's range, half wider"
     )
@@ -68,6 +71,8 @@ class PressureColumns(Strict):
     def _consistent(self) -> PressureColumns:
         if (self.unit == "V") != (self.scale_pa_v is not None):
             raise ValueError("scale_pa_v beside unit V, and only there")
+        if min(self.stated_lag_s) < 0.0:
+            raise ValueError("stated_lag_s of 0 s or more")
         if self.range is not None and not self.range[0] < self.range[1]:
             raise ValueError("range [lowest, highest] with lowest < highest")
         return self

@@ -24,6 +24,7 @@ from soro_core.identification.recording.columns import (
 from soro_core.identification.recording.place import Place
 from soro_core.identification.recording.recording import Recording
 from soro_core.identification.recording.stale import StaleLimits
+from soro_core.identification.recording.stated import stated_pressure
 from soro_core.identification.recording.streams import Bend, Curvature, Marker, Plate, Series
 from soro_core.identification.records import read_table
 from soro_core.robot import Robot
@@ -146,7 +147,7 @@ def _raw_streams(
     def plate(name: str, body: PoseColumns, place: Place) -> Raw:
         bad = None if body.ok is None else ~(table[body.ok] > 0.0)
         turn = np.column_stack([table[column] for column in body.quaternion])
-        return raw(Plate(name, t, place, stack(body.position, body.unit), turn), bad)
+        return raw(Plate(name, t, place, stack(body.position, body.unit), turn, columns.frame), bad)
 
     found = [_pressures("pressure", columns.pressures, chambers, usual, table, t, file)]
     if columns.commands is not None:
@@ -161,7 +162,7 @@ def _raw_streams(
     found += [plate(name, body, body.place) for name, body in columns.plates.items()]
     for name, marker in columns.markers.items():
         position = stack(marker.position, marker.unit)
-        found.append(raw(Marker(name, t, marker.place, position, marker.offset_m)))
+        found.append(raw(Marker(name, t, marker.place, position, marker.offset_m, columns.frame)))
     for name, curvature in columns.curvatures.items():
         values = stack(curvature.columns, curvature.unit)
         limits = None if curvature.range is None else np.array(curvature.range) * FACTORS[curvature.unit]
@@ -187,8 +188,7 @@ def _pressures(
         if chamber in section.columns:
             values[:, k] = table[section.columns[chamber]]
         elif chamber in stated:
-            times, levels = np.array(stated[chamber]).T
-            values[:, k] = levels[np.clip(np.searchsorted(times, t, side="right") - 1, 0, None)]
+            values[:, k] = stated_pressure(stated[chamber], section.stated_lag_s, t)
     values = values * section.factor + section.offset_pa
     limits = usual
     if section.range is not None:

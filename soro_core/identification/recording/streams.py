@@ -87,11 +87,14 @@ class Plate(Stream):
         [m].
     quaternion : array of shape (n, 4)
         x, y, z, w, of length 1.
+    frame : str
+        What positions and quaternions refer to.
     """
 
     place: Place
     position: Array
     quaternion: Array
+    frame: str = "tracker"
 
     def motion(self) -> Array:
         """Return the positions [m]."""
@@ -110,11 +113,14 @@ class Marker(Stream):
         [m].
     offset : tuple of 3 float or None
         Place of the point in the frame of the cross-section [m]; None where it is not known.
+    frame : str
+        What positions refer to.
     """
 
     place: Place
     position: Array
     offset: tuple[float, ...] | None = None
+    frame: str = "tracker"
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,10 @@ Array: TypeAlias = NDArray[np.float64]
 def equation_derivatives(
     t: Tables, d: DerivativeWork, pressure: Array, wrench: Array, q: Array, qd: Array, a: Array
 ) -> None:
-    """d.equation <- derivatives by a (lower triangle), q and qd; d.actuation <- H, less that by p."""
+    """d.equation <- derivatives by a (lower triangle), q and qd; d.actuation <- less that by p.
+
+    That is H, without the columns of pressures within a dead band.
+    """
     inverse_derivatives(t, d, wrench, q, qd, a)
     clear_matrix(d.block)
     add_stiffness(t, q, 1.0, d.block)
@@ -43,7 +46,7 @@ def equation_derivatives(
     for u in range(d.actuation.shape[1]):
         clear(d.gradient)
         for i in range(t.length.shape[0]):
-            if t.chamber_samples[i, u] > 0:
+            if t.chamber_samples[i, u] > 0 and abs(pressure[u]) >= t.dead_band[u]:
                 add_gradient(t, i, u, q, 1.0, d.gradient)
         for b in range(q.shape[0]):
             d.actuation[b, u] = d.gradient[b]

@@ -1,0 +1,92 @@
+"""What a chamber is: where it lies, and how its pressure acts; frozen and checked. SI units throughout."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from soro_core.config import Strict
+
+
+class Chamber(Strict):
+    """One pressure chamber, by its geometry (area, offset) or by its two gains."""
+
+    angle_rad: float = Field(
+        ge=-4 * math.pi, le=4 * math.pi, description="about the tangent, from the local x axis"
+    )
+    area_m2: float | None = Field(None, gt=0, description="effective area [m^2]")
+    offset_m: float | None = Field(
+        None, ge=0, description="distance from the backbone [m]", validate_default=True
+    )
+    alpha_eps: float | None = Field(
+        None, ge=0, description="generalised force on elongation per pressure [m^3]"
+    )
+    alpha_kappa: float | None = Field(
+        None, ge=0, description="generalised force on curvature per pressure [m^4]", validate_default=True
+    )
+
+    volume_m3: float | None = Field(
+        None,
+        gt=0,
+        description="of its air, tubes included, at q = 0 [m^3]; default: effective area times length",
+    )
+    area_slope: float = Field(
+        0.0, ge=-50, le=50, description="the area grows as exp(area_slope * strain of the chamber's fibre)"
+    )
+    area_saturation: float = Field(
+        0.0,
+        ge=0,
+        le=0.99,
+        description="1 over the largest factor by which the area grows; 0: the exponential has no bound",
+    )
+    dead_band_pa: float = Field(
+        0.0, ge=0, description="pressure [Pa] that the chamber takes before any of it acts on the arm"
+    )
+
+    @field_validator("offset_m")
+    @classmethod
+    def _geometry(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if (value is None) != (info.data.get("area_m2") is None) and "area_m2" in info.data:
+            raise ValueError("area_m2 together with offset_m, or both left out")
+        return value
+
+    @field_validator("alpha_kappa")
+    @classmethod
+    def _one_of_two(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if "area_m2" not in info.data or "alpha_eps" not in info.data:
+            return value  # the key at fault has its own message
+        given = info.data["alpha_eps"] is not None
+        if (value is not None) != given:
+            raise ValueError("alpha_eps together with alpha_kappa, or both left out")
+        if given == (info.data["area_m2"] is not None):
+            raise ValueError("exactly one of the pairs area_m2 with offset_m, or alpha_eps with alpha_kappa")
+        return value
+
+    @field_validator("area_slope")
+    @classmethod
+    def _slope(cls, value: float, info: ValidationInfo) -> float:
+        if value != 0.0 and info.data.get("alpha_eps") == 0.0:
+            raise ValueError("0 where alpha_eps is 0: the strain of the fibre is not known then")
+        return value
+
+    @field_validator("area_saturation")
+    @classmethod
+    def _saturation(cls, value: float, info: ValidationInfo) -> float:
+        if value != 0.0 and info.data.get("area_slope") == 0.0:
+            raise ValueError("0 where area_slope is 0: the area does not grow then")
+        return value
+
+    def gains(self, length: float, whole: float) -> tuple[float, float]:
+        """Generalised force per pressure on elongation [m^3] and curvature [m^4] of a link along it.
+
+        Parameters
+        ----------
+        length, whole : float
+            Of that link, and of all links that the chamber runs along [m].
+        """
+        if self.area_m2 is not None and self.offset_m is not None:
+            return self.area_m2 * length, self.area_m2 * length * self.offset_m
+        assert self.alpha_eps is not None
+        assert self.alpha_kappa is not None
+        return self.alpha_eps * length / whole, self.alpha_kappa * length / whole

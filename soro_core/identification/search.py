@@ -51,6 +51,8 @@ class Settings:
         Relative change of the cost, or of the parameters, at which the search ends.
     squares : int
         So many residuals at the end are of a prior: their squares count, whatever the loss.
+    scale : float or "jac"
+        Unit of a step in each parameter; "jac": that which changes the residuals by as much in all.
     workers : int or None
         Threads for derivatives; None: one a core.
     """
@@ -60,6 +62,7 @@ class Settings:
     most: int = 30
     tolerance: float = 1e-8
     squares: int = 0
+    scale: float | Literal["jac"] = "jac"
     workers: int | None = 1
 
 
@@ -160,7 +163,7 @@ class Search:
             max_nfev=s.most,
             ftol=s.tolerance,
             xtol=s.tolerance,
-            x_scale="jac",
+            x_scale=s.scale,
         )
 
     def _residuals(self, x: Array) -> Array:

@@ -28,14 +28,11 @@ class RestForces:
         Gauge pressures [Pa].
     added_tip_mass : float
         Mass at the tip beside that of the robot [kg].
-    internal : (n_internal,), optional
-        States of creep and hysteresis; None where these are relaxed.
     """
 
     arm: SoftArm
     pressure_pa: Array
     added_tip_mass: float = 0.0
-    internal: Array | None = None
 
     @property
     def outside(self) -> bool:
@@ -54,8 +51,6 @@ class RestForces:
         arm = self.arm
         force = arm.gravity_force(q) + arm.elastic_force(q)
         force -= pressures * arm.pressure_force(q, self.pressure_pa)
-        if self.internal is not None:
-            force += arm.internal_force(q, self.internal)
         if self.added_tip_mass:
             none = np.zeros(arm.n_q)
             force += self.added_tip_mass * arm.mass_regressor(q, none, none, none)[:, 0]

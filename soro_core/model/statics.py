@@ -42,9 +42,8 @@ def equilibrium(
     pressure: ArrayLike,
     start: ArrayLike | None = None,
     added_tip_mass: float = 0.0,
-    internal: ArrayLike | None = None,
 ) -> Array:
-    """Coordinates at rest under constant pressures; contact without friction.
+    """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
 
     Where contact or a held tip lets the search fail, it follows the equilibrium while these forces grow from
     a millionth of theirs to all. Where the search from the straight arm fails or ends at an unstable
@@ -59,8 +58,6 @@ def equilibrium(
         Where the search starts, and which equilibrium it finds; default straight.
     added_tip_mass : float
         Mass at the tip beside that of the robot [kg].
-    internal : array_like of shape (n_internal,), optional
-        States of creep and hysteresis, held; default 0, relaxed.
 
     Returns
     -------
@@ -75,10 +72,7 @@ def equilibrium(
     require(arm, SoftArm, "arm", "a SoftArm")
     name = arm.robot.name
     p = finite(shaped(pressure, (arm.n_u,), "pressure", name), "pressure")
-    held = None
-    if internal is not None:
-        held = finite(shaped(internal, (arm.n_internal,), "internal", name), "internal")
-    forces = RestForces(arm, p, added_tip_mass, held)
+    forces = RestForces(arm, p, added_tip_mass)
     if start is not None:
         q, trouble = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
     else:
@@ -142,7 +136,7 @@ def stable_equilibrium(
 def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, str]:
     """Equilibrium on the branch from rest; what was found before where there is no stable rest."""
     arm, p = forces.arm, forces.pressure_pa
-    none = RestForces(arm, np.zeros(arm.n_u), forces.added_tip_mass, forces.internal)
+    none = RestForces(arm, np.zeros(arm.n_u), forces.added_tip_mass)
     rest, unrest = _near(none, np.zeros(arm.n_q))
     if unrest or not none.is_stable(rest):
         return found, trouble

@@ -66,6 +66,14 @@ def identify(
             "stiffness is right to 0.1 %.",
         ),
     ] = None,
+    constant: Annotated[
+        bool,
+        typer.Option(
+            "--constant",
+            help="Simulate strains that are constant along a link: faster, and stiffness becomes that of "
+            "this model, a third below that of the link where only its frequency shows it.",
+        ),
+    ] = False,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
@@ -128,12 +136,21 @@ def identify(
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
     if described is None or not any(recording.shapes for recording in read):
-        raise typer.Exit(air.run(read, console, required=True))
+        try:
+            status = air.run(read, console, required=True)
+        except ConfigError:
+            if described is None:
+                raise
+            text = "no stream that shows the arm, and no steps of its regulators"
+            allowed = "one or more pose sensors, or set points and pressures"
+            raise ConfigError(str(paths[0]), "sensors/pose0", text, allowed) from None
+        raise typer.Exit(status)
     check_motion(read)
     options = Options(
         dt_s=None if step_ms is None else 1e-3 * step_ms,
         rate_hz=rate_hz,
         laws=tuple(law for law in LAWS if law.name in names),
+        is_constant=constant,
         starts=starts,
         seed=seed,
     )

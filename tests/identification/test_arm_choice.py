@@ -17,7 +17,7 @@ SLOPE, CREEP = (law for law in LAWS if law.name in ("area slope", "creep"))
 
 
 def _fit(errors: Mapping[frozenset[str], tuple[float, ...]]):
-    def fit(laws: tuple[Law, ...], start: Mapping[str, float]) -> Trial | None:
+    def fit(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
         squares = errors.get(frozenset(law.name for law in laws))
         return None if squares is None else Trial(laws, squares, {})
 
@@ -56,7 +56,7 @@ def test_the_simplest_within_one_standard_error_is_taken() -> None:
 def test_ctrl_c_ends_the_choice_with_the_best_until_there() -> None:
     calls: list[str] = []
 
-    def fit(laws: tuple[Law, ...], start: Mapping[str, float]) -> Trial:
+    def fit(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial:
         calls.append("+".join(law.name for law in laws))
         size = 9.0 if not laws else 4.0
         return Trial(laws, (size, size), {}, interrupted=len(calls) == 3)

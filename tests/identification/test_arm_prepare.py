@@ -48,7 +48,7 @@ def test_each_tracker_has_its_numbers(robot: Robot) -> None:
     pressure = 2e4 * np.vstack([np.zeros(3), np.eye(3), 0.5 * np.eye(3)])
     t = np.arange(7.0)
     plain = Rests("rest", pressure, (Marker("a", t, Place(0), np.zeros((7, 3))),))
-    tip = arm.poses(plain.coordinates(arm)[0], arm.length)[:, :3, 3]
+    tip = arm.poses(plain.simulated(arm, {}).q, arm.length)[:, :3, 3]
     turns = {
         "tracker": Rotation.from_rotvec([0.3, 0.0, 0.0]),
         "second": Rotation.from_rotvec([0.0, 0.5, 0.0]),

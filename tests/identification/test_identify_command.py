@@ -91,7 +91,7 @@ def _still(here: Path) -> Path:
 @pytest.mark.parametrize(
     ("recording", "key"),
     [
-        (_without("pose"), "/arm/sensors/pose0"),
+        (_without("pose"), "sensors/pose0"),
         (_without("state"), "chambers/state"),
         (_other_names, "/arm/chambers/state"),
         (_backwards, "pressure"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from soro_core.errors import ModelError
-from soro_core.identification.arm.starts import internal_at_start
+from soro_core.identification.arm.starts import at_start
 from soro_core.identification.recording.recording import Recording
 from soro_core.identification.recording.streams import Shape
 from soro_core.integrate import simulate
@@ -73,7 +73,7 @@ class Case(Protocol):
         ----------
         arm : SoftArm
         values : mapping of str to float
-            Numbers by name; those of the run (`starts`) are used.
+            Numbers by name; those of a release (`starts`) are used.
 
         Raises
         ------
@@ -138,10 +138,9 @@ class Whole:
         )
 
     def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
-        """Return the motion from rest."""
+        """Return the motion from rest, or from where a release begins."""
         times, table = self._pressures
-        internal = internal_at_start(arm, self.name, values)
-        q0 = equilibrium(arm, table[0, 0], internal=internal)
+        q0, internal = at_start(arm, self.name, equilibrium(arm, table[0, 0]), values)
         result = simulate(
             arm,
             q0,

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from soro_core.identification.arm.laws import Law
+
+# Part of the error that the best of all laws must take away by a few steps, for a full search of the best
+# ones; and how many these are.
+_PROMISE, _FULL = 0.005, 2
 
 
 @dataclass(frozen=True)
@@ -49,17 +54,21 @@ class Choice:
     tried: tuple[Trial, ...]
 
 
-def choose(
-    laws: Sequence[Law], fit: Callable[[tuple[Law, ...], Mapping[str, float]], Trial | None]
-) -> Choice:
+Fit: TypeAlias = Callable[[tuple[Law, ...], Mapping[str, float], bool], Trial | None]
+
+
+def choose(laws: Sequence[Law], fit: Fit) -> Choice:
     """Add one law after the other, as long as held-out sections gain; then take the simplest that is as good.
+
+    Every law that is left is tried by a few steps of the search; those that promise most, by more.
 
     Parameters
     ----------
     laws : sequence of Law
         Those that may be added.
     fit : callable
-        Fits a set of laws from given values; None where no such arm can be simulated.
+        Fits a set of laws from given values, in full or by a few steps; None where no such arm can be
+        simulated.
 
     Returns
     -------
@@ -67,17 +76,24 @@ def choose(
         `chosen` has the fewest laws of all sets whose held-out error is within one standard error of the
         best; the standard error is that of the difference over the sections.
     """
-    first = fit((), {})
+    first = fit((), {}, True)
     if first is None:
         raise ValueError("the linear law cannot be fitted: it is the start of every other")
     tried, best = [first], first
     while not first.interrupted:
         found: list[Trial] = []
-        for law in (law for law in laws if law not in best.laws):
-            trial = fit((*best.laws, law), best.values)
+        left = [law for law in laws if law not in best.laws]
+        for trial in (fit((*best.laws, law), best.values, False) for law in left):
             found += [trial] if trial is not None else []
             if trial is not None and trial.interrupted:
                 return Choice(best, (*tried, *found))
+        found.sort(key=lambda t: t.error)
+        if found and found[0].error < (1.0 - _PROMISE) * best.error:
+            for k, trial in enumerate(found[:_FULL]):
+                longer = fit(trial.laws, trial.values, True)
+                found[k] = trial if longer is None else longer
+                if found[k].interrupted:
+                    return Choice(best, (*tried, *found))
         tried += found
         if not found or min(t.error for t in found) >= best.error:
             break

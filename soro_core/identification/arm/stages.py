@@ -19,8 +19,8 @@ from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
 from soro_core.identification.arm.pace import longest_step
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
-from soro_core.identification.arm.problem import Problem, Solution, evaluated, solve
-from soro_core.identification.arm.starts import start_numbers
+from soro_core.identification.arm.problem import Problem, Solution, evaluated, modelled, solve
+from soro_core.identification.arm.starts import is_release, start_numbers
 from soro_core.identification.recording import Marker, Plate, Recording
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
@@ -32,10 +32,10 @@ Progress: TypeAlias = Callable[[str, float], None]
 _COARSE = 2.0
 # Turn of the slowest swing in a step of the last fit [rad]: its stiffness comes out right to 0.1 %.
 _TURN = 0.125
-# Relative change of the cost at which a search ends: one that only compares laws, and the last one. The first
-# has so many steps at most.
+# Relative change of the cost at which a search ends: one that only compares laws, and the last one.
 _COMPARED, _LAST = 2e-3, 1e-4
-_TRIAL = 10
+# Most steps of a search that compares laws, and of one that shows which promise most.
+_FULL, _FEW = 10, 4
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,9 @@ class Options:
         Laws that may be added.
     most : int
         Largest number of steps of each search.
+    is_constant : bool
+        Whether strains are simulated as constant along a link, as in the default model of a controller:
+        faster, and stiffness is what makes that model swing right; else it is that of the link.
     starts : int
         Number of starts of the fit of states at rest.
     seed : int
@@ -63,6 +66,7 @@ class Options:
     rate_hz: float = 25.0
     laws: tuple[Law, ...] = LAWS
     most: int = 25
+    is_constant: bool = False
     starts: int = 3
     seed: int = 1
 
@@ -134,21 +138,24 @@ def identify(
     options = Options() if options is None else options
     recordings = [recording for recording in recordings if recording.shapes]
     robot = plain(robot)
+    is_constant = options.is_constant
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
     fit, held = split(recordings, _COARSE * dt, options.rate_hz)
     whole = [Whole(r, dt, rate_hz=options.rate_hz) for r in recordings]
     rests, moved = rests_of(recordings), ranges(whole)
     expected = {s.name: first_errors(s, moved[s.name]) for case in whole for s in case.shapes}
     frames = frame_numbers(SoftArm(robot), [rests] if rests is not None else fit)
-    clocks = clock_numbers(whole)
+    releases = [recording.name for recording in recordings if is_release(recording)]
+    clocks = clock_numbers([case for case in whole if case.name not in releases])
     kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
 
     def problem(laws: Sequence[Law], cases: Sequence[Case]) -> Problem:
         numbers, begin = freed(robot, laws, kinds)
         runs = [case.name for case in cases if isinstance(case, Whole)]
-        starts = start_numbers(SoftArm(with_numbers(robot, begin)), runs)
+        begun = modelled(with_numbers(robot, begin), is_constant)
+        starts = start_numbers(begun, [r for r in runs if r in releases])
         own = (*clocks, *starts) if runs else ()
-        return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected)
+        return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected, {}, is_constant)
 
     values: dict[str, float] = {}
     interrupted = False
@@ -158,13 +165,12 @@ def identify(
     linear = solve(problem((), fit), values, options.most, _COMPARED, lambda c: progress("linear", c))
     expected = residual_errors(problem((), fit), linear.values)
 
-    def trial(laws: tuple[Law, ...], start: Mapping[str, float]) -> Trial | None:
+    def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
         name = " + ".join(law.name for law in laws) or "linear"
         begin = {**linear.values, **freed(robot, laws, kinds)[1], **start}
+        most = min(_FULL if in_full else _FEW, options.most)
         try:
-            found = solve(
-                problem(laws, fit), begin, min(_TRIAL, options.most), _COMPARED, lambda c: progress(name, c)
-            )
+            found = solve(problem(laws, fit), begin, most, _COMPARED, lambda c: progress(name, c))
             own = squares(held, problem(laws, held).predicted(found.values), moved)
         except (ModelError, ConfigError):
             return None

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict
+from soro_core.config import Strict, changed
 from soro_core.errors import ConfigError
 from soro_core.identification.recording.place import Place
 from soro_core.robot import Robot
@@ -195,8 +195,7 @@ class Columns(Strict):
 
 def without_shape(columns: Columns) -> Columns:
     """Return a column map of pressures, set points and duty cycles alone."""
-    nothing: dict[str, object] = {"plates": {}, "markers": {}, "curvatures": {}, "bends": {}}
-    return columns.model_copy(update={**nothing, "base": None})
+    return changed(columns, plates={}, markers={}, curvatures={}, bends={}, base=None)
 
 
 def chambers_of(columns: Columns, robot: Robot | None, where: str) -> tuple[str, ...]:

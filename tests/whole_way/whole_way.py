@@ -1,0 +1,208 @@
+"""The way of a new arm, unattended: describe it, excite it, identify it, control it with automatic gains.
+
+The arm itself is a twin whose numbers no file states: those of the description, changed by factors, behind a
+tracker whose frame nobody knows. Each step is the command that a user types.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from soro_core.identification.arm.numbers import numbers_of, with_numbers
+from soro_core.robot import Robot, load_robot
+from soro_core.robot.parts import fields
+
+SORO = (str(Path(sys.executable).with_name("soro")),)
+# Of the length of the arm: allowed error of the tip under control.
+TIP_PART = 0.01
+# Allowed error of a number that the data determine: this part, or so many deviations.
+PART, DEVIATIONS = 0.03, 2.0
+
+
+@dataclass(frozen=True)
+class NewArm:
+    """An arm that the suite has not seen.
+
+    Attributes
+    ----------
+    name : str
+    described : tuple of str
+        Options of `soro new`.
+    excited : tuple of str
+        Options of `soro excite`.
+    seed : int
+        Of the factors between the description and the arm.
+    """
+
+    name: str
+    described: tuple[str, ...]
+    excited: tuple[str, ...]
+    seed: int
+
+
+ARMS = (
+    NewArm("one_link", ("--length", "80mm", "--mass", "30g", "--pressure-range", "60kPa"), (), 1),
+    NewArm(
+        "two_links", ("--links", "2", "--length", "70mm", "--mass", "25g", "--mounting", "hanging"), (), 2
+    ),
+    NewArm("planar_bellow", ("--planar", "--length", "90mm", "--mass", "40g"), (), 3),
+)
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that was found: what it is, what it should be, and its deviation in the same unit."""
+
+    name: str
+    found: float
+    true: float
+    deviation: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether it is within 3 % or two deviations."""
+        return abs(self.found - self.true) <= max(PART * abs(self.true), DEVIATIONS * self.deviation)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the whole way gave.
+
+    Attributes
+    ----------
+    numbers : tuple of Number
+        Those that the data determine.
+    open : tuple of str
+        Those that they do not.
+    tip_m : float
+        RMS error of the tip under control [m].
+    length_m : float
+    output : str
+        What `soro identify` printed.
+    """
+
+    numbers: tuple[Number, ...]
+    open: tuple[str, ...]
+    tip_m: float
+    length_m: float
+    output: str
+
+    @property
+    def is_right(self) -> bool:
+        """Whether every number is right and the tip follows."""
+        return all(n.is_right for n in self.numbers) and self.tip_m <= TIP_PART * self.length_m
+
+
+def walk(arm: NewArm, folder: Path, say: Callable[[str], None], environment: Mapping[str, str]) -> Outcome:
+    """Go the whole way.
+
+    Parameters
+    ----------
+    arm : NewArm
+    folder : Path
+        Of all files.
+    say : callable
+        Is told what happens.
+    environment : mapping
+        Environment variables of the commands.
+    """
+
+    def soro(*words: str, ends: Sequence[int] = (0,)) -> str:
+        say(f"{arm.name}: soro {words[0]}")
+        done = subprocess.run(
+            [*SORO, *words], cwd=folder, env=dict(environment), capture_output=True, text=True, check=False
+        )
+        if done.returncode not in ends:
+            raise AssertionError(
+                f"soro {' '.join(words)}: exit {done.returncode}\n{done.stdout}{done.stderr}"
+            )
+        return done.stdout
+
+    soro("new", arm.name, *arm.described, "--out", ".")
+    described = load_robot(folder / f"{arm.name}_robot.yaml")
+    true = as_it_is(described, arm.seed)
+    (folder / "true.yaml").write_text(yaml.safe_dump(_plain(fields(true))))
+    twin = ("--set", "mode=lockstep", "--set", "twin.plant=true.yaml")
+    soro("excite", f"{arm.name}_scene.yaml", *twin, *arm.excited)
+    bag = next((folder / "runs").iterdir())
+    output = soro("identify", f"{arm.name}_robot.yaml", str(bag), "--out", "found.yaml")
+    soro("run", f"{arm.name}_scene.yaml", *twin, "--set", "robot=found.yaml", "--folder", "tracked")
+    summary = json.loads(next((folder / "tracked").glob("*/summary.json")).read_text())
+    numbers, open_ = compare(described, true, output)
+    return Outcome(numbers, open_, float(summary["tip_error_last_rms_m"]), described.length, output)
+
+
+def as_it_is(described: Robot, seed: int) -> Robot:
+    """Return the arm itself: other stiffness, damping and gains, behind a tracker with a frame of its own."""
+    draw = np.random.default_rng(seed)
+    spread = {"k_e": 0.3, "k_b": 0.3, "damping_e": 0.4, "damping_b": 0.4, "gain": 0.15, "arm": 0.1}
+    values = {}
+    for name, number in numbers_of(described).items():
+        key = name.split("/")[-1] if "chamber" not in name else "chamber"
+        size = 0.05 if key == "chamber" else spread.get(key, 0.0)
+        if size:
+            values[name] = number.value * float(np.exp(draw.uniform(-size, size)))
+    turn, mount = Rotation.random(random_state=seed), Rotation.random(random_state=seed + 100)
+    calibration = {
+        "tracker_position": draw.uniform(-1.0, 1.0, 3).tolist(),
+        "tracker_quaternion": turn.as_quat().tolist(),
+        "bodies": [
+            {
+                "at": 1.0,
+                "offset_m": draw.uniform(-0.004, 0.004, 3).tolist(),
+                "quaternion": mount.as_quat().tolist(),
+            }
+        ],
+    }
+    return with_numbers(described, values).replace(calibration=calibration, name=f"{described.name}_true")
+
+
+def compare(described: Robot, true: Robot, output: str) -> tuple[tuple[Number, ...], tuple[str, ...]]:
+    """Return the numbers of the robot that `soro identify` printed as determined, and the names of others."""
+    gains = chamber_gains(described, true)
+    known = {name: number.value for name, number in numbers_of(true).items()}
+    numbers, open_ = [], []
+    for line in output.splitlines():
+        row = re.match(r"(link\d\S+)\s+(\S+)\s+(\S+)( %)?\s", line)
+        if row is None:
+            continue
+        name, value, size, percent = row.groups()
+        if "not determined" in line:
+            open_.append(name)
+            continue
+        wanted = gains.get(name, known.get(name, float("nan")))
+        deviation = float(size) * (0.01 * float(value) if percent else 1.0)
+        numbers.append(Number(name, float(value), wanted, deviation))
+    return tuple(numbers), tuple(open_)
+
+
+def chamber_gains(described: Robot, true: Robot) -> dict[str, float]:
+    """Factors of gains and moment arms between the description and the arm, by the names of the numbers."""
+    found = {}
+    for index, (one, other) in enumerate(zip(described.links, true.links, strict=True)):
+        areas = [
+            float(b.area_m2) / float(a.area_m2) for a, b in zip(one.chambers, other.chambers, strict=True)
+        ]  # type: ignore[arg-type]
+        first, last = one.chambers[0], other.chambers[0]
+        found[f"link{index}/gain"] = areas[0]
+        found[f"link{index}/arm"] = float(last.offset_m) / float(first.offset_m)  # type: ignore[arg-type]
+        for j, area in enumerate(areas[1:], start=1):
+            found[f"link{index}/chamber{j}/gain"] = area / areas[0]
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value

@@ -3,11 +3,15 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run test pytest alicatlib lint bench newest-numba clean
+.PHONY: run identify test pytest alicatlib lint bench newest-numba clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
 	@$(BIN)/soro run config/scenes/track_circle.yaml
+
+# Three arms that no file states, from a description to a controlled tip; some half an hour.
+identify: $(VENV)/.installed-test
+	$(BIN)/python -m benchmarks --only whole_way
 
 # In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test

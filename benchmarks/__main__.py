@@ -29,6 +29,7 @@ from benchmarks import (
     startup,
     terms,
     trade,
+    whole_way,
 )
 from benchmarks import sections as running
 from benchmarks.options import Options
@@ -49,6 +50,7 @@ SECTIONS = {
     "estimation": estimation,
     "arms": arms,
     "motions": motions,
+    "whole_way": whole_way,
     "can_rates": can_rates,
     "serial_rates": serial_rates,
     "board": board,

@@ -43,12 +43,15 @@ class NewArm:
         Options of `soro excite`.
     seed : int
         Of the factors between the description and the arm.
+    identified : tuple of str
+        Options of `soro identify`.
     """
 
     name: str
     described: tuple[str, ...]
     excited: tuple[str, ...]
     seed: int
+    identified: tuple[str, ...] = ()
 
 
 ARMS = (
@@ -136,7 +139,7 @@ def walk(arm: NewArm, folder: Path, say: Callable[[str], None], environment: Map
     twin = ("--set", "mode=lockstep", "--set", "twin.plant=true.yaml")
     soro("excite", f"{arm.name}_scene.yaml", *twin, *arm.excited)
     bag = next((folder / "runs").iterdir())
-    output = soro("identify", f"{arm.name}_robot.yaml", str(bag), "--out", "found.yaml")
+    output = soro("identify", f"{arm.name}_robot.yaml", str(bag), "--out", "found.yaml", *arm.identified)
     soro("run", f"{arm.name}_scene.yaml", *twin, "--set", "robot=found.yaml", "--folder", "tracked")
     summary = json.loads(next((folder / "tracked").glob("*/summary.json")).read_text())
     numbers, open_ = compare(described, true, output)

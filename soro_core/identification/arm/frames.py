@@ -52,7 +52,7 @@ def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
 
 
 def calibrated(robot: Robot, shapes: Iterable[Shape], values: Mapping[str, float]) -> Robot:
-    """Return the robot with the frames that were found as its calibration.
+    """Return the robot with the frames that were found as its calibration: of one tracker, the first.
 
     Parameters
     ----------
@@ -64,9 +64,11 @@ def calibrated(robot: Robot, shapes: Iterable[Shape], values: Mapping[str, float
     """
     keys: dict[str, Any] = {}
     bodies: dict[str, dict[str, Any]] = {}
+    shapes = list(shapes)
+    frame = next((shape.frame for shape in shapes if isinstance(shape, Plate)), "")
     for shape in shapes:
         at = f"frame/{shape.name}"
-        if isinstance(shape, Plate):
+        if isinstance(shape, Plate) and shape.frame == frame:
             bodies[shape.name] = {
                 "at": shape.place.along(robot) / robot.length,
                 "offset_m": _vector(values, f"{at}/offset"),
@@ -76,10 +78,10 @@ def calibrated(robot: Robot, shapes: Iterable[Shape], values: Mapping[str, float
             keys["frame_rotation_rad"] = values[f"{at}/turn"]
             keys["curvature_offset"] = (values[f"{at}/offset_x"], values[f"{at}/offset_y"])
     if bodies:
-        keys["tracker_position"] = _vector(values, "frame/tracker/offset")
-        keys["tracker_quaternion"] = _quaternion(values, "frame/tracker/turn")
+        keys["tracker_position"] = _vector(values, f"frame/{frame}/offset")
+        keys["tracker_quaternion"] = _quaternion(values, f"frame/{frame}/turn")
         keys["bodies"] = list(bodies.values())
-    return robot.replace(calibration=keys)
+    return robot.replace(calibration=keys) if keys else robot
 
 
 def _vector(values: Mapping[str, float], name: str) -> tuple[float, ...]:

@@ -121,7 +121,7 @@ def searched(
 ) -> tuple[Point, ...]:
     """Return the profile of one number, each point searched from the one before.
 
-    The derivatives are those of the optimum, corrected by each step that is made (Broyden).
+    The derivatives are those of the optimum.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def searched(
     base = _data(optimum.rows), 0.5 * float(optimum.x @ optimum.x)
     found: list[Point] = []
     for sign in (-1.0, 1.0):
-        x, jacobian, before = optimum.x, optimum.jacobian, float(optimum.x[index])
+        x, before = optimum.x, float(optimum.x[index])
         for step in STEPS:
             target = float(optimum.x[index]) + sign * step * deviation
             if not optimum.low[index] <= target <= optimum.high[index]:
@@ -151,7 +151,7 @@ def searched(
             rows = rows_at(start)
             if rows is None:
                 break
-            x, rows, jacobian = _follow(rows_at, start, rows, jacobian, index, optimum, most, _ENOUGH * unit)
+            x, rows = _follow(rows_at, start, rows, index, optimum, most, _ENOUGH * unit)
             before = target
             data, prior = _data(rows) - base[0], 0.5 * float(x @ x) - base[1]
             found.append(Point(sign * step, target, (data + prior) / unit, data / unit))
@@ -162,37 +162,34 @@ def _follow(
     rows_at: Rows,
     x: Array,
     rows: Array,
-    jacobian: Array,
     index: int,
-    bounds: Optimum,
+    optimum: Optimum,
     most: int,
     enough: float,
-) -> tuple[Array, Array, Array]:
-    """Lower the cost by all numbers but one; return x (n,), rows (m,) and derivatives (m, n) there."""
+) -> tuple[Array, Array]:
+    """Lower the cost by all numbers but one; return x (n,) and rows (m,) there."""
+    jacobian, low, high = optimum.jacobian, optimum.low, optimum.high
     cost, scale = _data(rows) + 0.5 * float(x @ x), 1.0
     for _ in range(most):
         gradient = jacobian.T @ (rows / np.sqrt(1.0 + rows**2)) + x
-        free = ~(((x <= bounds.low) & (gradient > 0.0)) | ((x >= bounds.high) & (gradient < 0.0)))
+        free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
         free[index] = False
         step = np.zeros(len(x))
         curved = _curvature(rows, jacobian)[np.ix_(free, free)]
         step[free] = -scale * np.linalg.solve(curved, gradient[free])
         if -0.5 * float(gradient @ step) < enough:
             break
-        new = np.clip(x + step, bounds.low, bounds.high)
-        moved, there = new - x, rows_at(new)
+        new = np.clip(x + step, low, high)
+        there = rows_at(new)
         if there is None:
             scale *= 0.5
             continue
-        length = float(moved @ moved)
-        if length > 0.0:
-            jacobian = jacobian + np.outer((there - rows - jacobian @ moved) / length, moved)
         reached = _data(there) + 0.5 * float(new @ new)
         if reached < cost:
             x, rows, cost, scale = new, there, reached, 1.0
         else:
             scale *= 0.5
-    return x, rows, jacobian
+    return x, rows
 
 
 def _data(rows: Array) -> float:

@@ -10,7 +10,7 @@ from tests.ros.whole_way import ARMS, walk
 
 # As short as determines what the control needs; `make identify` goes the whole way with three arms.
 EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "30")
-IDENTIFIED = ("--laws", "none", "--starts", "1", "--rate-hz", "12")
+IDENTIFIED = ("--laws", "none", "--starts", "1")
 
 
 def test_an_arm_whose_numbers_no_file_states_is_identified_and_controlled(

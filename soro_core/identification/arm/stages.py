@@ -123,7 +123,7 @@ def identify(
     robot : Robot
         Its geometry and masses hold; other numbers are where the search begins.
     recordings : sequence of Recording
-        Cleaned; each begins at rest.
+        Cleaned; each begins at rest or with a release.
     options : Options, optional
     progress : callable
         Called with the name of a stage and its cost, often.
@@ -253,7 +253,7 @@ def _without(problem: Problem, name: str, values: Mapping[str, float]) -> Proble
     described = replace(problem, numbers=numbers)
     if not is_of_law(name):
         try:
-            described.predicted({k: v for k, v in values.items() if k != name})
+            described.predicted({n.name: values[n.name] for n in numbers})
             return described
         except SoroError:
             pass

@@ -22,7 +22,8 @@ from soro_core.robot.coordinates import strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Deviations before any data of what was held: elongation, and bending times length [rad].
+# Deviations, before any data, of the strains that a hand holds: elongation, and bending times length
+# [rad].
 _STRETCH, _BEND = 0.1, 0.5
 # Of the part of it that creep has forgotten: 1 is an arm that was held for long, 0 one that was bent at once.
 _FORGOTTEN, _FORGOTTEN_DOUBT = 0.5, 0.3

@@ -1,7 +1,7 @@
 """The way of a new arm, unattended: describe it, excite it, identify it, control it with automatic gains.
 
-The arm itself is a twin. Its numbers are those of the description, changed by factors, and a tracker shows it in
-a frame that the description does not state. Each step is the command that a user types.
+The arm itself is a twin. Its numbers are those of the description, changed by factors, and a tracker shows it
+in a frame that the description does not state. Each step is the command that a user types.
 """
 
 from __future__ import annotations

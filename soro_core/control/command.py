@@ -83,7 +83,7 @@ class Command:
     setpoint_pa : ndarray (n_u,)
         Set points [Pa gauge], finite and within the bounds.
     wished_force, applied_force : ndarray (n_q,)
-        Generalised force that the law asks for; generalised force H p of the measured pressures.
+        Generalised force that the law asks for; generalised force of the measured pressures.
     estimates : dict
         What the law has learnt, by name.
     deviations : dict

@@ -27,21 +27,6 @@ def require_chambers(robot: Robot, where: str) -> None:
         raise ConfigError(where, "robot", f"{robot.name}, which has no chambers", "a robot with chambers")
 
 
-def refuse_dead_bands(robot: Robot, where: str) -> None:
-    """Refuse a robot of which some pressures do nothing: no law finds its set points across that.
-
-    Raises
-    ------
-    ConfigError
-        With the key `dead_band_pa`.
-    """
-    chambers = [chamber for link in robot.links for chamber in link.chambers]
-    for name, chamber in zip(robot.chamber_names, chambers, strict=False):
-        if chamber.dead_band_pa > 0.0:
-            allowed = "0 for a controller; a plant of twin.plant, the filter and simulations take any"
-            raise ConfigError(where, "dead_band_pa", f"{chamber.dead_band_pa:g} of {name}", allowed)
-
-
 class Gains(Strict):
     """Feedback gains: one value for each strain of a link, used for every link, or one for each coordinate.
 

@@ -12,7 +12,7 @@ from soro_core.adaptation.regulators import RegulatorObserver
 from soro_core.config import changed
 from soro_core.control.actuation import complete_pressures
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
-from soro_core.control.config import ControllerConfig, refuse_dead_bands, require_chambers
+from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.demand import supply_of
 from soro_core.control.following import follow, reference_ahead
@@ -65,7 +65,6 @@ class Controller(GivenReferences):
         self.pressures = complete_pressures(config.pressures)
         self.config = changed(config, pressures=self.pressures)
         require_chambers(robot, "controller")
-        refuse_dead_bands(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
         self.fields = strain_fields(robot)
@@ -214,8 +213,8 @@ class Controller(GivenReferences):
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not (wish.ok and np.all(np.isfinite(made.command_pa))):
             return self._held(state, "no finite pressures for the wished force")
-        saturated = bool(wish.saturated.any())
-        inner = self.law.allocated(inner, Made(wished, wish.force, actuation, measured, saturated), dt)
+        saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
+        inner = self.law.allocated(inner, Made(wished, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, wished, wish)
         after = replace(
             state,
@@ -234,7 +233,7 @@ class Controller(GivenReferences):
         return after, Command(
             setpoint_pa=made.command_pa,
             wished_force=wished,
-            applied_force=np.asarray(believed @ measured),
+            applied_force=np.asarray(believed @ acting),
             estimates=self.law.estimates(inner),
             deviations=self.law.deviations(inner),
             learned=self.law.learned(inner),

@@ -220,7 +220,7 @@ def _made(supply: Supply, q: Array, force: Array, wide: bool = False) -> tuple[A
 def _left_away(supply: Supply, q: Array, lacking: Array) -> float:
     """Return how far a missing force moves the tip [m], by the stiffness at `q`."""
     arm, zero = supply.arm, np.zeros_like(q)
-    pressure = _made(supply, q, supply.force(q, zero, zero))[0].pressure_pa
+    pressure = arm.acting_pressure(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa)
 
     def load(at: Array) -> Array:
         return np.asarray(supply.force(at, zero, zero) - supply.actuation(at) @ pressure)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.actuation import CompletePressures, pressure_bounds
+from soro_core.control.actuation import CompletePressures, dead_bands, pressure_bounds
 from soro_core.control.allocation import Allocation, allocate, balanced_weight
 from soro_core.control.lag import compensate
 from soro_core.control.spread import per_coordinate
@@ -47,6 +47,8 @@ class Setpoints:
 class SetpointMaker:
     """Makes set points of one robot.
 
+    A chamber with a dead band is kept at the band or above: there its force is H (p - d), without a step.
+
     Parameters
     ----------
     robot : Robot
@@ -55,14 +57,22 @@ class SetpointMaker:
         Its strains.
     pressures : CompletePressures
         Bounds, weights and regulators.
+
+    Raises
+    ------
+    ConfigError
+        If the bounds leave no range, or lie on both sides of a dead band.
     """
 
     def __init__(self, robot: Robot, fields: StrainFields, pressures: CompletePressures) -> None:
         self.fields, self.pressures = fields, pressures
         self.force_weight, _ = per_coordinate(fields, pressures.force_weight, "pressures.force_weight")
         low, high = pressure_bounds(pressures, robot)
-        self.minimum_pa, self.maximum_pa = np.full(robot.n_u, low), np.full(robot.n_u, high)
-        self.preferred_pa = np.full(robot.n_u, min(max(pressures.preferred_pa, low), high))
+        self.dead_band_pa = dead_bands(robot, low, high)
+        # Without a band a chamber takes pressures below zero too.
+        self.minimum_pa = np.where(self.dead_band_pa > 0.0, np.maximum(low, self.dead_band_pa), low)
+        self.maximum_pa = np.full(robot.n_u, high)
+        self.preferred_pa = np.clip(pressures.preferred_pa, self.minimum_pa, self.maximum_pa)
 
     def allocate(self, actuation: Array, wished: Array, start_pa: Array, wide: bool = False) -> Allocation:
         """Return the pressures for a force.
@@ -79,9 +89,10 @@ class SetpointMaker:
             Far beyond the bounds, for what a force would need.
         """
         margin = _WIDE * (self.maximum_pa - self.minimum_pa) if wide else 0.0
-        return allocate(
+        idle = actuation @ self.dead_band_pa
+        found = allocate(
             actuation,
-            wished,
+            wished + idle,
             self.minimum_pa - margin,
             self.maximum_pa + margin,
             self.force_weight[:, None] * balanced_weight(actuation, self.fields),
@@ -89,6 +100,7 @@ class SetpointMaker:
             self.preferred_pa,
             start_pa,
         )
+        return replace(found, force=found.force - idle)
 
     def beyond_pa(self, pressure_pa: Array) -> Array:
         """Return how far pressures (..., n_u) [Pa gauge] are beyond the range of the set points."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from soro_core.identification.candidates import slopes
+from soro_core.identification.interrupts import searching
 
 Array: TypeAlias = NDArray[np.float64]
 Loss: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
@@ -126,14 +127,15 @@ class Search:
     def run(self) -> Found:
         """Return the candidate with the least cost."""
         try:
-            found = self._from(self._best[1])
-            for _ in range(MOST_RESTARTS):
-                # Short steps of a search at the edge lead across it, that of Gauss and Newton maybe inside.
-                inside = self._inward(found.x) if self._left else None
-                if inside is None:
-                    break
-                self._left = False
-                found = self._from(inside)
+            with searching():
+                found = self._from(self._best[1])
+                for _ in range(MOST_RESTARTS):
+                    # Short steps at the edge lead across it, that of Gauss and Newton maybe inside.
+                    inside = self._inward(found.x) if self._left else None
+                    if inside is None:
+                        break
+                    self._left = False
+                    found = self._from(inside)
         except KeyboardInterrupt:
             return self._found(self._best[1], False, True, "interrupted")
         ended = bool(found.success and found.status > 0)

@@ -128,15 +128,17 @@ def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
     Raises
     ------
     ModelError
-        If a chamber has no volume, or a dead band.
+        If a chamber has no volume, a dead band, or an area that swells.
     """
     if valves is None:
         return NO_AIR
-    for name, band in zip(arm.robot.chamber_names, arm.tables.dead_band, strict=True):
-        if band > 0.0:
-            raise ModelError(
-                f"{arm.robot.name}: dead_band_pa = {band:g} of {name}: allowed with valves is 0", name
-            )
+    laws = {"dead_band_pa": arm.tables.dead_band, "swell_per_pa": arm.tables.swell}
+    for key, values in laws.items():
+        for name, value in zip(arm.robot.chamber_names, values, strict=True):
+            if value > 0.0:
+                raise ModelError(
+                    f"{arm.robot.name}: {key} = {value:g} of {name}: allowed with valves is 0", name
+                )
     return make_gas(valves, chamber_volumes(arm))
 
 

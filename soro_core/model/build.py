@@ -92,6 +92,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         area_rate=area_rate,
         area_saturation=saturation,
         dead_band=np.array([c.dead_band_pa for link in links for c in link.chambers], dtype=np.float64),
+        swell=np.array([c.swell_per_pa for link in links for c in link.chambers], dtype=np.float64),
         axial_gain=axial_gain,
         internal_kind=np.array(kinds, dtype=np.int64),
         internal_coordinate=np.array(coordinates, dtype=np.int64),

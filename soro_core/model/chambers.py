@@ -34,9 +34,20 @@ _FAR = 500.0
 
 @inner
 def acting(t: Tables, u: int, pressure: float) -> float:
-    """Part of a pressure of chamber u that is beyond its dead band [Pa]."""
+    """What acts of a pressure of chamber u: beyond its dead band, on an area that it swells [Pa]."""
     band: float = t.dead_band[u]
-    return max(pressure - band, 0.0) + min(pressure + band, 0.0)
+    swell: float = t.swell[u]
+    beyond = max(pressure - band, 0.0) + min(pressure + band, 0.0)
+    return beyond * math.exp(swell * abs(beyond)) if swell else beyond
+
+
+@inner
+def acting_rate(t: Tables, u: int, pressure: float) -> float:
+    """Derivative of `acting` by the pressure, 0 within the dead band."""
+    band: float = t.dead_band[u]
+    swell: float = t.swell[u]
+    beyond = abs(pressure) - band
+    return 0.0 if beyond < 0.0 else (1.0 + swell * beyond) * math.exp(swell * beyond)
 
 
 @inner

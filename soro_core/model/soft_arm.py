@@ -142,9 +142,10 @@ class SoftArm(ForwardDynamics):
     pressure_matrix = actuation_matrix
 
     def acting_pressure(self, p: ArrayLike) -> Array:
-        """Part of gauge pressures p (n_u,) [Pa] that is beyond the dead bands of their chambers."""
+        """What acts of gauge pressures p (n_u,) [Pa]: beyond dead bands, on areas that they swell."""
         p, band = self._vector(p, self.n_u, "p"), self.tables.dead_band
-        return np.asarray(np.maximum(p - band, 0.0) + np.minimum(p + band, 0.0))
+        beyond = np.maximum(p - band, 0.0) + np.minimum(p + band, 0.0)
+        return np.asarray(beyond * np.exp(self.tables.swell * np.abs(beyond)))
 
     def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
         """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times what acts of them."""

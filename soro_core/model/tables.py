@@ -105,6 +105,8 @@ class Tables(NamedTuple):
     """1 over the largest relative growth of the area of each chamber along each link, 0: none; (n, n_u)."""
     dead_band: Array
     """Pressure that each chamber takes before any of it acts [Pa], (n_u,)."""
+    swell: Array
+    """Exponent of the growth of the area of each chamber by pressure beyond its dead band [1/Pa], (n_u,)."""
     axial_gain: Array
     """Area times length of each chamber along each link, (n, n_u)."""
     internal_kind: Integers

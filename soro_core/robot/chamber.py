@@ -43,6 +43,12 @@ class Chamber(Strict):
     dead_band_pa: float = Field(
         0.0, ge=0, description="pressure [Pa] that the chamber takes before any of it acts on the arm"
     )
+    swell_per_pa: float = Field(
+        0.0,
+        ge=0,
+        le=1e-4,
+        description="the area grows as exp(swell_per_pa * pressure beyond the dead band) [1/Pa]",
+    )
 
     @field_validator("offset_m")
     @classmethod

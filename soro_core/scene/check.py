@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from soro_core.control.config import refuse_dead_bands, require_chambers
+from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError
 from soro_core.hardware import PlatformBase
 from soro_core.robot import Discretisation, Robot, load_robot
@@ -58,7 +58,6 @@ def check_plant(scene: Scene, where: str) -> None:
     """
     robot = scene.loaded_robot
     require_chambers(robot, f"scene {scene.name}")
-    refuse_dead_bands(robot, f"scene {scene.name}")
     if scene.loaded_platform is not None:
         _check_platform(scene, scene.loaded_platform, robot)
     check_model(scene, robot, where)

@@ -153,6 +153,8 @@ def check_volumes(robot: Robot, where: str, key: str) -> None:
             raise ConfigError(where, key, "states", f"lag, or a volume_m3 of {name} in the robot file")
         if chamber.dead_band_pa > 0.0:
             raise ConfigError(where, key, "states", f"lag, or dead_band_pa 0 of {name} in the robot file")
+        if chamber.swell_per_pa > 0.0:
+            raise ConfigError(where, key, "states", f"lag, or swell_per_pa 0 of {name} in the robot file")
 
 
 class ShadowSection(Strict):

@@ -54,7 +54,8 @@ def identify(
         str | None,
         typer.Option(
             help="Laws that may be added, with commas: " + "hyper-elastic, area slope, saturating area, "
-            "dead band, creep, slow creep, Dahl hysteresis; none for the linear law. Default: all."
+            "dead band, creep, slow creep, Dahl hysteresis, moment arms (of each chamber), swelling area; "
+            "none for the linear law. Default: all but the last two."
         ),
     ] = None,
     step_ms: Annotated[
@@ -63,7 +64,7 @@ def identify(
             min=0.1,
             max=50.0,
             help="Step of simulations of the last fit; others take twice that. Default: so long that "
-            "stiffness is right to 0.1 %.",
+            "stiffness is right to 0.3 %.",
         ),
     ] = None,
     constant: Annotated[
@@ -79,6 +80,21 @@ def identify(
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
     volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
     supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Name of a recording that no fit sees, not even the last one; may be given again. "
+            "Default: sections of all recordings choose the laws, then all data are fitted.",
+            show_default=False,
+        ),
+    ] = None,
+    keep: Annotated[
+        str | None,
+        typer.Option(
+            help="Numbers that stay as described, with commas: link0/k_e,link0/damping_e.",
+            show_default=False,
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option(help="Replace --out and --report if they exist.")] = False,
     report: Annotated[
         Path | None,
@@ -103,7 +119,7 @@ def identify(
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from soro_core.identification.arm.laws import LAWS
+    from soro_core.identification.arm.laws import LAWS, NAMED
     from soro_core.identification.arm.physical import check_described
     from soro_core.identification.arm.report.verdict import is_accepted, sentence
     from soro_core.identification.arm.stages import Options
@@ -121,9 +137,10 @@ def identify(
     names = [law.name for law in LAWS] if laws is None else [name.strip() for name in laws.split(",")]
     if names == ["none"]:
         names = []
-    odd = [name for name in names if name not in {law.name for law in LAWS}]
+    known = (*LAWS, *NAMED)
+    odd = [name for name in names if name not in {law.name for law in known}]
     if odd:
-        raise ConfigError("soro identify", "--laws", odd[0], ", ".join(law.name for law in LAWS))
+        raise ConfigError("soro identify", "--laws", odd[0], ", ".join(law.name for law in known))
     name, paths = sources(robot, recordings or [])
     described = None if name is None else load_robot(name)
     wanted = ReportOptions(report, profile)
@@ -142,17 +159,19 @@ def identify(
             if described is None:
                 raise
             text = "no stream that shows the arm, and no steps of its regulators"
-            allowed = "one or more pose sensors, or set points and pressures"
+            allowed = "pose sensors or IMUs with orientations, or set points and pressures"
             raise ConfigError(str(paths[0]), "sensors/pose0", text, allowed) from None
         raise typer.Exit(status)
     check_motion(read)
     options = Options(
         dt_s=None if step_ms is None else 1e-3 * step_ms,
         rate_hz=rate_hz,
-        laws=tuple(law for law in LAWS if law.name in names),
+        laws=tuple(law for law in known if law.name in names),
         is_constant=constant,
         starts=starts,
         seed=seed,
+        hold_out=tuple(hold_out or ()),
+        keep=tuple(name.strip() for name in keep.split(",")) if keep else (),
     )
     bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console)
     with bar:

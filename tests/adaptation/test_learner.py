@@ -151,9 +151,9 @@ def test_masses_that_are_not_stated_are_parts_of_the_arm():
 
 
 def test_the_noise_is_that_of_a_pressure():
-    assert Learner(ARM, config()).config.noise == pytest.approx(0.3, rel=0.02)
+    assert Learner(ARM, config()).config.noise == pytest.approx(0.32, rel=0.02)
     weak = SoftArm(ROBOT.scaled(stiffness=1.0, damping=1.0, gain=0.5))
-    assert Learner(weak, config()).config.noise == pytest.approx(0.15, rel=0.02)
+    assert Learner(weak, config()).config.noise == pytest.approx(0.16, rel=0.02)
     assert Learner(weak, config(noise=0.2)).config.noise == 0.2
 
 

@@ -1,17 +1,91 @@
-"""A controller refuses chambers whose first pressures do nothing."""
+"""Chambers of which the first pressures do nothing: kept at their dead band or above."""
 
+import numpy as np
 import pytest
 
-from soro_core import load_robot
-from soro_core.control import Controller
+from soro_core import SoftArm, load_robot
+from soro_core.config import parse
+from soro_core.control import Controller, ControllerConfig
+from soro_core.control.kinematics import mean_static_pressure
 from soro_core.errors import ConfigError
+from soro_core.robot.coordinates import strain_fields
+from tests.loop.arms import BY_NAME
+from tests.loop.loop_harness import run
+
+BANDS_PA = (2400.0, 0.0, 4000.0)
 
 
-def test_a_controller_refuses_a_dead_band() -> None:
+def banded(robot, bands=BANDS_PA):
+    link = robot.links[0].model_dump(exclude_none=True)
+    for chamber, band in zip(link["chambers"], bands, strict=True):
+        chamber["dead_band_pa"] = band
+    return robot.replace(links=[link])
+
+
+def with_range(low, high):
+    return parse({"pressures": {"minimum_pa": low, "maximum_pa": high}}, ControllerConfig, "test")
+
+
+def test_the_pressures_for_a_force_lie_beyond_the_bands_and_make_it():
+    arm = SoftArm(banded(load_robot("tue_three_bellow")))
+    made = Controller(arm.robot, with_range(0.0, 80e3)).setpoints
+    q = np.array([0.06, 2.0, -1.0])
+    actuation = arm.actuation_matrix(q)
+    wished = actuation @ np.array([21e3, 33e3, 12e3])
+    found = made.allocate(actuation, wished, made.preferred_pa)
+    assert arm.pressure_force(q, found.pressure_pa) == pytest.approx(found.force, rel=1e-9)
+    # The pull towards preferred pressures leaves the rest.
+    assert found.force == pytest.approx(wished, rel=2e-2)
+    assert np.all(found.pressure_pa >= BANDS_PA)
+    assert np.array_equal(made.minimum_pa, BANDS_PA)
+
+
+def test_the_mean_pressure_that_holds_a_shape_has_the_bands():
+    robot = load_robot("tue_three_bellow")
+    q, ends = np.array([0.06, 2.0, -1.0]), (np.zeros(3), np.full(3, 80e3))
+    plain, more = (
+        mean_static_pressure(SoftArm(r), strain_fields(r), q, *ends) for r in (robot, banded(robot))
+    )
+    assert more - plain == pytest.approx(np.mean(BANDS_PA))
+
+
+@pytest.mark.parametrize("law", ["composite", "adaptive"])
+def test_an_arm_with_dead_bands_follows_like_one_without(figure, law):
+    case = BY_NAME["the arm hanging, 7 1/m, 20 g"]
+    robot, setup = case.ready(law=law, duration_s=8.0, payload_kg=0.01)  # with 20 g one is empty at times
+    without, with_bands = (run(r, setup) for r in (robot, banded(robot)))
+    figure(f"{law}: tip RMS {1e3 * with_bands.rms():.3f} mm, without bands {1e3 * without.rms():.3f} mm")
+    assert with_bands.rms() < 1.2 * without.rms()
+    assert np.all(with_bands.command[-1] >= BANDS_PA)
+
+
+def test_a_chamber_without_a_band_keeps_its_range_below_zero():
+    robot = load_robot("tue_three_bellow").replace(pressure_range_pa=(-10e3, 90e3))
+    made = Controller(robot, with_range(-5e3, 80e3)).setpoints
+    assert np.array_equal(made.minimum_pa, [-5e3] * 3)
+
+
+@pytest.mark.parametrize(("low", "high", "band"), [(-5e3, 80e3, 2400.0), (0.0, 80e3, 80e3)])
+def test_a_range_on_both_sides_of_a_band_or_within_it_is_refused(low, high, band):
+    robot = load_robot("tue_three_bellow").replace(pressure_range_pa=(-10e3, 90e3))
+    with pytest.raises(ConfigError) as caught:
+        Controller(banded(robot, (0.0, band, 0.0)), with_range(low, high))
+    assert (caught.value.where, caught.value.key) == ("controller", "dead_band_pa")
+    assert f"{band:g} of link0/chamber1" in str(caught.value)
+
+
+def test_an_area_that_swells_is_refused():
     robot = load_robot("tue_three_bellow")
     link = robot.links[0].model_dump(exclude_none=True)
-    link["chambers"][1]["dead_band_pa"] = 2400.0
+    link["chambers"][1]["swell_per_pa"] = 1e-5
     with pytest.raises(ConfigError) as caught:
-        Controller(robot.replace(links=[link]))
-    assert (caught.value.where, caught.value.key) == ("controller", "dead_band_pa")
-    assert "2400 of link0/chamber1" in str(caught.value)
+        Controller(robot.replace(links=[link]), with_range(0.0, 80e3))
+    assert (caught.value.where, caught.value.key) == ("controller", "swell_per_pa")
+
+
+def test_pressures_within_the_bands_apply_no_force():
+    controller = Controller(banded(load_robot("tue_three_bellow")), with_range(0.0, 80e3))
+    q, still = np.array([0.0, 1.0, 0.0]), np.zeros(3)
+    command = controller.step(controller.initial_state(), q, still, 0.0, 0.005, np.array(BANDS_PA))[1]
+    assert command.status.ok
+    assert np.array_equal(command.applied_force, still)

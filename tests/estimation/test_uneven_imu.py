@@ -38,4 +38,4 @@ def test_an_imu_on_a_loaded_link_sees_the_mean_strain(robot, load_kg, s):
         return Rotation.from_matrix(modelled.T @ seen).magnitude()
 
     assert off(shape.mean) < 0.2 * off(q)
-    assert off(shape.mean) < 5e-3
+    assert off(shape.mean) < 5.5e-3

@@ -53,6 +53,18 @@ def test_the_simplest_within_one_standard_error_is_taken() -> None:
     assert choose(LAWS, _fit(even)).chosen.name == "area slope + creep"
 
 
+def test_a_law_that_takes_little_away_is_not_added() -> None:
+    # In each stretch the same 2 % of the error: more than any standard error, and no use.
+    little = {
+        frozenset(): (1.0, 1.1, 0.9),
+        frozenset({"creep"}): (0.96, 1.056, 0.864),
+        frozenset({"creep", "area slope"}): (0.1, 0.1, 0.1),
+    }
+    found = choose(LAWS, _fit(little))
+    assert found.chosen.laws == ()
+    assert [trial.name for trial in found.tried] == ["linear", "creep"]
+
+
 def test_ctrl_c_ends_the_choice_with_the_best_until_there() -> None:
     calls: list[str] = []
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
-from soro_core.errors import ModelError
-from soro_core.identification.arm.laws import LAWS, freed, plain
+from soro_core.errors import ConfigError, ModelError
+from soro_core.identification.arm.laws import LAWS, NAMED, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import numbers_of, with_numbers
 from soro_core.identification.arm.predict import difference
 from soro_core.identification.recording import Curvature, Marker, Place, Plate
@@ -130,8 +130,42 @@ def test_each_tracker_has_its_own_frame() -> None:
         np.testing.assert_allclose(difference(marker, arm, q, frames), 0.0, atol=1e-12)
 
 
+def test_kept_numbers_are_not_searched() -> None:
+    robot = load_robot("tue_three_bellow")
+    keep = ("link0/k_e", "link0/creep_b")
+    numbers, begin = freed(robot, LAWS, "eb", keep)
+    assert {n.name for n in freed(robot, LAWS, "eb")[0]} - {n.name for n in numbers} == set(keep)
+    assert "link0/creep_e" in begin
+    assert "link0/creep_b" not in begin
+    described = numbers_of(robot)["link0/creep_b"].value
+    assert described > 0.0
+    assert numbers_of(plain(robot, keep))["link0/creep_b"].value == pytest.approx(described)
+    assert numbers_of(plain(robot))["link0/creep_b"].value == 0.0
+    with pytest.raises(ConfigError) as caught:
+        freed(robot, LAWS, "eb", ("link0/mass",))
+    assert caught.value.key == "--keep"
+
+
 def test_a_camera_turns_and_shifts_curvatures() -> None:
     arm = SoftArm(load_robot("tue_three_bellow"))
     frames = {"frame/camera/turn": np.pi / 2, "frame/camera/offset_x": 0.5}
     seen = Curvature("camera", np.arange(1.0), 0, np.array([[0.5, 2.0]]))
     np.testing.assert_allclose(difference(seen, arm, np.array([[0.01, 2.0, 0.0]]), frames), 0.0, atol=1e-12)
+
+
+def test_a_moment_arm_of_one_chamber_changes_that_one_alone() -> None:
+    robot = load_robot("tue_three_bellow")
+    changed = with_numbers(robot, {"link0/chamber2/arm": 0.5}).links[0].chambers
+    before = robot.links[0].chambers
+    assert [c.alpha_eps for c in changed] == pytest.approx([c.alpha_eps for c in before])
+    factors = [c.alpha_kappa / b.alpha_kappa for c, b in zip(changed, before, strict=True)]
+    assert factors == pytest.approx([1.0, 1.0, 0.5])
+
+
+def test_moment_arms_are_freed_only_by_their_law() -> None:
+    robot = load_robot("tue_three_bellow")
+    arms = {"link0/chamber1/arm", "link0/chamber2/arm"}
+    assert not arms & {n.name for n in freed(robot, LAWS, "eb")[0]}
+    assert arms <= {n.name for n in freed(robot, NAMED, "eb")[0]}
+    assert all(is_of_law(name) for name in arms)
+    assert not is_of_law("link0/chamber1/gain")

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
+from soro_core.errors import ConfigError
 from soro_core.identification.arm.cases import Rests
 from soro_core.identification.arm.frames import frame_numbers
 from soro_core.identification.arm.judge import squares
@@ -36,6 +37,28 @@ def test_whole_runs_are_held_out_where_each_has_one_section(robot: Robot) -> Non
     fit, held = split([step(str(k), robot) for k in range(7)], 0.01, 50.0)
     assert [case.name for case in held] == ["1", "5"]
     assert [case.name for case in fit] == ["0", "2", "3", "4", "6"]
+
+
+def test_named_runs_are_held_out_whole(robot: Robot) -> None:
+    fit, held = split([step(str(k), robot) for k in range(4)], 0.01, 50.0, ("0", "2"))
+    assert [case.name for case in held] == ["0", "2"]
+    assert [case.name for case in fit] == ["1", "3"]
+    with pytest.raises(ConfigError) as caught:
+        split([step(str(k), robot) for k in range(4)], 0.01, 50.0, ("0", "7"))
+    assert caught.value.key == "hold_out"
+
+
+def _other_stream(recording: Recording) -> Recording:
+    return replace(recording, markers=(replace(recording.markers[0], name="middle"),))
+
+
+def test_a_stream_that_no_fit_sees_does_not_judge(robot: Robot) -> None:
+    runs = [step("0", robot), _other_stream(step("1", robot))]
+    fit, held = split(runs, 0.01, 50.0)
+    assert ([case.name for case in fit], held) == (["0", "1"], [])
+    with pytest.raises(ConfigError) as caught:
+        split(runs, 0.01, 50.0, ("1",))
+    assert caught.value.got == "middle"
 
 
 def test_of_a_single_run_nothing_is_held_out(robot: Robot) -> None:

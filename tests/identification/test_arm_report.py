@@ -88,7 +88,14 @@ def test_the_page_needs_no_network(page: Page, folder: Path) -> None:
     assert "://" not in text
     assert "url(" not in text
     assert len(text) < 1_500_000
-    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "report.json"]
+    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "pictures", "report.json"]
+
+
+def test_every_picture_of_the_page_is_a_file(page: Page, folder: Path) -> None:
+    files = sorted((folder / "pictures").iterdir())
+    assert len(files) == sum(address.startswith("data:image/") for address in page.addresses)
+    starts = {".png": b"\x89PNG", ".svg": b"<?xml"}
+    assert all(file.read_bytes().startswith(starts[file.suffix]) for file in files)
 
 
 def test_every_run_has_a_heading_and_a_picture(page: Page, found: Identified) -> None:
@@ -122,14 +129,12 @@ def test_numbers_of_the_file_are_those_of_the_result(content: dict, found: Ident
     assert [each["name"] for each in content["undetermined"]] == ["link0/gain"]
     assert [run["held_out_s"] for run in content["data"]] == [[list(HELD_S)]] * 3
     assert all(run["fitted_s"][-1][-1] <= END_S for run in content["data"])
-    offset = [found.solution.values[f"frame/tip/offset_{axis}"] for axis in "xyz"]
-    assert content["frames"]["bodies"] == [
-        {
-            "name": "tip",
-            "offset_m": offset,
-            "rotation_vector_rad": [found.solution.values[f"frame/tip/turn_{axis}"] for axis in "xyz"],
-        }
-    ]
+    values = found.solution.values
+    for kind, name in (("worlds", "tracker"), ("bodies", "tip")):
+        (entry,) = content["frames"][kind]
+        assert entry["name"] == name
+        for key, number in (("offset_m", "offset"), ("rotation_vector_rad", "turn")):
+            assert entry[key] == [values[f"frame/{name}/{number}_{axis}"] for axis in "xyz"]
 
 
 def test_a_run_that_the_soft_loss_wrote_off_is_shown(content: dict, page: Page) -> None:

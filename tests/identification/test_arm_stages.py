@@ -1,5 +1,7 @@
 """The whole way on an arm whose numbers no file has: every number is found within its own error bar."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_arm import record
@@ -105,3 +107,17 @@ def test_wrong_use_names_the_option(words: tuple[str, ...], field: str, tmp_path
     assert result.exception.key == field
     assert (tmp_path / "here.yaml").read_text(encoding="utf-8") == "kept"
     assert not (tmp_path / "new.yaml").exists()
+
+
+def test_no_fit_sees_a_run_that_is_held_out_by_name(guess: Robot) -> None:
+    made = record(with_numbers(guess, TRUTH), hold_s=0.6)
+    kept = replace(made, name="kept")
+    stronger = replace(kept, pressure=replace(kept.pressure, values=1.5 * kept.pressure.values))
+    options = Options(
+        dt_s=0.01, rate_hz=10.0, laws=(), most=3, is_constant=True, starts=1, hold_out=("kept",)
+    )
+    one, other = (identify(guess, [made, each], options) for each in (kept, stronger))
+    assert one.solution.values == other.solution.values
+    assert [case.name for case in one.problem.cases] == ["made"]
+    assert [error.case for error in other.held_out] == ["kept"]
+    assert other.held_out_share > 2.0 * one.held_out_share

@@ -152,7 +152,7 @@ def test_exit_0_accepted(found: Identified, here: Path, monkeypatch: pytest.Monk
     result = _end(found, monkeypatch, *words)
     assert result.exit_code == 0, result.output
     assert load_robot(here / "new.yaml").n_u == 3
-    assert {path.name for path in (here / "page").iterdir()} == {"index.html", "report.json"}
+    assert {path.name for path in (here / "page").iterdir()} == {"index.html", "report.json", "pictures"}
 
 
 def test_exit_1_above_the_limit(found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,9 +106,9 @@ def test_levels_are_stated_where_no_pressure_was_recorded(tmp_path):
         read_csv(tmp_path / "run.csv", columns(pressures={**PRESSURES, "stated": both}), robot())
 
 
-@pytest.mark.parametrize("moves", [False, True])
-def test_a_body_on_the_base_is_the_frame(tmp_path, moves):
-    """Whatever the frame of the tracker, and whether the lab moves the base while it records or not."""
+@pytest.mark.parametrize(("moves", "turns"), [(False, True), (True, True), (False, False)])
+def test_a_body_on_the_base_is_the_frame(tmp_path, moves, turns):
+    """Whatever the frame of the tracker; the lab may move the base, or not use its rotation."""
     k = np.arange(N)
     slow = 0.02 * k * moves
     base = Rotation.from_rotvec(np.column_stack([0.3 + slow, -slow, 0.5 * np.ones(N)]))
@@ -126,12 +126,14 @@ def test_a_body_on_the_base_is_the_frame(tmp_path, moves):
         for name in "bp"
     }
     bodies = {
-        "base": {**keys["b"], "moves": moves},
+        "base": {**keys["b"], "moves": moves, "turns": turns},
         "plates": {"tip": {**keys["p"], "link": 1}},
         "markers": {"dot": {"link": 0, "position": ["px", "py", "pz"]}},
     }
     found = read_csv(write_csv(tmp_path / "run.csv", table(**poses)), columns(**bodies), robot())
     assert found.frame == "base"
+    if not turns:  # the axes stay those of the tracker
+        tip, tip_at = seen, base.apply(tip_at)
     np.testing.assert_allclose(found.plates[0].position, tip_at, atol=1e-9)
     np.testing.assert_allclose(found.markers[0].position, tip_at, atol=1e-9)
     off = (Rotation.from_quat(found.plates[0].quaternion).inv() * tip).magnitude()

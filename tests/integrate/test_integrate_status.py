@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from rods import EXPLICIT, bellows, bent, rod
 
-from soro_core import SoftArm, load_robot, simulate, simulate_many
+from soro_core import SoftArm, simulate, simulate_many
 from soro_core.integrate import STEPPERS, State, make_stepper
+from tests.collapsing_arm import collapsing_arm
 
 BAD = (np.nan, np.inf, -np.inf)
 
@@ -95,17 +96,15 @@ def test_a_collapse_is_found_at_the_step_where_it_happens():
         assert result.t[-1] == pytest.approx(exact.t[-1], abs=2e-3)
 
 
-def asu(least=None):
-    """The arm of two segments; chamber 0 at 204 kPa, which its file does not allow, bends link0 short."""
-    robot = load_robot("asu_two_segment")
-    links = [{**link.model_dump(exclude_unset=True), "least_elongation": least} for link in robot.links]
-    return SoftArm(robot.replace(links=links)), np.array([204e3, 0.0, 0.0, 0.0, 0.0, 0.0])
+def short(least=None):
+    """Chamber 0 at 204 kPa, beyond the range of the arm, bends link0 short."""
+    return SoftArm(collapsing_arm(least_elongation=least)), np.array([204e3, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("name", STEPPERS)
 def test_a_link_that_bending_pulls_short_ends_the_run(name):
     """Damping asks for ever shorter explicit steps the shorter the link: rk4 does not resolve it at 5 ms."""
-    arm, p = asu()
+    arm, p = short()
     result = simulate(arm, t_end=5.0, dt=5e-3, integrator=name, pressure=p)
     assert not result.status.ok
     assert result.t[-1] < 2.0
@@ -128,7 +127,7 @@ def test_a_link_that_bending_pulls_short_ends_the_run(name):
 @pytest.mark.parametrize("name", STEPPERS)
 def test_walls_that_touch_hold_it(name):
     """At the balance behind the turn of the branch, where one collapses without walls."""
-    arm, p = asu(least=-0.6)
+    arm, p = short(least=-0.6)
     result = simulate(arm, t_end=8.0, dt=1e-3 if name == "rk4" else 5e-3, integrator=name, pressure=p)
     assert result.status == "ok"
     assert -0.6 < result.q[:, 0].min() < result.q[-1, 0] + 1e-3 < -0.3

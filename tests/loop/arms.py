@@ -103,9 +103,12 @@ def shipped(name: str) -> Robot:
 
 
 def two_segments(poses: int) -> tuple[Robot, dict[str, Any]]:
-    """The fabric arm of 280 mm with 100 g; its outer chambers bend it about one axis."""
+    """The fabric arm of 270 mm with 100 g; its outer chambers bend it about one axis.
+
+    They lengthen it as well: it moves about the length that 40 kPa in all chambers give.
+    """
     robot, turn = shipped("asu_two_segment"), 0.5 * np.pi
-    reference = Sines([0.085, 0, 0, 0.03, 0, 0], [0.015, 1.2, 0, 0.01, 1.2, 0], [0, 0, 0, turn, 1.0, 0])
+    reference = Sines([0.23, 0, 0, 0.097, 0, 0], [0.015, 1.2, 0, 0.01, 1.2, 0], [0, 0, 0, turn, 1.0, 0])
     place = robot.links[0].length if poses == 2 else 0.0
     return robot, {"payload_kg": 0.1, "reference": reference, "second_pose_m": place}
 
@@ -114,7 +117,7 @@ def two_links(poses: int) -> tuple[Robot, dict[str, Any]]:
     """Two three-bellow links, hanging, with 10 g."""
     one, turn = shipped("tue_three_bellow"), 0.5 * np.pi
     robot = one.replace(links=(one.links[0], one.links[0]), name="two_links", base_quaternion=HANGING)
-    reference = Sines([0.08, 0, 0, 0.06, 0, 0], [0, 3.0, 3.0, 0, 3.0, 3.0], [0, 0, turn, 0, turn, 2 * turn])
+    reference = Sines([0.09, 0, 0, 0.06, 0, 0], [0, 3.0, 3.0, 0, 3.0, 3.0], [0, 0, turn, 0, turn, 2 * turn])
     place = one.links[0].length if poses == 2 else 0.0
     return robot, {"payload_kg": 0.01, "reference": reference, "second_pose_m": place}
 
@@ -156,3 +159,4 @@ ARMS = (
     ),
     Arm("six_link, one chamber", six_links, 0.005 * 0.15),
 )
+BY_NAME = {arm.name: arm for arm in ARMS}

@@ -5,10 +5,8 @@ One seed in shorter runs, which have learned less; `python -m benchmarks --only 
 
 import pytest
 
-from tests.loop.arms import ARMS
+from tests.loop.arms import BY_NAME
 from tests.loop.loop_harness import run
-
-BY_NAME = {arm.name: arm for arm in ARMS}
 
 
 @pytest.mark.parametrize(

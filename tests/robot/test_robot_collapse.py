@@ -59,7 +59,14 @@ def test_no_line_without_a_collapse_in_the_range(caplog, changes):
 
 
 def test_shipped_robots_load_without_one(caplog):
-    for name in ("asu_two_segment", "six_link", "silicone_rod", "silicone_rod_planar", "tue_three_bellow"):
+    for name in (
+        "asu_two_segment",
+        "six_link",
+        "silicone_rod",
+        "silicone_rod_planar",
+        "srl_one_segment",
+        "tue_three_bellow",
+    ):
         load_robot(name)
     assert lines(caplog) == []
 

@@ -18,7 +18,7 @@ ROD = {
 PLAIN = {"length": 0.1, "radius": 0.02, "mass": 0.05, "k_e": [300, 0, 0], "k_b": [0.02, 0, 0]}
 
 
-@pytest.mark.parametrize("name", ["six_link", "silicone_rod", "asu_two_segment"])
+@pytest.mark.parametrize("name", ["six_link", "silicone_rod", "asu_two_segment", "srl_one_segment"])
 def test_shipped_robots_run(name):
     robot = load_robot(name)
     assert robot.name == name

@@ -9,6 +9,7 @@ from soro_core.config import find_config, parse
 from soro_core.errors import ConfigError
 from soro_core.twin import SensorConfig, Twin, TwinConfig
 from soro_core.twin.plant import true_robot
+from tests.collapsing_arm import collapsing_arm
 from tests.refused import refused
 
 PRESSURE = np.array([10e3, 20e3, 15e3])
@@ -52,8 +53,7 @@ def test_a_step_of_pressure_settles_in_its_equilibrium(robot):
 
 def test_a_link_that_collapses_stops_the_plant_with_its_cause():
     """An arm of softer bending than its file: what the file allows bends it short."""
-    robot = load_robot(find_config("asu_two_segment", "robots"))
-    twin = Twin(robot, TwinConfig(gain_scale=2.2, refine=1))
+    twin = Twin(collapsing_arm(), TwinConfig(gain_scale=2.2, refine=1))
     pressure = np.array([105e3, 0.0, 0.0, 0.0, 0.0, 0.0])
     state = twin.initial()
     for _ in range(2000):

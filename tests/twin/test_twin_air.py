@@ -13,6 +13,7 @@ from soro_core.pneumatics.chamber import AMBIENT_PA, GAS_CONSTANT
 from soro_core.pneumatics.flow import REFERENCE_DENSITY
 from soro_core.scene import Scene, check_model
 from soro_core.twin import SensorConfig, Twin, TwinConfig
+from tests.collapsing_arm import collapsing_arm
 from tests.refused import fails, refused
 
 V = 30e-6
@@ -77,7 +78,7 @@ def test_venting_takes_two_and_a_half_times_as_long_as_filling(robot):
     assert 2.2 < times[1] / times[0] < 2.6
 
 
-@pytest.mark.parametrize(("conductance", "fills_s"), [(1e-9, 0.0020), (5e-11, 0.048)])
+@pytest.mark.parametrize(("conductance", "fills_s"), [(1e-9, 0.0022), (5e-11, 0.056)])
 def test_how_fast_a_valve_is_for_the_chambers_of_the_shipped_robot(conductance, fills_s):
     """Of 1.5 ml; docs/model_terms.md has these figures beside the lag of 52 ms."""
     valve = ValveModel(fill_m3_s_pa=conductance, vent_m3_s_pa=conductance)
@@ -194,7 +195,7 @@ def test_mistakes_are_named(keys, found):
 
 def test_a_robot_without_volumes_is_refused_with_what_it_lacks():
     with fails(ConfigError, "lag", "volume_m3", "link0/chamber0", where="parameters of twin", key="air"):
-        Twin(load_robot("asu_two_segment"), TwinConfig(air="states"))
+        Twin(collapsing_arm(), TwinConfig(air="states"))
 
 
 def test_a_scene_refuses_what_has_no_air_of_its_own(robot):
@@ -202,12 +203,12 @@ def test_a_scene_refuses_what_has_no_air_of_its_own(robot):
         Scene(platform="emulated_canopen", valves="real", twin={"air": "states"})
     behind = Scene(platform="emulated_canopen", twin={"air": "states"})
     with refused("twin.air", "states", ("volume_m3", "link0/chamber0")):
-        check_model(behind, load_robot("asu_two_segment"), "scene.yaml")
+        check_model(behind, collapsing_arm(), "scene.yaml")
     scene = Scene(twin={"air": "states", "valve": {"band_pa": 500.0}})
     check_model(scene, robot, "scene.yaml")
     assert scene.twin_node().valve.band_pa == 500.0
     with fails(ConfigError, "volume_m3", "link0/chamber0", where="scene.yaml", key="twin.air", got="states"):
-        check_model(scene, load_robot("asu_two_segment"), "scene.yaml")
+        check_model(scene, collapsing_arm(), "scene.yaml")
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "dopri5"])

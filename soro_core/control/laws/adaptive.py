@@ -93,7 +93,7 @@ class Adaptive(Law[AdaptiveState]):
         if not self.config.adapt or terms is None:
             return state
         # Errors of the chamber gains multiply the measured pressures, not the commanded ones.
-        regressor = terms.regressor + self.parameters.gain_regressor(made.actuation, made.pressure_pa)
+        regressor = terms.regressor + self.parameters.gain_regressor(made.actuation, made.acting_pa)
         shortfall = made.wished - made.force if made.saturated else None
         adaptation = self.config.adaptation
         estimate = adapt(

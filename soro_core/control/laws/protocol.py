@@ -100,8 +100,8 @@ class Made:
         Wished force, and the nearest one that pressures within their bounds make.
     actuation : ndarray (n_q, n_u)
         H where it was allocated, with the gains of the file.
-    pressure_pa : ndarray (n_u,)
-        Measured pressures [Pa gauge].
+    acting_pa : ndarray (n_u,)
+        What acts of the measured pressures [Pa]: all, but for a dead band.
     saturated : bool
         Whether a chamber is at a bound.
     """
@@ -109,7 +109,7 @@ class Made:
     wished: Array
     force: Array
     actuation: Array
-    pressure_pa: Array
+    acting_pa: Array
     saturated: bool
 
 

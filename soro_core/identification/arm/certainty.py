@@ -102,19 +102,18 @@ def _covariance(problem: Problem, solution: Solution, free: Sequence[int] | None
     if free is not None:
         own = list(free)
         solution = replace(solution, x=solution.x[own], jacobian=solution.jacobian[:, own])
-    weight = 1.0 / np.sqrt(1.0 + solution.rows**2)
-    jacobian = solution.jacobian
-    freedom = max(1, len(solution.rows) - len(solution.x))
-    level = float(np.sum(weight * solution.rows**2)) / freedom
+    rows, jacobian = solution.rows, solution.jacobian
+    # First and second derivative of the soft loss.
+    slope, curvature = rows / np.sqrt(1.0 + rows**2), (1.0 + rows**2) ** -1.5
     prior = np.eye(len(solution.x))
-    bread = np.linalg.inv(jacobian.T @ (weight[:, None] * jacobian) + prior)
-    scores = jacobian * (weight * solution.rows)[:, None]
+    bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian) + prior)
+    scores = jacobian * slope[:, None]
     blocks = _blocks(problem)
     summed = np.zeros((int(blocks.max()) + 1, len(prior)))
     np.add.at(summed, blocks, scores)
     between = bread @ (summed.T @ summed + prior) @ bread
     # The estimate of independent samples, from below.
-    independent = np.linalg.inv(jacobian.T @ (weight[:, None] * jacobian) / max(level, 1e-12) + prior)
+    independent = bread @ (scores.T @ scores + prior) @ bread
     factor = np.sqrt(np.maximum(1.0, np.diag(independent) / np.diag(between)))
     return np.asarray(between * np.outer(factor, factor))
 

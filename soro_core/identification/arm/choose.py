@@ -1,4 +1,4 @@
-"""Which laws an arm needs: found by runs that no fit has seen, the simplest within one standard error."""
+"""Which laws an arm needs: found by runs that no fit has seen, the simplest that is as good as the best."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from soro_core.identification.arm.laws import Law
 # Part of the error that the best of all laws must take away by a few steps, for a full search of the best
 # ones; and how many these are.
 _PROMISE, _FULL = 0.005, 2
+# A law takes away at least so much of the error. Over many stretches one standard error is less than what
+# the steps of a simulation or the shape of a bend leave, and any law that is free takes some of that.
+_WORTH = 0.03
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ Fit: TypeAlias = Callable[[tuple[Law, ...], Mapping[str, float], bool], Trial | 
 
 
 def choose(laws: Sequence[Law], fit: Fit) -> Choice:
-    """Add one law after the other, as long as held-out sections gain; then take the simplest that is as good.
+    """Add laws as long as each takes away 3 % of the held-out error; then take the simplest set.
 
     Every law that is left is tried by a few steps of the search; those that promise most, by more.
 
@@ -74,7 +77,7 @@ def choose(laws: Sequence[Law], fit: Fit) -> Choice:
     -------
     Choice
         `chosen` has the fewest laws of all sets whose held-out error is within one standard error of the
-        best; the standard error is that of the difference over the sections.
+        best, or within 3 %; the standard error is that of the difference over the sections.
     """
     first = fit((), {}, True)
     if first is None:
@@ -95,12 +98,18 @@ def choose(laws: Sequence[Law], fit: Fit) -> Choice:
                 if found[k].interrupted:
                     return Choice(best, (*tried, *found))
         tried += found
-        if not found or min(t.error for t in found) >= best.error:
+        before, best = best, min((best, *found), key=lambda t: t.error)
+        if best.error >= (1.0 - _WORTH) * before.error:
             break
-        best = min(found, key=lambda t: t.error)
-    near = [t for t in tried if np.mean(t.squares) <= np.mean(best.squares) + _standard_error(t, best)]
+    near = [t for t in tried if _is_as_good(t, best)]
     chosen = min(near, key=lambda t: (len(t.laws), t.error))
     return Choice(chosen, tuple(tried))
+
+
+def _is_as_good(trial: Trial, best: Trial) -> bool:
+    """Whether a set of laws predicts as the best one does."""
+    within = np.mean(trial.squares) <= np.mean(best.squares) + _standard_error(trial, best)
+    return bool(within) or (1.0 - _WORTH) * trial.error <= best.error
 
 
 def _standard_error(trial: Trial, best: Trial) -> float:

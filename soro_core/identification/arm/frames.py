@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core.identification.arm.cases import Case, Whole, clock
 from soro_core.identification.arm.numbers import Number
-from soro_core.identification.recording.streams import Curvature, Marker, Plate, Shape
+from soro_core.identification.recording.streams import Attitude, Curvature, Marker, Plate, Shape
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 
@@ -46,6 +46,9 @@ def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
     ]
     numbers = [n for shape, q in seen if isinstance(shape, Curvature) for n in _camera(shape)]
     bodies = [(s, arm.poses(q, s.place.along(arm.robot))) for s, q in seen if isinstance(s, Plate | Marker)]
+    imus = [(s, arm.poses(q, s.place.along(arm.robot))) for s, q in seen if isinstance(s, Attitude)]
+    for name in dict.fromkeys(imu.name for imu, _ in imus):
+        numbers += _imu([(imu, poses) for imu, poses in imus if imu.name == name])
     for frame in dict.fromkeys(body.frame for body, _ in bodies):
         numbers += _tracker([(body, poses) for body, poses in bodies if body.frame == frame])
     return tuple({n.name: n for n in numbers}.values())
@@ -132,6 +135,20 @@ def _body(same: Sequence[tuple[Plate | Marker, Array]], turn: Rotation) -> list[
     return [
         *_three(f"{body.name}/turn", mount.as_rotvec(), "rad", _TURN),
         *_three(f"{body.name}/offset", np.zeros(3), "m", _BODY),
+    ]
+
+
+def _imu(same: Sequence[tuple[Attitude, Array]]) -> list[Number]:
+    """Return the turn of the world of an IMU, from the axes about which it turns, and that of its mount."""
+    name = same[0][0].name
+    sections = Rotation.from_matrix(np.concatenate([poses[:, :3, :3] for _, poses in same]))
+    shown = Rotation.from_quat(np.concatenate([imu.quaternion for imu, _ in same]))
+    turned = [(r * r[0].inv()).as_rotvec() for r in (shown, sections)]
+    world, _ = Rotation.align_vectors(*turned)
+    mount = (sections.inv() * world.inv() * shown).mean()
+    return [
+        *_three(f"{name}/world", world.as_rotvec(), "rad", _TURN),
+        *_three(f"{name}/turn", mount.as_rotvec(), "rad", _TURN),
     ]
 
 

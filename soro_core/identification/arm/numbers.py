@@ -128,8 +128,11 @@ def _of_link(robot: Robot, link: Link, name: str) -> Iterator[Number]:
         yield Number(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
         band, most = max(c.dead_band_pa for c in link.chambers), max(robot.pressure_range_pa)
         yield Number(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
+        swell = max(c.swell_per_pa for c in link.chambers)
+        yield Number(f"{name}/swell", swell, "1/Pa", "shift", 1.0 / most, 0.0, 1e-4)
         for j in range(1, len(link.chambers)):
             yield factor(f"chamber{j}/gain", 1.0, "of the file", 0.15)
+            yield factor(f"chamber{j}/arm", 1.0, "of the file", 0.15)
 
 
 def _changed(link: Link, n: Mapping[str, float]) -> dict[str, Any]:
@@ -167,13 +170,13 @@ def _changed(link: Link, n: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _chamber(keys: dict[str, Any], n: Mapping[str, float], j: int) -> dict[str, Any]:
-    gain, arm = n["gain"] * (n[f"chamber{j}/gain"] if j else 1.0), n["arm"]
+    gain, arm = (n[key] * (n[f"chamber{j}/{key}"] if j else 1.0) for key in ("gain", "arm"))
     factors = {"area_m2": gain, "offset_m": arm, "alpha_eps": gain, "alpha_kappa": gain * arm}
     changed = {k: v * factors.get(k, 1.0) if isinstance(v, float) else v for k, v in keys.items()}
     if keys.get("alpha_eps", 1.0):
         changed["area_slope"] = n["area_slope"]
     changed["area_saturation"] = n["area_saturation"] if changed.get("area_slope") else 0.0
-    changed["dead_band_pa"] = n["dead_band"]
+    changed["dead_band_pa"], changed["swell_per_pa"] = n["dead_band"], n["swell"]
     return changed
 
 

@@ -5,7 +5,8 @@ The frame of the tracker has the world of the robot at (R_t, p_t); the body that
 
     position = p_t + R_t (p + R o_b),   rotation = R_t R R_b.
 
-A camera that sees curvatures turns them and adds those of the arm when straight (`MeasurementFrame`).
+An IMU states rotations in a world of its own, R_w R R_b. A camera that sees curvatures turns them and adds
+those of the arm when straight (`MeasurementFrame`).
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from soro_core.identification.frame import MeasurementFrame
-from soro_core.identification.recording.streams import Bend, Curvature, Marker, Plate, Shape
+from soro_core.identification.recording.streams import Attitude, Bend, Curvature, Marker, Plate, Shape
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_core.rotation import rotation_exp
@@ -34,7 +35,7 @@ def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
 
     Parameters
     ----------
-    shape : Plate, Marker, Curvature or Bend
+    shape : Plate, Marker, Curvature, Bend or Attitude
     arm : SoftArm
     q : (n, n_q)
         Coordinates at its samples.
@@ -45,9 +46,9 @@ def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
     -------
     Array
         (n, 6) position [m] and rotation vector [rad] of a plate, (n, 3) [m] of a marker, (n, 2) [1/m] of a
-        curvature, (n, 1) [rad] of a bending angle.
+        curvature, (n, 1) [rad] of a bending angle, (n, 3) rotation vector [rad] of an attitude.
     """
-    raise TypeError(f"{type(shape).__name__}: allowed are plates, markers, curvatures and bending angles")
+    raise TypeError(f"{type(shape).__name__}: allowed are the streams of `Shape`")
 
 
 @difference.register
@@ -80,12 +81,20 @@ def _(shape: Bend, arm: SoftArm, q: Array, frames: Frames) -> Array:
     return np.asarray(shape.angle - _mean(arm, q, shape.link, "bending_y") * length)[:, None]
 
 
+@difference.register
+def _(shape: Attitude, arm: SoftArm, q: Array, frames: Frames) -> Array:
+    world, mount = (rotation_exp(_vector(frames, f"{shape.name}/{key}")) for key in ("world", "turn"))
+    predicted = world @ _sections(arm, q, shape)[:, :3, :3] @ mount
+    apart = Rotation.from_matrix(predicted).inv() * Rotation.from_quat(shape.quaternion)
+    return np.asarray(apart.as_rotvec())
+
+
 def tracker(frames: Frames, name: str = "tracker") -> tuple[Array, Array]:
     """Rotation (3, 3) and position (3,) [m] of the world of the robot in the frame of a tracker."""
     return rotation_exp(_vector(frames, f"{name}/turn")), _vector(frames, f"{name}/offset")
 
 
-def _sections(arm: SoftArm, q: Array, shape: Plate | Marker) -> Array:
+def _sections(arm: SoftArm, q: Array, shape: Plate | Marker | Attitude) -> Array:
     return arm.poses(q, shape.place.along(arm.robot))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -20,7 +20,7 @@ from soro_core.identification.recording import (
     sections,
     still_limits,
 )
-from soro_core.identification.recording.streams import Curvature, Marker, Shape
+from soro_core.identification.recording.streams import Attitude, Curvature, Marker, Shape
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -32,11 +32,13 @@ _FIRST_SHARE, _FIRST_TURN = 0.03, 0.05
 _LEAST = {"m": 1e-4, "rad": 1e-3, "1/m": 1e-3}
 
 
-def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple[list[Whole], list[Whole]]:
+def split(
+    recordings: Sequence[Recording], dt_s: float, rate_hz: float, named: Collection[str] = ()
+) -> tuple[list[Whole], list[Whole]]:
     """Return cases of the fit and of the judge: sections of each kind are held out of every recording.
 
     Where no recording has two sections of a kind, whole recordings are held out: the second, and every
-    fourth on.
+    fourth on, if the first one shows what they show. Names of recordings replace both rules.
 
     Parameters
     ----------
@@ -45,19 +47,30 @@ def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple
         Step of their simulations [s].
     rate_hz : float
         Samples a second that are compared.
+    named : collection of str
+        Names of recordings that are held out as a whole.
 
     Raises
     ------
     ConfigError
-        If no section has pressures and shape.
+        If no section has pressures and shape, a name is not one of a recording, or a named recording has a
+        stream that no other has.
     """
     fit: list[Whole] = []
     held: list[Whole] = []
     still = still_limits(recordings)
-    parted = [hold_out(sections(recording, still=still)) for recording in recordings]
-    if not any(out for _, out in parted):
+    cut = [sections(recording, still=still) for recording in recordings]
+    parted = [hold_out(own) for own in cut]
+    if named:
+        names = [recording.name for recording in recordings]
+        odd = [name for name in named if name not in names]
+        if odd:
+            raise ConfigError("recordings", "hold_out", odd[0], ", ".join(names))
+        parted = [((), own) if name in named else (own, ()) for name, own in zip(names, cut, strict=True)]
+    elif not any(out for _, out in parted):
         known = [k for k, (used, _) in enumerate(parted) if used]
-        whole = set(known[1::_EVERY])
+        streams = [{shape.name for shape in recording.shapes} for recording in recordings]
+        whole = {k for k in known[1::_EVERY] if streams[k] <= streams[known[0]]}
         parted = [((), used) if k in whole else (used, out) for k, (used, out) in enumerate(parted)]
     for recording, (used, out) in zip(recordings, parted, strict=True):
         for parts, into in ((used, fit), (out, held)):
@@ -66,7 +79,17 @@ def split(recordings: Sequence[Recording], dt_s: float, rate_hz: float) -> tuple
                 into.append(Whole(recording, dt_s, judged, rate_hz))
     if not fit:
         raise ConfigError("recordings", "", "no section with pressures and shape", "a recording with both")
+    _check_seen(fit, held)
     return fit, held
+
+
+def _check_seen(fit: Sequence[Whole], held: Sequence[Whole]) -> None:
+    """Refuse a judge with a stream that no fit sees: its frame would not be known."""
+    known = {shape.name for case in fit for shape in case.shapes}
+    for case in held:
+        for shape in case.shapes:
+            if shape.name not in known:
+                raise ConfigError(case.name, "hold_out", shape.name, f"a run that shows {', '.join(known)}")
 
 
 def rests_of(recordings: Sequence[Recording]) -> Rests | None:
@@ -80,7 +103,7 @@ def rests_of(recordings: Sequence[Recording]) -> Rests | None:
             for mean in state.shapes:
                 rows.setdefault(mean.stream, []).append((len(pressure), mean.value, by_name[mean.stream]))
             pressure.append(state.pressure.value)
-    if len(pressure) < 3 or not any(isinstance(r[0][2], Plate | Marker) for r in rows.values()):
+    if len(pressure) < 3 or not any(isinstance(r[0][2], Plate | Marker | Attitude) for r in rows.values()):
         return None
     shapes = tuple(
         _of_means(r[0][2], np.array([k for k, _, _ in r], float), np.array([v for _, v, _ in r]))
@@ -94,6 +117,8 @@ def _of_means(shape: Shape, t: Array, values: Array) -> Shape:
         return replace(shape, t=t, position=values[:, :3], quaternion=values[:, 3:])
     if isinstance(shape, Marker):
         return replace(shape, t=t, position=values)
+    if isinstance(shape, Attitude):
+        return replace(shape, t=t, quaternion=values)
     return (
         replace(shape, t=t, curvature=values)
         if isinstance(shape, Curvature)
@@ -105,6 +130,8 @@ def first_errors(shape: Shape, moved: float) -> Array:
     """Expected error of each column before any fit."""
     if isinstance(shape, Plate):
         return np.array([max(_FIRST_SHARE * moved, _LEAST["m"])] * 3 + [_FIRST_TURN] * 3)
+    if isinstance(shape, Attitude):
+        return np.full(3, _FIRST_TURN)
     width = shape.motion().reshape(len(shape.t), -1).shape[1] if len(shape.t) else 1
     least = _LEAST["m" if isinstance(shape, Marker) else "1/m" if isinstance(shape, Curvature) else "rad"]
     return np.full(width, max(_FIRST_SHARE * moved, least))

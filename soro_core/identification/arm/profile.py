@@ -135,7 +135,8 @@ def searched(
     most : int
         Largest number of steps for each point.
     """
-    inverse = np.linalg.inv(_curvature(optimum.rows, optimum.jacobian))
+    curvature = _curvature(optimum.jacobian, (1.0 + optimum.rows**2) ** -1.5)
+    inverse = np.linalg.inv(curvature)
     direction = inverse[:, index] / inverse[index, index]
     unit = 0.5 * deviation**2 / float(inverse[index, index])
     base = _data(optimum.rows), 0.5 * float(optimum.x @ optimum.x)
@@ -175,7 +176,8 @@ def _follow(
         free = ~(((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0)))
         free[index] = False
         step = np.zeros(len(x))
-        curved = _curvature(rows, jacobian)[np.ix_(free, free)]
+        # No cost is above the parabola with these weights, so no step of linear residuals raises it.
+        curved = _curvature(jacobian, 1.0 / np.sqrt(1.0 + rows**2))[np.ix_(free, free)]
         step[free] = -scale * np.linalg.solve(curved, gradient[free])
         if -0.5 * float(gradient @ step) < enough:
             break
@@ -196,9 +198,8 @@ def _data(rows: Array) -> float:
     return float(np.sum(np.sqrt(1.0 + rows**2) - 1.0))
 
 
-def _curvature(rows: Array, jacobian: Array) -> Array:
-    """Second derivatives (n, n) of the cost, without those of the residuals."""
-    weight = 1.0 / np.sqrt(1.0 + rows**2)
+def _curvature(jacobian: Array, weight: Array) -> Array:
+    """Second derivatives (n, n) of a cost whose residuals have these weights (m,), and of the prior."""
     return np.asarray(jacobian.T @ (weight[:, None] * jacobian) + np.eye(jacobian.shape[1]))
 
 

@@ -21,7 +21,8 @@ from soro_core.identification.arm.pace import longest_step
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
 from soro_core.identification.arm.problem import Problem, Solution, evaluated, modelled, solve
 from soro_core.identification.arm.starts import is_release, start_numbers
-from soro_core.identification.recording import Marker, Plate, Recording
+from soro_core.identification.interrupts import only_in_searches
+from soro_core.identification.recording import Marker, Plate, Recording, check_names
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 
@@ -30,8 +31,8 @@ Progress: TypeAlias = Callable[[str, float], None]
 
 # Step of the simulations by which laws are compared, over that of the last fit.
 _COARSE = 2.0
-# Turn of the slowest swing in a step of the last fit [rad]: its stiffness comes out right to 0.1 %.
-_TURN = 0.125
+# Turn of the slowest swing in a step of the last fit [rad]: its stiffness comes out right to 0.3 %.
+_TURN = 0.2
 # Relative change of the cost at which a search ends: one that only compares laws, and the last one.
 _COMPARED, _LAST = 2e-3, 1e-4
 # Most steps of a search that compares laws, and of one that shows which promise most.
@@ -46,7 +47,7 @@ class Options:
     ----------
     dt_s : float or None
         Step of simulations [s] of the last fit; laws are compared with twice that. None: so long that
-        stiffness is right to 0.1 %.
+        stiffness is right to 0.3 %.
     rate_hz : float
         Samples a second that are compared.
     laws : tuple of Law
@@ -60,6 +61,10 @@ class Options:
         Number of starts of the fit of states at rest.
     seed : int
         Of these starts.
+    hold_out : tuple of str
+        Names of recordings that no fit sees, not even the last one; () holds out sections of all.
+    keep : tuple of str
+        Names of numbers that stay as described.
     """
 
     dt_s: float | None = None
@@ -69,6 +74,8 @@ class Options:
     is_constant: bool = False
     starts: int = 3
     seed: int = 1
+    hold_out: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,7 @@ class Identified:
     interrupted: bool = False
 
 
+@only_in_searches()
 def identify(
     robot: Robot,
     recordings: Sequence[Recording],
@@ -131,16 +139,19 @@ def identify(
     Raises
     ------
     ConfigError
-        If no recording has a section with pressures and shape.
+        If no recording has a section with pressures and shape, a name stands for two kinds of streams, or
+        one of the options is unknown.
     ModelError
         If the arm as described cannot be simulated.
     """
     options = Options() if options is None else options
     recordings = [recording for recording in recordings if recording.shapes]
-    robot = plain(robot)
+    check_names(recordings)
+    robot, keep = plain(robot, options.keep), options.keep
     is_constant = options.is_constant
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
-    fit, held = split(recordings, _COARSE * dt, options.rate_hz)
+    fit, held = split(recordings, _COARSE * dt, options.rate_hz, options.hold_out)
+    recordings = [recording for recording in recordings if recording.name not in options.hold_out]
     whole = [Whole(r, dt, rate_hz=options.rate_hz) for r in recordings]
     rests, moved = rests_of(recordings), ranges(whole)
     expected = {s.name: first_errors(s, moved[s.name]) for case in whole for s in case.shapes}
@@ -150,7 +161,7 @@ def identify(
     kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
 
     def problem(laws: Sequence[Law], cases: Sequence[Case]) -> Problem:
-        numbers, begin = freed(robot, laws, kinds)
+        numbers, begin = freed(robot, laws, kinds, keep)
         runs = [case.name for case in cases if isinstance(case, Whole)]
         begun = modelled(with_numbers(robot, begin), is_constant)
         starts = start_numbers(begun, [r for r in runs if r in releases])
@@ -167,7 +178,7 @@ def identify(
 
     def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
         name = " + ".join(law.name for law in laws) or "linear"
-        begin = {**linear.values, **freed(robot, laws, kinds)[1], **start}
+        begin = {**linear.values, **freed(robot, laws, kinds, keep)[1], **start}
         most = min(_FULL if in_full else _FEW, options.most)
         try:
             found = solve(problem(laws, fit), begin, most, _COMPARED, lambda c: progress(name, c))

@@ -5,6 +5,7 @@ from soro_core.identification.recording.faults import Faults
 from soro_core.identification.recording.from_bag import read_bag
 from soro_core.identification.recording.from_csv import read_csv
 from soro_core.identification.recording.motion import check_motion, moves
+from soro_core.identification.recording.names import check_names
 from soro_core.identification.recording.phases import Phase, decays, excited
 from soro_core.identification.recording.place import Place, place_of_part
 from soro_core.identification.recording.recording import Recording
@@ -43,6 +44,7 @@ __all__ = [
     "StillLimits",
     "Stream",
     "check_motion",
+    "check_names",
     "decays",
     "excited",
     "hold_out",

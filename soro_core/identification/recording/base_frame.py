@@ -15,7 +15,7 @@ Kind = TypeVar("Kind", bound=Stream)
 Array = NDArray[np.float64]
 
 
-def in_frame_of(base: Plate, stream: Kind, moves: bool) -> Kind:
+def in_frame_of(base: Plate, stream: Kind, moves: bool, turns: bool) -> Kind:
     """Return plates and markers in the frame of the base; other streams, and the base, as they are.
 
     Parameters
@@ -26,11 +26,13 @@ def in_frame_of(base: Plate, stream: Kind, moves: bool) -> Kind:
         Any stream of the recording.
     moves : bool
         Whether each sample of the base counts, or its median, which has less noise.
+    turns : bool
+        Whether the rotation of the base counts, or its position alone.
     """
     if stream.name == base.name or not isinstance(stream, Plate | Marker):
         return stream
     position, turn = _pose(base, stream.t, moves)
-    back = turn.inv()
+    back = turn.inv() if turns else Rotation.identity()
     seen: Kind = replace(stream, position=back.apply(stream.position - position))
     if isinstance(seen, Plate):
         seen = replace(seen, quaternion=(back * Rotation.from_quat(seen.quaternion)).as_quat())

@@ -135,6 +135,10 @@ class BaseColumns(PoseColumns):
     """Poses of a body on the base; positions and rotations of the others are given in its frame."""
 
     moves: bool = Field(False, description="false: its median counts, for it is fixed; true: each sample")
+    turns: bool = Field(
+        True,
+        description="false: only its position counts, axes stay those of the tracker; its rotation is wrong",
+    )
 
 
 class MarkerColumns(OnArm):

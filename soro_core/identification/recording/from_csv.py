@@ -76,7 +76,10 @@ def read_csv(
     if columns.base is not None:
         base = next(stream for stream, _ in found if stream.name == "base")
         assert isinstance(base, Plate)
-        found = [(in_frame_of(base, stream, columns.base.moves), faults) for stream, faults in found]
+        found = [
+            (in_frame_of(base, stream, columns.base.moves, columns.base.turns), faults)
+            for stream, faults in found
+        ]
     streams = [stream for stream, _ in found]
     series = {stream.name: stream for stream in streams if isinstance(stream, Series)}
     return Recording(

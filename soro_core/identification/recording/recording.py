@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from soro_core.errors import ConfigError
 from soro_core.identification.recording.faults import Faults
 from soro_core.identification.recording.streams import (
+    Attitude,
     Bend,
     Curvature,
     Imu,
@@ -63,14 +64,21 @@ class Recording:
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """Streams that show the shape of the arm."""
-        return (*self.plates, *self.markers, *self.curvatures, *self.bends)
+        """Streams that show the shape of the arm: what IMUs state where nothing else does."""
+        return (*self.plates, *self.markers, *self.curvatures, *self.bends) or self.attitudes
+
+    @property
+    def attitudes(self) -> tuple[Attitude, ...]:
+        """Rotations that IMUs state."""
+        stated = (imu.attitude() for imu in self.imus)
+        return tuple(attitude for attitude in stated if attitude is not None)
 
     @property
     def streams(self) -> tuple[Stream, ...]:
         """All streams."""
         driving = tuple(each for each in (self.command, self.duty) if each is not None)
-        return (self.pressure, *driving, *self.shapes, *self.imus)
+        seen = (*self.plates, *self.markers, *self.curvatures, *self.bends, *self.imus)
+        return (self.pressure, *driving, *seen)
 
     @property
     def span(self) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from soro_core.identification.recording.base_frame import aligned
 from soro_core.identification.recording.recording import Recording
 from soro_core.identification.recording.stillness import StillLimits, blocks, still_limits, stretches
-from soro_core.identification.recording.streams import Plate, Stream
+from soro_core.identification.recording.streams import Attitude, Plate, Stream
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -112,6 +112,9 @@ def mean(stream: Stream) -> Mean:
     if isinstance(stream, Plate):  # q and -q are one rotation, and the mean of rotations has length 1
         quaternion = aligned(stream.quaternion)
         table = np.column_stack([stream.position, quaternion / np.linalg.norm(quaternion.mean(axis=0))])
+    if isinstance(stream, Attitude):
+        quaternion = aligned(stream.quaternion)
+        table = quaternion / np.linalg.norm(quaternion.mean(axis=0))
     number = min(_PARTS, len(table) // 2)
     if number < 2:
         deviation = np.full(table.shape[1], np.nan)

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.identification.recording.recording import Recording
-from soro_core.identification.recording.streams import Bend, Curvature, Marker, Plate, Series, Stream
+from soro_core.identification.recording.streams import (
+    Attitude,
+    Bend,
+    Curvature,
+    Marker,
+    Plate,
+    Series,
+    Stream,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -34,7 +42,7 @@ class StillLimits:
     curvature_per_m : float
         Curvatures [1/m].
     bend_rad : float
-        Bending angles [rad].
+        Bending angles, and rotations of IMUs [rad].
     block_s : float
         Length of a block [s].
     least_s : float
@@ -54,7 +62,7 @@ class StillLimits:
             return self.pressure_pa
         if isinstance(stream, Curvature):
             return self.curvature_per_m
-        return self.bend_rad if isinstance(stream, Bend) else self.position_m
+        return self.bend_rad if isinstance(stream, Bend | Attitude) else self.position_m
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,8 @@ def still_limits(
     """
 
     def largest(kind: type[Stream] | tuple[type[Stream], ...], part: float) -> float:
-        found = [s for recording in recordings for s in recording.streams if isinstance(s, kind) and s.t.size]
+        streams = [s for r in recordings for s in (r.pressure, *r.shapes)]
+        found = [s for s in streams if isinstance(s, kind) and s.t.size]
         ranges = [np.ptp(np.percentile(stream.motion(), _INNER, axis=0), axis=0).max() for stream in found]
         return part * float(max(ranges, default=0.0))
 
@@ -108,7 +117,7 @@ def still_limits(
         pressure_pa=largest(Series, pressure),
         position_m=largest((Plate, Marker), shape),
         curvature_per_m=largest(Curvature, shape),
-        bend_rad=largest(Bend, shape),
+        bend_rad=largest((Bend, Attitude), shape),
     )
 
 

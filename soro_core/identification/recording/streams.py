@@ -7,6 +7,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from soro_core.identification.recording.place import Place
 
@@ -180,5 +181,35 @@ class Imu(Stream):
         """Return the angular velocities [rad/s]."""
         return self.gyro
 
+    def attitude(self) -> Attitude | None:
+        """Return the rotations that it states, without zeros; None of an IMU that gives none."""
+        if self.orientation is None:
+            return None
+        length = np.linalg.norm(self.orientation, axis=1)
+        known = length > 0.5
+        unit = self.orientation[known] / length[known, None]
+        return Attitude(self.name, self.t[known], self.place, unit) if known.any() else None
 
-Shape: TypeAlias = Plate | Marker | Curvature | Bend
+
+@dataclass(frozen=True)
+class Attitude(Stream):
+    """Rotations of a body that is fixed to a cross-section, in a frame of its own: what an IMU states.
+
+    Attributes
+    ----------
+    place : Place
+        The cross-section.
+    quaternion : array of shape (n, 4)
+        x, y, z, w, of length 1.
+    """
+
+    place: Place
+    quaternion: Array
+
+    def motion(self) -> Array:
+        """Return two axes of the body (n, 6): a turn of 1 rad moves them by about 1, whatever its sign."""
+        axes = Rotation.from_quat(self.quaternion).as_matrix()[:, :, [0, 2]]
+        return np.asarray(axes.reshape(-1, 6))
+
+
+Shape: TypeAlias = Plate | Marker | Curvature | Bend | Attitude

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.articulated import cholesky
-from soro_core.model.chambers import add_gradient, add_pressure_stiffness
+from soro_core.model.chambers import acting_rate, add_gradient, add_pressure_stiffness
 from soro_core.model.derivative.chain import inverse_derivatives
 from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR
@@ -31,7 +31,7 @@ def equation_derivatives(
 ) -> None:
     """d.equation <- derivatives by a (lower triangle), q and qd; d.actuation <- less that by p.
 
-    That is H, without the columns of pressures within a dead band.
+    That is H, each column by the rate at which its pressure acts: 0 within a dead band.
     """
     inverse_derivatives(t, d, wrench, q, qd, a)
     clear_matrix(d.block)
@@ -46,8 +46,8 @@ def equation_derivatives(
     for u in range(d.actuation.shape[1]):
         clear(d.gradient)
         for i in range(t.length.shape[0]):
-            if t.chamber_samples[i, u] > 0 and abs(pressure[u]) >= t.dead_band[u]:
-                add_gradient(t, i, u, q, 1.0, d.gradient)
+            if t.chamber_samples[i, u] > 0:
+                add_gradient(t, i, u, q, acting_rate(t, u, pressure[u]), d.gradient)
         for b in range(q.shape[0]):
             d.actuation[b, u] = d.gradient[b]
 

@@ -1,4 +1,4 @@
-"""The report of an identification: index.html, which needs no network, and its numbers as report.json."""
+"""The report of an identification: a page that needs no network, its numbers as report.json, its pictures."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from soro_core.identification.arm.report.content import Result, content_of
+from soro_core.identification.arm.report.files import write_pictures
 from soro_core.identification.arm.report.page import page
 from soro_core.identification.arm.report.traces import traces
 
@@ -15,7 +16,7 @@ PAGE = "index.html"
 
 
 def write_report(result: Result, folder: Path) -> Path:
-    """Write index.html and report.json; return the page.
+    """Write index.html, report.json and the folder pictures; return the page.
 
     Parameters
     ----------
@@ -29,5 +30,7 @@ def write_report(result: Result, folder: Path) -> Path:
     (folder / "report.json").write_text(
         json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
     )
-    (folder / PAGE).write_text(page(content, seen), encoding="utf-8")
+    text = page(content, seen)
+    (folder / PAGE).write_text(text, encoding="utf-8")
+    write_pictures(text, folder / "pictures")
     return folder / PAGE

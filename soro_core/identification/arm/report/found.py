@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from soro_core.identification.arm.physical import Unphysical
-from soro_core.identification.arm.predict import tracker
 from soro_core.identification.arm.profile import Profile
 from soro_core.identification.arm.stages import Identified
 from soro_core.identification.arm.written import experiment, marks, origin
+from soro_core.identification.recording.streams import Attitude, Curvature, Marker, Plate
 
 
 def numbers_of(found: Identified, unphysical: Sequence[Unphysical]) -> list[dict[str, Any]]:
@@ -95,42 +95,37 @@ def undetermined_of(found: Identified) -> list[dict[str, Any]]:
 
 
 def frames_of(found: Identified) -> dict[str, Any]:
-    """Return where the tracker stands, and how bodies and cameras sit."""
+    """Return where trackers and the worlds of IMUs stand, and how bodies and cameras sit."""
     values = found.solution.values
-    frames = {name: value for name, value in values.items() if name.startswith("frame/")}
-    turn, place = tracker(frames)
-    names = dict.fromkeys(name.split("/")[1] for name in frames)
-    result: dict[str, Any] = {"tracker": None, "bodies": [], "cameras": []}
-    if "tracker" in names:
-        own = _three(frames, "tracker/turn")
-        result["tracker"] = {
-            "position_m": place.tolist(),
-            "rotation_vector_rad": own,
-            "rotation": turn.tolist(),
-        }
-    for name in names:
-        if name == "tracker":
-            continue
-        if f"frame/{name}/turn" in frames:
-            result["cameras"].append(
-                {
-                    "name": name,
-                    "turn_rad": frames[f"frame/{name}/turn"],
-                    "curvature_per_m": [frames[f"frame/{name}/offset_{axis}"] for axis in "xy"],
-                }
-            )
-        else:
-            result["bodies"].append(
-                {
-                    "name": name,
-                    "offset_m": _three(frames, f"{name}/offset"),
-                    "rotation_vector_rad": _three(frames, f"{name}/turn"),
-                }
-            )
-    return result
+    seen = {shape.name: shape for case in found.problem.cases for shape in case.shapes}
+    frames = dict.fromkeys(s.frame for s in seen.values() if isinstance(s, Plate | Marker))
+    return {
+        "worlds": [
+            *(_placed(frame, f"{frame}/offset", f"{frame}/turn", values) for frame in frames),
+            *(_placed(n, "", f"{n}/world", values) for n, s in seen.items() if isinstance(s, Attitude)),
+        ],
+        "bodies": [
+            _placed(name, f"{name}/offset", f"{name}/turn", values)
+            for name, shape in seen.items()
+            if isinstance(shape, Plate | Marker | Attitude)
+        ],
+        "cameras": [
+            {
+                "name": name,
+                "turn_rad": values[f"frame/{name}/turn"],
+                "curvature_per_m": [values[f"frame/{name}/offset_{axis}"] for axis in "xy"],
+            }
+            for name, shape in seen.items()
+            if isinstance(shape, Curvature)
+        ],
+    }
 
 
-def _three(frames: dict[str, float], name: str) -> list[float] | None:
+def _placed(name: str, offset: str, turn: str, values: Mapping[str, float]) -> dict[str, Any]:
+    return {"name": name, "offset_m": _three(values, offset), "rotation_vector_rad": _three(values, turn)}
+
+
+def _three(frames: Mapping[str, float], name: str) -> list[float] | None:
     if f"frame/{name}_x" not in frames:
         return None
     return [frames[f"frame/{name}_{axis}"] for axis in "xyz"]

@@ -115,7 +115,8 @@ def _laws(content: Content) -> Iterator[str]:
     yield picture(
         laws_picture(content["laws"], content["verdict"]["accept_share"]),
         "Error on held-out sections of each set of laws",
-        "Whiskers: one standard error of the difference to the best. The simplest set within one is chosen.",
+        "Whiskers: one standard error of the difference to the best. The simplest set within one of them, or "
+        "within 3 % of the best, is chosen.",
     )
 
 

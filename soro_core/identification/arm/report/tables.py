@@ -187,21 +187,12 @@ def frames_table(content: Content) -> str:
             return [Cell("–")] * 3
         return [number(v, f"{path}.{k}", factor, 4) for k, v in enumerate(values)]
 
-    if frames["tracker"]:
-        own, at = frames["tracker"], "frames.tracker"
-        place = three(own["position_m"], f"{at}.position_m", 1e3)
-        turn = three(own["rotation_vector_rad"], f"{at}.rotation_vector_rad", SHOWN["rad"][0])
-        rows.append([Cell("world of the robot in the tracker's frame"), *place, *turn])
-    for k, body in enumerate(frames["bodies"]):
-        place = three(body["offset_m"], f"frames.bodies.{k}.offset_m", 1e3)
-        at = f"frames.bodies.{k}.rotation_vector_rad"
-        rows.append(
-            [
-                Cell(f"{body['name']} on its section"),
-                *place,
-                *three(body["rotation_vector_rad"], at, SHOWN["rad"][0]),
-            ]
-        )
+    for kind, what in (("worlds", "world of the robot in the frame of"), ("bodies", "on its section:")):
+        for k, each in enumerate(frames[kind]):
+            at = f"frames.{kind}.{k}"
+            place = three(each["offset_m"], f"{at}.offset_m", 1e3)
+            turn = three(each["rotation_vector_rad"], f"{at}.rotation_vector_rad", SHOWN["rad"][0])
+            rows.append([Cell(f"{what} {each['name']}"), *place, *turn])
     text = ""
     if rows:
         head = ("frame", "#x, mm", "#y, mm", "#z, mm", "#rotation x, deg", "#y, deg", "#z, deg")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from soro_core.identification.arm.cases import Interval, Whole
 from soro_core.identification.arm.stages import Identified
 from soro_core.identification.recording import Recording
-from soro_core.identification.recording.streams import Bend, Curvature, Marker, Plate, Shape
+from soro_core.identification.recording.streams import Attitude, Bend, Curvature, Marker, Plate, Shape
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
@@ -136,24 +136,22 @@ def panels(shape: Shape, differences: Array) -> tuple[Panel, ...]:
 
     Parameters
     ----------
-    shape : Plate, Marker, Curvature or Bend
+    shape : Plate, Marker, Curvature, Bend or Attitude
         Measured (n samples).
     differences : (n, k)
         Measured minus predicted, in SI.
     """
-    raise TypeError(f"{type(shape).__name__}: allowed are plates, markers, curvatures and bending angles")
+    raise TypeError(f"{type(shape).__name__}: allowed are the streams of `Shape`")
 
 
 @panels.register
 def _(shape: Plate, differences: Array) -> tuple[Panel, ...]:
-    shown = Rotation.from_quat(shape.quaternion)
-    predicted = shown * Rotation.from_rotvec(differences[:, 3:]).inv()
-    first = shown[0].inv()
-    turned = [np.degrees(np.unwrap((first * r).as_rotvec(), axis=0)) for r in (shown, predicted)]
-    return (
-        _places(shape.position, differences[:, :3]),
-        Panel("rotation since the start", "deg", ("x", "y", "z"), turned[0], turned[1]),
-    )
+    return _places(shape.position, differences[:, :3]), _turns(shape.quaternion, differences[:, 3:])
+
+
+@panels.register
+def _(shape: Attitude, differences: Array) -> tuple[Panel, ...]:
+    return (_turns(shape.quaternion, differences),)
 
 
 @panels.register
@@ -170,6 +168,14 @@ def _(shape: Curvature, differences: Array) -> tuple[Panel, ...]:
 def _(shape: Bend, differences: Array) -> tuple[Panel, ...]:
     measured = np.degrees(shape.angle)[:, None]
     return (Panel("bending angle", "deg", ("angle",), measured, measured - np.degrees(differences)),)
+
+
+def _turns(quaternion: Array, differences: Array) -> Panel:
+    shown = Rotation.from_quat(quaternion)
+    predicted = shown * Rotation.from_rotvec(differences).inv()
+    first = shown[0].inv()
+    turned = [np.degrees(np.unwrap((first * r).as_rotvec(), axis=0)) for r in (shown, predicted)]
+    return Panel("rotation since the start", "deg", ("x", "y", "z"), turned[0], turned[1])
 
 
 def _places(position: Array, differences: Array) -> Panel:

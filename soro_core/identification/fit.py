@@ -155,11 +155,9 @@ def _deviations(found: Found, loss: Loss, unit: Array) -> list[float]:
     weight = np.maximum(first(z) + 2.0 * z * second(z), np.finfo(float).eps)
     jac = np.sqrt(weight)[:, None] * found.jacobian
     freedom = max(1, jac.shape[0] - jac.shape[1])
-    hessian = jac.T @ jac
-    if np.linalg.matrix_rank(jac) < jac.shape[1]:
-        diagonal = np.full(jac.shape[1], np.inf)
+    _, singular, rows = np.linalg.svd(jac, full_matrices=False)
+    if singular[-1] <= singular[0] * max(jac.shape) * np.finfo(float).eps:
+        diagonal = np.full(jac.shape[1], np.inf)  # the data do not determine them all
     else:
-        diagonal = np.diag(np.linalg.inv(hessian)) * 2 * found.cost / freedom
-        # Near a singular Hessian round-off makes variances negative: the data do not determine these.
-        diagonal = np.where(diagonal >= 0.0, diagonal, np.inf)
+        diagonal = ((rows / singular[:, None]) ** 2).sum(axis=0) * 2 * found.cost / freedom
     return [float(v) for v in np.sqrt(diagonal) * unit]

@@ -1,5 +1,6 @@
 """Faults from a scene and from the topic ~/fault reach the emulated valves, and the arm vents."""
 
+import re
 import selectors
 import threading
 import time
@@ -35,7 +36,9 @@ def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain
     assert status == 1, output
     found = summary(folder)
     assert found["verdict"] == "vented"
-    assert "over-pressure: link0/chamber1 at 11" in found["reason"]
+    cause = re.search(r"over-pressure: link0/chamber1 at ([\d.]+) kPa", found["reason"])
+    assert cause, found["reason"]
+    assert float(cause[1]) > 90.0  # the range of the robot
 
 
 @pytest.mark.parametrize(

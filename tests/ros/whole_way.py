@@ -152,8 +152,8 @@ def as_it_is(described: Robot, seed: int) -> Robot:
     spread = {"k_e": 0.3, "k_b": 0.3, "damping_e": 0.4, "damping_b": 0.4, "gain": 0.15, "arm": 0.1}
     values = {}
     for name, number in numbers_of(described).items():
-        key = name.split("/")[-1] if "chamber" not in name else "chamber"
-        size = 0.05 if key == "chamber" else spread.get(key, 0.0)
+        own = name.split("/", 1)[1]
+        size = 0.05 if re.fullmatch(r"chamber\d+/gain", own) else spread.get(own, 0.0)
         if size:
             values[name] = number.value * float(np.exp(draw.uniform(-size, size)))
     turn, mount = Rotation.random(random_state=seed), Rotation.random(random_state=seed + 100)

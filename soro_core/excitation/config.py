@@ -63,17 +63,23 @@ class ExciteConfig(Strict):
         description="lowest set point; default: that of the limits, the platform and the robot",
     )
     rest_s: float = Field(1.5, ge=0.5, le=60, description="time without pressure before the first level")
-    ramp_s: float = Field(0.35, ge=0, le=60, description="time of a change of level, longer at the limits")
+    ramp_s: float = Field(0.2, ge=0, le=60, description="time of a change of level, longer at the limits")
     hold_s: float = Field(
-        1.2,
+        1.35,
         ge=0.4,
         le=600,
         description="time at a level, longer at the expense of what the levels before have left",
     )
-    shortest_hold_s: float = Field(0.7, ge=0.4, le=600, description="shortest time at a level")
+    shortest_hold_s: float = Field(
+        1.1,
+        ge=0.4,
+        le=600,
+        description="shortest time at a level, and for how long the arm must have stood still at its end; "
+        "soro identify takes rests of 0.75 s and more",
+    )
     creep_s: float = Field(4.0, gt=0, le=3600, description="time at the highest level, and after it at none")
     step_s: float = Field(0.8, gt=0, le=600, description="time after each fast step")
-    sweep_s: float = Field(4.5, gt=0, le=3600, description="time of each sweep")
+    sweep_s: float = Field(4.0, gt=0, le=3600, description="time of each sweep")
     sweep_low_hz: float = Field(0.4, gt=0, le=50, description="frequency at the start of a sweep")
     sweep_high_hz: float = Field(
         12.0,

@@ -36,6 +36,11 @@ class Plan:
         """Longest time of all sections [s]."""
         return sum(section.longest_s for section in self.sections)
 
+    @property
+    def still_s(self) -> float:
+        """Longest time for which a level asks the arm to be still [s]."""
+        return max((one.shortest_s for one in self.sections if not one.lasts), default=0.4)
+
     def left_s(self, index: int, t: float) -> float:
         """Return the longest time left [s].
 

@@ -15,8 +15,6 @@ from soro_core.excitation.section import Array
 
 Phase: TypeAlias = Literal["running", "venting", "over"]
 
-# Time of the samples by which an arm is still [s], some periods of its first modes.
-WINDOW_S = 0.4
 # Times of its hold that a level may last until the arm is still, of the time that levels before have left.
 PATIENCE = 3.0
 # Time counts in ticks; this covers their rounding [s].
@@ -88,7 +86,7 @@ class ExcitationState:
     rest : mapping of str to AtRest
         The sensors without pressure.
     recent : mapping of str to tuple of samples
-        Samples of the last `WINDOW_S`, by sensor.
+        Last samples by sensor, of the longest time for which a level asks the arm to be still.
     arrived_s : mapping of str to float
         Time of the last sample of each sensor [s].
     strikes : mapping of str to int
@@ -131,7 +129,7 @@ def advance(excitation: Excitation, state: ExcitationState, tick: Tick) -> Excit
     tick : Tick
         New samples.
     """
-    state = _received(state, tick)
+    state = _received(state, tick, excitation.plan.still_s)
     if state.phase == "running":
         reason = _trouble(excitation, state, tick)
         state = _stopped(state, tick.t_s, reason) if reason else _moved(excitation, state, tick)
@@ -160,15 +158,22 @@ def left_s(excitation: Excitation, state: ExcitationState, t_s: float) -> float:
     return excitation.plan.left_s(state.index, t_s - state.begin_s) + state.saved_s + VENT_S
 
 
-def _received(state: ExcitationState, tick: Tick) -> ExcitationState:
+def _received(state: ExcitationState, tick: Tick, still_s: float) -> ExcitationState:
     recent, arrived = dict(state.recent), dict(state.arrived_s)
     for name, found in tick.samples.items():
         good = tuple(one for one in found if one.finite())
         if good:
-            since = good[-1].stamp_s - WINDOW_S - 1e-9
-            recent[name] = tuple(one for one in (*recent.get(name, ()), *good) if one.stamp_s >= since)
+            recent[name] = (*recent.get(name, ()), *good)
             arrived[name] = tick.t_s
-    return replace(state, recent=recent, arrived_s=arrived)
+    return replace(state, recent=_last(recent, still_s), arrived_s=arrived)
+
+
+def _last(recent: Mapping[str, tuple[Sample, ...]], time_s: float) -> dict[str, tuple[Sample, ...]]:
+    """Return the samples of the last `time_s` of each sensor."""
+    return {
+        name: tuple(one for one in found if one.stamp_s >= found[-1].stamp_s - time_s - 1e-9)
+        for name, found in recent.items()
+    }
 
 
 def _trouble(excitation: Excitation, state: ExcitationState, tick: Tick) -> str:
@@ -197,13 +202,14 @@ def _moved(excitation: Excitation, state: ExcitationState, tick: Tick) -> Excita
         if reason:
             return _stopped(state, tick.t_s, reason)
     t = tick.t_s - state.begin_s
-    lasts = bool(section.asks) or section.shortest_s >= section.hold_s
+    lasts = section.lasts
     longest_s = section.longest_s
     if not lasts:
         longest_s += min(state.saved_s, (PATIENCE - 1.0) * section.hold_s)
     over = t >= longest_s - ROUNDING_S
-    if not lasts and (over or t >= section.ramp_s + max(section.shortest_s, WINDOW_S)):
-        still = is_still(excitation.motion, state.rest, state.recent, 0.9 * WINDOW_S)
+    if not lasts and (over or t >= section.ramp_s + section.shortest_s):
+        recent = _last(state.recent, section.shortest_s)
+        still = is_still(excitation.motion, state.rest, recent, 0.9 * section.shortest_s)
         state = replace(state, restless=state.restless + (over and not still))
         over = over or still
     return _next(excitation, state, tick) if over or (section.asks and tick.answered) else state

@@ -72,7 +72,7 @@ class Section:
     hold_s : float
         Longest time after it [s].
     shortest_s : float
-        Time after the ramp from which a section ends when the arm is still [s]; `hold_s`: it lasts.
+        A section ends when the arm has been still for this time after the ramp [s]; `hold_s`: it lasts.
     sweep : Sweep or None
         Deviation from the level.
     asks : str
@@ -87,6 +87,11 @@ class Section:
     shortest_s: float
     sweep: Sweep | None = None
     asks: str = ""
+
+    @property
+    def lasts(self) -> bool:
+        """Whether it has its time, or waits for a person, whatever the arm does."""
+        return bool(self.asks) or self.shortest_s >= self.hold_s
 
     @property
     def longest_s(self) -> float:

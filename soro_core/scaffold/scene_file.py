@@ -21,6 +21,8 @@ _RANGE = 90e3
 # Periods of the first bending in one of the circle, at least, and the shortest period [s].
 _SLOWER, _PERIOD_S = 6.0, 4.0
 _SENSOR = SensorConfig()
+# Pieces of a link of the twin: the first swing is that of the link to 0.3 %. Longer arms need fewer.
+_PARTS = 8
 
 
 def scene_tree(
@@ -109,7 +111,7 @@ def _limits(arm: NewArm) -> dict[str, Noted]:
 
 
 def _twin(arm: NewArm) -> dict[str, Any]:
-    parts = 4 if len(arm.links) == 1 else 2
+    parts = _PARTS if len(arm.links) <= 2 else _PARTS // 2
     twin: dict[str, Any] = {
         "refine": Noted(parts, "links of the simulated arm for each of the model, so that the two differ"),
         "payload_kg": Noted(

@@ -63,7 +63,7 @@ def still(t, setpoint):
 
 
 def test_an_arm_that_is_still_ends_each_level_early():
-    given = excitation()
+    given = excitation(hold_s=1.6)
     states = run(given, still)
     t, end = states[-1]
     assert end.reason == ""
@@ -75,7 +75,7 @@ def test_an_arm_that_is_still_ends_each_level_early():
 
 
 def test_a_level_waits_for_the_arm_at_the_expense_of_those_before():
-    given = excitation(levels=2)
+    given = excitation(levels=2, hold_s=1.9)
     first, last = 1, len(given.plan.sections) - 1
 
     def restless(t, setpoint):

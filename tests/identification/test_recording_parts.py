@@ -26,6 +26,7 @@ from soro_core.identification.recording import (
     rest_states,
     sections,
     still_limits,
+    without_hands,
 )
 from tests.refused import fails, refused
 
@@ -63,6 +64,21 @@ def stepped(seed: int = 2, ring: float = 0.0, end: float = 16.0) -> Recording:
         pressure=Series("pressure", t, measured),
         plates=(Plate("tip", seen, Place(1), position, turn),),
         markers=(Marker("dot", seen, Place(0), 0.4 * position),),
+    )
+
+
+def released(amplitude: float) -> Recording:
+    """A curvature [1/m] that is let go after 4 s, and rings with 1/3 s."""
+    t = np.arange(0.0, 10.0, 0.01)
+    since = np.clip(t - 4.0, 0.0, None)
+    curvature = np.column_stack(
+        [amplitude * np.exp(-3.0 * since) * np.cos(20.0 * since) * (t > 4.0), 0.0 * t]
+    )
+    return Recording(
+        "release",
+        CHAMBERS,
+        Series("pressure", t, np.full((len(t), 2), 1e3)),
+        curvatures=(Curvature("bent", t, 0, curvature),),
     )
 
 
@@ -185,19 +201,35 @@ def test_a_release_is_a_section_of_its_own() -> None:
     assert decays(released(0.5), LIMITS) == ()
 
 
-def released(amplitude: float) -> Recording:
-    """A curvature [1/m] that is let go after 4 s, and rings with 1/3 s."""
-    t = np.arange(0.0, 10.0, 0.01)
-    since = np.clip(t - 4.0, 0.0, None)
-    curvature = np.column_stack(
-        [amplitude * np.exp(-3.0 * since) * np.cos(20.0 * since) * (t > 4.0), 0.0 * t]
-    )
-    return Recording(
-        "release",
-        CHAMBERS,
-        Series("pressure", t, np.full((len(t), 2), 1e3)),
-        curvatures=(Curvature("bent", t, 0, curvature),),
-    )
+def test_the_time_in_which_a_hand_holds_the_arm_is_cut_out() -> None:
+    """Rest to 3 s, a hand bends the arm and holds it with a tremor, lets go at 6 s; it rings and rests."""
+    t = np.arange(0.0, 12.0, 0.01)
+    taken, since = np.clip(t - 3.0, 0.0, 1.0), np.clip(t - 6.0, 0.0, None)
+    held = 3.0 * taken - 0.4 * np.sin(7.0 * t) ** 2 * (t > 4.0)
+    kappa = np.where(t < 6.0, held, held[599] * np.exp(-3.0 * since) * np.cos(20.0 * since))
+    curvature = np.column_stack([kappa, 0.0 * t])
+
+    def seen(curvature: np.ndarray) -> Recording:
+        pressure = Series("pressure", t, np.full((len(t), 2), 1e3))
+        return Recording("hand", CHAMBERS, pressure, curvatures=(Curvature("bent", t, 0, curvature),))
+
+    before, after = without_hands(seen(curvature), LIMITS)
+    assert before.name == "hand"
+    assert before.span == pytest.approx((0.0, 3.0), abs=0.3)
+    assert after.name.startswith("hand, let go at ")
+    start, end = after.span
+    # The last sample as far out as any: the tremor moves it by 0.4 of 3 1/m at most.
+    assert 5.4 < start < 6.01
+    assert end == pytest.approx(t[-1])
+    assert sections(after, still=LIMITS)[0].kind == "release"
+    # A hand that never lets go: only the time before it is left.
+    (before,) = without_hands(seen(np.column_stack([held, 0.0 * t])), LIMITS)
+    assert before.span == pytest.approx((0.0, 3.0), abs=0.3)
+
+
+@pytest.mark.parametrize("recording", [stepped(), stepped(ring=0.6)])
+def test_what_no_hand_touches_stays_whole(recording: Recording) -> None:
+    assert without_hands(recording, LIMITS) == (recording,)
 
 
 def test_windows_and_shifts_keep_the_rest_of_a_recording() -> None:

@@ -15,7 +15,7 @@ from soro_core.identification.arm.cases import Case, Path
 from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
 from soro_core.identification.arm.predict import difference
 from soro_core.identification.arm.starts import is_of_run
-from soro_core.identification.search import Search, Settings
+from soro_core.identification.search import LOSSES, Search, Settings
 from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
@@ -150,6 +150,16 @@ class Problem:
             for shape, d in zip(case.shapes, own, strict=True)
         ]
         return np.concatenate(parts)
+
+    def cost(self, values: Mapping[str, float]) -> float:
+        """Return half the sum of the soft losses and of the squares of the prior; inf where no arm is so."""
+        try:
+            arm = self.arm(values)
+            rows = self.rows(arm, self.paths(arm, values), values)
+        except SoroError:
+            return np.inf
+        x, loss = self.position(values), LOSSES[Settings().loss][0]
+        return 0.5 * float(loss(rows**2).sum() + x @ x) if np.isfinite(rows).all() else np.inf
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,16 @@ from soro_core.identification.arm.pace import longest_step
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
 from soro_core.identification.arm.problem import Problem, Solution, evaluated, modelled, solve
 from soro_core.identification.arm.starts import is_release, start_numbers
+from soro_core.identification.arm.swing import swinging
 from soro_core.identification.interrupts import only_in_searches
-from soro_core.identification.recording import Marker, Plate, Recording, check_names
+from soro_core.identification.recording import (
+    Marker,
+    Plate,
+    Recording,
+    check_names,
+    still_limits,
+    without_hands,
+)
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 
@@ -147,6 +155,7 @@ def identify(
     options = Options() if options is None else options
     recordings = [recording for recording in recordings if recording.shapes]
     check_names(recordings)
+    recordings, options = _let_go(recordings, options)
     robot, keep = plain(robot, options.keep), options.keep
     is_constant = options.is_constant
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
@@ -173,6 +182,7 @@ def identify(
     if rests is not None:
         values, interrupted = _at_rest(problem((), [rests]), options, progress)
         options = replace(options, most=1) if interrupted else options
+    values = swinging(problem((), fit), values)
     linear = solve(problem((), fit), values, options.most, _COMPARED, lambda c: progress("linear", c))
     expected = residual_errors(problem((), fit), linear.values)
 
@@ -206,6 +216,18 @@ def identify(
     return Identified(
         found, last, solution, sure, choice, fitted, judged, share, kept, *parts, interrupted=interrupted
     )
+
+
+def _let_go(recordings: Sequence[Recording], options: Options) -> tuple[list[Recording], Options]:
+    """Return the recordings without the time in which a hand holds the arm; parts are held out together."""
+    still = still_limits(recordings)
+    parts = {recording.name: without_hands(recording, still) for recording in recordings}
+    held = tuple(part for name in options.hold_out for part in _names(parts.get(name, ())) or (name,))
+    return [part for own in parts.values() for part in own], replace(options, hold_out=held)
+
+
+def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    return tuple(recording.name for recording in recordings)
 
 
 def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[dict[str, float], bool]:

@@ -1,5 +1,6 @@
 """Recordings of an arm for identification: read, cleaned, cut into states at rest, decays and sections."""
 
+from soro_core.identification.recording.by_hand import without_hands
 from soro_core.identification.recording.columns import Columns
 from soro_core.identification.recording.faults import Faults
 from soro_core.identification.recording.from_bag import read_bag
@@ -56,4 +57,5 @@ __all__ = [
     "sections",
     "still_limits",
     "summary",
+    "without_hands",
 ]

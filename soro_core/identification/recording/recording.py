@@ -92,6 +92,10 @@ class Recording:
         """Return the samples with start <= t < end [s] of all streams; stamps stay as they are."""
         return self._with({stream.name: stream.window(start, end) for stream in self.streams})
 
+    def renamed(self, name: str) -> Recording:
+        """Return the recording under another name."""
+        return replace(self, name=name)
+
     def shifted(self, stream: str, seconds: float) -> Recording:
         """Return the recording with the stamps of one stream grown by a number of seconds.
 

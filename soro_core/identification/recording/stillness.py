@@ -54,7 +54,7 @@ class StillLimits:
     curvature_per_m: float
     bend_rad: float
     block_s: float = 0.25
-    least_s: float = 1.0
+    least_s: float = 0.75
 
     def of(self, stream: Stream) -> float:
         """Return the limit of a stream in its unit."""

@@ -16,19 +16,19 @@ from soro_core.model import SoftArm
 
 def test_a_stiffness_that_is_half_is_doubled_and_the_gain_with_it() -> None:
     robot = plain(load_robot("tue_three_bellow"))
-    true = numbers_of(robot)
-    ringing = with_numbers(robot, {"link0/damping_b": 0.3 * true["link0/damping_b"].value})
+    at = numbers_of(robot)
+    ringing = with_numbers(robot, {"link0/damping_b": 0.3 * at["link0/damping_b"].value})
+    names = ("link0/k_e", "link0/k_b", "link0/gain")
+    described = with_numbers(ringing, {name: 0.5 * at[name].value for name in names})
     runs, held = split([record(ringing)], 0.005, 20.0)
-    numbers = (*freed(ringing, (), "eb")[0], *frame_numbers(SoftArm(ringing), runs))
+    numbers = (*freed(described, (), "eb")[0], *frame_numbers(SoftArm(described), runs))
     moved = ranges([*runs, *held])
     expected = {s.name: first_errors(s, moved[s.name]) for case in runs for s in case.shapes}
-    problem = Problem(ringing, tuple(runs), numbers, expected)
-    names = ("link0/k_e", "link0/k_b", "link0/gain")
-    true = numbers_of(ringing)
-    half = {name: 0.5 * true[name].value for name in names}
-    # The arm as described is the right one here: without it the rests alone begin the search.
-    begun = swinging(problem, {**half, "link0/damping_b": 0.7 * true["link0/damping_b"].value})
+    problem = Problem(described, tuple(runs), numbers, expected)
+    begun = swinging(problem, {"link0/damping_b": 0.7 * numbers_of(described)["link0/damping_b"].value})
+    middle = {n.name: n.value for n in numbers}
     for name in names:
-        assert abs(np.log(begun[name] / true[name].value)) < 0.13
-    assert problem.cost(begun) < 0.5 * problem.cost({n.name: half.get(n.name, n.value) for n in numbers})
+        assert abs(np.log(begun[name] / (2.0 * middle[name]))) < 0.13
+    assert problem.cost(begun) < 0.5 * problem.cost(middle)
+    # A candidate that no arm has is no start.
     assert problem.cost({**begun, "link0/k_b": -1.0}) == np.inf

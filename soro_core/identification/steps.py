@@ -276,5 +276,7 @@ def _step(record: PressureRecord, line: int, rows: _Rows, fresh: Mask, limits: S
     if (jump & (np.diff(time, prepend=0.0) > limits.gap_s)).any():
         return "frozen while it moved"
     t63 = crossing(np.append(0.0, time), np.append(0.0, (pressure - low) / (high - low)))
+    if t63 == 0.0:  # the pressure followed a set point that took longer than its lag
+        return "a ramp"
     noise = float(np.std(reading[final]))
     return Step(record.run, record.lines[line], (before, after), low, high, time, pressure, t63, noise)

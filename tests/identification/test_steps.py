@@ -105,6 +105,16 @@ def test_what_is_no_step_is_counted_with_its_reason() -> None:
     assert find_steps(run).left_out == {"no response": 1}
 
 
+def test_a_ramp_that_the_pressure_follows_is_no_step() -> None:
+    """The set point takes 0.4 s, less than a flicker; a pressure without lag is there when it is."""
+    ramp = np.concatenate([held((10e3, 2)), np.linspace(10e3, 60e3, 20), held((60e3, 6))])
+    t = DT * np.arange(len(ramp))
+    followed = PressureRecord("run", t, ("a",), ramp[:, None], ramp[:, None] + 1.0 * np.sin(t)[:, None])
+    found = find_steps(followed)
+    assert not found.steps
+    assert found.left_out == {"a ramp": 1}
+
+
 def test_a_sensor_that_froze_while_the_pressure_moved_is_no_response() -> None:
     run = record(held((10e3, 2), (60e3, 6)))
     moving = (run.t >= 2.0) & (run.t < 2.8)

@@ -290,7 +290,7 @@ def test_a_sample_from_before_the_begin_does_not_count(exciter):
         k += 1
         receive(node, "chambers/state", reading(1000.0 + 0.005 * k))
     # The rest, a ramp and the shortest time at a level.
-    assert 0.005 * k == pytest.approx(1.5 + 0.35 + 0.7, abs=0.02)
+    assert 0.005 * k == pytest.approx(1.5 + 0.2 + 1.1, abs=0.02)
 
 
 def test_a_vent_ends_the_excitation(exciter):

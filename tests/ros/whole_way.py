@@ -135,7 +135,7 @@ def walk(arm: NewArm, folder: Path, say: Callable[[str], None], environment: Map
     soro("new", arm.name, *arm.described, "--out", ".")
     described = load_robot(folder / f"{arm.name}_robot.yaml")
     true = as_it_is(described, arm.seed)
-    (folder / "true.yaml").write_text(yaml.safe_dump(_plain(fields(true))))
+    (folder / "true.yaml").write_text(yaml.safe_dump(_plain(fields(true)), sort_keys=False))
     twin = ("--set", "mode=lockstep", "--set", "twin.plant=true.yaml")
     soro("excite", f"{arm.name}_scene.yaml", *twin, *arm.excited)
     bag = next((folder / "runs").iterdir())

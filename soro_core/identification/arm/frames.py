@@ -30,8 +30,8 @@ _CLOCK, _STATED_CLOCK, _MOST_CLOCK = 0.02, 0.1, 0.5
 def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
     """Return the numbers of all frames, each at its best for the arm as it is described.
 
-    The rotation and place of the tracker come from the positions of all bodies (Kabsch), the rotation of a
-    body on its section from the mean of what is left.
+    The rotation and place of the tracker come from positions and turns of all bodies (Kabsch), the rotation
+    of a body on its section from the mean of what is left.
 
     Parameters
     ----------
@@ -117,12 +117,30 @@ def _tracker(bodies: Sequence[tuple[Plate | Marker, Array]]) -> list[Number]:
     measured = np.concatenate([body.position for body, _ in bodies])
     middle, shift = predicted.mean(axis=0), measured.mean(axis=0)
     frame = bodies[0][0].frame
-    turn, _ = Rotation.align_vectors(measured - shift, predicted - middle)
+    # The tip of an arm that bends in one plane moves on a line, nearly: the axis of its turns tells the rest.
+    shown, modelled = _turned(bodies)
+    far = np.linalg.norm(shown)
+    scale = np.linalg.norm(measured - shift) / far if far > 0.0 else 1.0
+    turn, _ = Rotation.align_vectors(
+        np.concatenate([measured - shift, scale * shown]),
+        np.concatenate([predicted - middle, scale * modelled]),
+    )
     numbers = _three(f"{frame}/turn", turn.as_rotvec(), "rad", _TURN)
     numbers += _three(f"{frame}/offset", shift - turn.apply(middle), "m", _PLACE)
     for name in dict.fromkeys(body.name for body, _ in bodies):
         numbers += _body([(b, poses) for b, poses in bodies if b.name == name], turn)
     return numbers
+
+
+def _turned(bodies: Sequence[tuple[Plate | Marker, Array]]) -> tuple[Array, Array]:
+    """Return turns of plates from their mean, (n, 3) [rad], as measured and as predicted."""
+    pairs = [(np.zeros((0, 3)), np.zeros((0, 3)))]
+    for body, poses in bodies:
+        if isinstance(body, Plate) and len(poses):
+            both = Rotation.from_quat(body.quaternion), Rotation.from_matrix(poses[:, :3, :3])
+            measured, predicted = ((turns * turns.mean().inv()).as_rotvec() for turns in both)
+            pairs.append((measured, predicted))
+    return np.concatenate([m for m, _ in pairs]), np.concatenate([p for _, p in pairs])
 
 
 def _body(same: Sequence[tuple[Plate | Marker, Array]], turn: Rotation) -> list[Number]:

@@ -183,6 +183,8 @@ def test_a_ramp_is_not_a_step() -> None:
     t = np.arange(0.0, 12.0, 0.05)
     for rise_s, steps in ((0.3, 1), (1.0, 0)):
         setpoint = 50e3 * np.clip((t - 3.0) / rise_s, 0.0, 1.0)[:, None]
-        found = find_steps(PressureRecord("r", t, ("a",), setpoint, setpoint + np.sin(99.0 * t)[:, None]))
+        late = np.interp(t - 0.4, t, setpoint[:, 0])  # a pressure that is there with the set point is no step
+        pressure = (late + np.sin(99.0 * t))[:, None]
+        found = find_steps(PressureRecord("r", t, ("a",), setpoint, pressure))
         assert len(found.steps) == steps
         assert found.left_out["a ramp"] == 1 - steps

@@ -9,7 +9,7 @@ from pathlib import Path
 from tests.ros.whole_way import ARMS, walk
 
 # As short as determines what the control needs; `make identify` goes the whole way with three arms.
-EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "30")
+EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "45")
 IDENTIFIED = ("--laws", "none", "--starts", "1")
 
 

@@ -75,7 +75,9 @@ def identify(
             "this model, a third below that of the link where only its frequency shows it.",
         ),
     ] = False,
-    rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
+    rate_hz: Annotated[
+        float, typer.Option(min=1.0, help="Most samples a second of each sensor that are compared.")
+    ] = 100.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
     volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,

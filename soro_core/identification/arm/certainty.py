@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.identification.arm.numbers import Number, is_of_robot
-from soro_core.identification.arm.problem import Problem, Solution
+from soro_core.identification.arm.problem import Problem
+from soro_core.identification.arm.solve import Solution
 
 Array: TypeAlias = NDArray[np.float64]
 

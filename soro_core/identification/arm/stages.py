@@ -19,7 +19,8 @@ from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
 from soro_core.identification.arm.pace import longest_step
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
-from soro_core.identification.arm.problem import Problem, Solution, evaluated, modelled, solve
+from soro_core.identification.arm.problem import Problem, modelled
+from soro_core.identification.arm.solve import Solution, evaluated, solve
 from soro_core.identification.arm.starts import is_release, start_numbers
 from soro_core.identification.arm.swing import swinging
 from soro_core.identification.interrupts import only_in_searches
@@ -76,7 +77,7 @@ class Options:
     """
 
     dt_s: float | None = None
-    rate_hz: float = 25.0
+    rate_hz: float = 100.0
     laws: tuple[Law, ...] = LAWS
     most: int = 25
     is_constant: bool = False

@@ -58,6 +58,7 @@ def solve(
     most: int = 30,
     tolerance: float = 1e-5,
     progress: Callable[[float], None] = lambda cost: None,
+    secant: bool = False,
 ) -> Solution:
     """Find the most likely numbers: soft least squares over all rows, and the prior.
 
@@ -72,6 +73,8 @@ def solve(
         Relative change of the cost, or of the numbers, at which the search ends.
     progress : callable
         Called with the cost after each step that is tried.
+    secant : bool
+        Take derivatives once (`Settings.secant`).
 
     Raises
     ------
@@ -80,7 +83,7 @@ def solve(
     """
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
-    return _searched(problem, x0, Settings(most=most, tolerance=tolerance), progress)
+    return _searched(problem, x0, Settings(most=most, tolerance=tolerance, secant=secant), progress)
 
 
 def evaluated(problem: Problem, values: Mapping[str, float]) -> Solution:

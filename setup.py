@@ -27,6 +27,8 @@ class RosDistribution(Distribution):
 
 distribution = setup(
     distclass=RosDistribution,
+    # Nodes that colcon installs run in the virtual environment that is active, whichever python builds them.
+    options={"build_scripts": {"executable": "/usr/bin/env python3"}},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/soro_ros"]),
         # The last three: `colcon build --symlink-install` builds from links to the files of this list alone.

@@ -13,6 +13,8 @@ from rclpy.parameter import Parameter
 
 from soro_core.config import Strict, parse
 from soro_core.errors import ConfigError
+from soro_ros import middleware
+from soro_ros.parameter_files import flattened, given_by_name
 
 Model = TypeVar("Model", bound=Strict)
 
@@ -50,21 +52,31 @@ def declare(node: Node, model: type[Strict]) -> None:
     """Declare one parameter a field of `model`, nested models with dots, and check every later change.
 
     The node must be a `NodeWithParameters`: what a parameter file or the command line gave beyond the
-    model's fields is then seen here, and refused.
+    model's fields is then seen here. It is refused, or ignored with a warning if a file gave it to many
+    nodes, as in an entry ``/**``.
 
     Raises
     ------
     ConfigError
-        If an override is no field of the model.
+        If what was given to this node is no field of the model.
     """
     fields, free = dict(_flatten(model)), tuple(f"{name}." for name in _mappings(model))
     for former in _ONE_PLACE:
         if f"{former}s" in fields and node.has_parameter(former):
             _take_as_list(node, former, f"{former}s")
+    own, shared = given_by_name(middleware.arguments(), node.get_name()), []
     for given in node.get_parameters_by_prefix(""):
         # What is allowed in a mapping depends on other values: `read` checks it.
-        if given not in fields and not given.startswith((*_OWN, *free)):
+        if given in fields or given.startswith((*_OWN, *free)):
+            continue
+        if given in own:
             raise ConfigError(_where(node), given, "an unknown parameter", ", ".join(sorted(fields)))
+        node.undeclare_parameter(given)
+        shared.append(given)
+    if shared:  # an entry for many nodes need not fit each of them
+        node.get_logger().warning(
+            f"not parameters of {node.get_name()}, ignored: {', '.join(sorted(shared))}"
+        )
     for name, (default, field) in fields.items():
         # The model checks types: it accepts 200 for a float, a typed parameter does not.
         descriptor = ParameterDescriptor(description=_describe(field), dynamic_typing=True)
@@ -110,18 +122,7 @@ def overrides(config: BaseModel) -> dict[str, Any]:
         if isinstance(value, BaseModel):
             flat.update({f"{name}.{key}": inner for key, inner in overrides(value).items()})
         elif isinstance(value, Mapping):
-            flat.update({f"{name}.{key}": inner for key, inner in _flat(value).items()})
-        else:
-            flat[name] = list(value) if isinstance(value, tuple) else value
-    return flat
-
-
-def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Flatten nested mappings to ``{"a.b": value}``."""
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            flat.update({f"{name}.{key}": inner for key, inner in _flat(value).items()})
+            flat.update({f"{name}.{key}": inner for key, inner in flattened(value).items()})
         else:
             flat[name] = list(value) if isinstance(value, tuple) else value
     return flat

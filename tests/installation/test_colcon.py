@@ -1,4 +1,4 @@
-"""What `colcon build` reads of setup.py, asked for in its way, and what it installs, where there is a colcon."""
+"""What `colcon build` reads of setup.py, asked for in its way, and what it installs if there is a colcon."""
 
 import ast
 import os

@@ -1,4 +1,4 @@
-"""What a conventional ROS 2 installation brings: by rosdep from package.xml, by pip from the README's line."""
+"""What a conventional ROS 2 installation brings: rosdep by package.xml, pip by the line of the README."""
 
 import ast
 import re

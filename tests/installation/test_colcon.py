@@ -50,7 +50,7 @@ def colcon():
 @pytest.mark.parametrize("options", [(), ("--symlink-install",)], ids=["copies", "links"])
 def test_colcon_installs_nodes_and_files(colcon, tmp_path, options):
     source = tmp_path / "src/soro"
-    parts = ("soro_core", "soro_ros", "config", "lib", "resource", "bags")
+    parts = ("soro_core", "soro_ros", "config", "lib", "resource", "params")
     for part in (*parts, "setup.py", "pyproject.toml", "package.xml", "README.md", "LICENSE"):
         copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
         copy(ROOT / part, (source / part).parent / part)
@@ -58,8 +58,13 @@ def test_colcon_installs_nodes_and_files(colcon, tmp_path, options):
     done = subprocess.run([colcon, *build], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     installed = tmp_path / "install/soro_ros"
-    for name in ("share/soro_ros/config/robots/tue_three_bellow.yaml", "share/soro_ros/package.xml"):
-        assert (installed / name).is_file(), name
+    for name in (
+        "config/robots/tue_three_bellow.yaml",
+        "package.xml",
+        "launch/arm.launch.py",
+        "params/arm.yaml",
+    ):
+        assert (installed / "share/soro_ros" / name).is_file(), name
     # A copy runs with the python of the environment that is active, a link with that of colcon.
     python, node = Path(sys.executable).parent, installed / "lib/soro_ros/controller"
     command = f"python3 {installed}/bin/soro_controller" if options else str(node)

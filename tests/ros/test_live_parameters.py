@@ -166,6 +166,14 @@ def test_parameters_say_what_they_allow(started):
     rate = node.describe_parameter("rate_hz")
     assert (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value) == (0.0, 1000.0)
     assert "ticks of the control loop" in rate.description
+    types = {
+        "rate_hz": 3,
+        "model.links": 2,
+        "mode": 4,
+        "enabled": 1,
+        "pose_locations": 8,
+    }
+    assert {name: node.describe_parameter(name).type for name in types} == types
     (count,) = node.describe_parameter("model.links").integer_range
     assert (count.from_value, count.to_value) == (1, 64)
     assert node.describe_parameter("mode").additional_constraints == "real_time, lockstep"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -17,9 +18,12 @@ from soro_core.adaptation import Learned
 from soro_core.control import Reference
 from soro_core.control.laws import Certainty
 from soro_core.control.reach import check_reach
+from soro_core.control.retune import retune
 from soro_core.errors import SoroError
+from soro_core.hardware import load_platform
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
+from soro_core.safety import narrowed
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos, references
 from soro_ros.control_report import FRAME, ControlReport
@@ -28,7 +32,7 @@ from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.motion_topic import REPLACED, VENTED, MotionTopic
 from soro_ros.node_process import run_node
-from soro_ros.tick_inputs import TickInputs
+from soro_ros.tick_inputs import TickInputs, unusable
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -46,11 +50,13 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     config_model = ControllerNodeConfig
     node_name = "controller"
+    live = ("control.", "limits.")
 
     def setup(self, config: ControllerNodeConfig) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self.controller = controller_of(config, robot, say=self.get_logger().warning)
+        self._platform = load_platform(config.platform) if config.platform else None
+        self.controller = controller_of(config, robot, self._platform, self.get_logger().warning)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self._enabled = config.enabled
         # The limiter distinguishes two controllers by this name; in lockstep every run must be the same.
@@ -77,13 +83,24 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         )
         self.create_subscription(PoseStamped, "arm/reference/tip", self._on_tip, qos.RELIABLE)
         for name, callback in (
-            ("enable", self._on_enable),
-            ("enable_anyway", self._on_enable_anyway),
+            ("enable", partial(self._enable, anyway=False)),
+            ("enable_anyway", partial(self._enable, anyway=True)),
             ("vent", self._on_vent),
             ("reset", self._on_reset),
         ):
             self.create_service(Trigger, f"~/{name}", callback)
         self.compile(self._warm_up)
+
+    def take(self, config: ControllerNodeConfig) -> None:
+        """Go on with other gains, adaptation, reference or narrower limits, from the state of now."""
+        narrowed(self._config.limits, config.limits, "parameters of controller")
+        control, _ = config.known_control(self._platform)
+        new = retune(self.controller, self.state, control, self._time_s(), config.reach)
+        self.controller, self.state = new.controller, new.state
+        self._motions.use(new.controller)
+        if new.moves:
+            self._take(new.reference)
+            self._motions.cancel(REPLACED, "by another reference")
 
     def stop(self) -> None:
         self._inputs.clear()
@@ -140,16 +157,19 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     def _follow(self, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
-        t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
         try:
-            self._take(make(t))
+            self._take(make(self._time_s()))
         except SoroError as error:
             self._refuse(str(error))
             return
         self._motions.cancel(REPLACED, "by another reference")
         self._refuse("")
 
-    def _take(self, reference: Reference) -> None:
+    def _time_s(self) -> float:
+        """Return the time of the last tick since the first one [s]."""
+        return 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
+
+    def _take(self, reference: Reference | None) -> None:
         self._reference = reference
 
     def _refuse(self, reason: str) -> None:
@@ -210,16 +230,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             self._learned.publish(learning.learned(learned, stamp_ns))
 
     def _unusable(self, message: JointState, stamp_ns: int) -> str:
-        if not message.name:
-            return "no estimate of the state"
-        if tuple(message.name) != self._coordinates:
-            return f"arm/state of {list(message.name)}, expected {list(self._coordinates)}"
-        if self._epoch_ns is not None and stamp_ns <= self._last_ns:
-            return "arm/state is not newer than the last"
-        age = (self.get_clock().now().nanoseconds - stamp_ns) * 1e-9
-        if not self._lockstep and age > self._config.state_age_s:
-            return f"arm/state is {age:.3f} s old"
-        return ""
+        last_ns = None if self._epoch_ns is None else self._last_ns
+        age_s = 0.0 if self._lockstep else (self.get_clock().now().nanoseconds - stamp_ns) * 1e-9
+        return unusable(message, stamp_ns, self._coordinates, last_ns, age_s, self._config.state_age_s)
 
     def _publish(self, setpoint_pa: np.ndarray, stamp_ns: int) -> None:
         names = self._names if setpoint_pa.size else ()
@@ -241,13 +254,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
 
     # Services --------------------------------------------------------------------------------------
-    def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._enable(response, anyway=False)
-
-    def _on_enable_anyway(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._enable(response, anyway=True)
-
-    def _enable(self, response: Trigger.Response, anyway: bool) -> Trigger.Response:
+    def _enable(self, request: Trigger.Request, response: Trigger.Response, anyway: bool) -> Trigger.Response:
         """Start the commands; an arm that is in control already is not checked."""
         warnings: list[str] = []
         if not self._enabled:

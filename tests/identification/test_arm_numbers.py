@@ -9,7 +9,8 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.identification.arm.laws import LAWS, NAMED, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import numbers_of, with_numbers
 from soro_core.identification.arm.predict import difference, shown
-from soro_core.identification.recording import Curvature, Marker, Place, Plate
+from soro_core.identification.arm.problem import modelled
+from soro_core.identification.recording import Bend, Curvature, Marker, Place, Plate
 
 
 @pytest.mark.parametrize("name", ["tue_three_bellow", "asu_two_segment"])
@@ -111,10 +112,10 @@ def test_a_plate_shows_its_section_through_tracker_and_mount() -> None:
     frames |= {f"frame/top/turn_{x}": v for x, v in zip("xyz", mount.as_rotvec(), strict=True)}
     frames |= {f"frame/top/offset_{x}": v for x, v in zip("xyz", offset, strict=True)}
     plate = Plate("top", np.arange(2.0), Place(0, 0.05), np.array(position), np.array(quaternion))
-    np.testing.assert_allclose(difference(plate, shown(plate, arm, q), frames), 0.0, atol=1e-12)
+    np.testing.assert_allclose(difference(plate, shown(plate, arm.robot, arm, q), frames), 0.0, atol=1e-12)
     marker = Marker("top", np.arange(2.0), Place(0, 0.05), np.array(position) + np.array([0.0, 0.0, 1e-3]))
     np.testing.assert_allclose(
-        difference(marker, shown(marker, arm, q), frames), [[0, 0, 1e-3]] * 2, atol=1e-12
+        difference(marker, shown(marker, arm.robot, arm, q), frames), [[0, 0, 1e-3]] * 2, atol=1e-12
     )
 
 
@@ -129,7 +130,9 @@ def test_each_tracker_has_its_own_frame() -> None:
         ("second", turned + np.array([0.0, 0.2, 0.0])),
     ):
         marker = Marker("point", np.arange(1.0), Place(0), np.array([seen]), frame=name)
-        np.testing.assert_allclose(difference(marker, shown(marker, arm, q), frames), 0.0, atol=1e-12)
+        np.testing.assert_allclose(
+            difference(marker, shown(marker, arm.robot, arm, q), frames), 0.0, atol=1e-12
+        )
 
 
 def test_kept_numbers_are_not_searched() -> None:
@@ -153,7 +156,7 @@ def test_a_camera_turns_and_shifts_curvatures() -> None:
     frames = {"frame/camera/turn": np.pi / 2, "frame/camera/offset_x": 0.5}
     seen = Curvature("camera", np.arange(1.0), 0, np.array([[0.5, 2.0]]))
     np.testing.assert_allclose(
-        difference(seen, shown(seen, arm, np.array([[0.01, 2.0, 0.0]])), frames), 0.0, atol=1e-12
+        difference(seen, shown(seen, arm.robot, arm, np.array([[0.01, 2.0, 0.0]])), frames), 0.0, atol=1e-12
     )
 
 
@@ -173,3 +176,22 @@ def test_moment_arms_are_freed_only_by_their_law() -> None:
     assert arms <= {n.name for n in freed(robot, NAMED, "eb")[0]}
     assert all(is_of_law(name) for name in arms)
     assert not is_of_law("link0/chamber1/gain")
+
+
+def test_pieces_of_a_link_show_what_the_link_does() -> None:
+    """Hysteresis acts on constant strains, so the arm is simulated in pieces; streams count links."""
+    robot = with_numbers(load_robot("asu_two_segment"), {"link0/dahl_b": 0.2, "link1/dahl_b": 0.2})
+    whole, parts = SoftArm(robot), modelled(robot, is_constant=False)
+    assert len(parts.robot.links) == 3 * len(robot.links)
+    q = np.array([[0.1, 3.0, -1.0, -0.05, 2.0, 4.0]])
+    pieces = np.concatenate([np.tile(q[:, :3], 3), np.tile(q[:, 3:], 3)], axis=1)
+    t, turn = np.arange(1.0), np.array([[0.0, 0.0, 0.0, 1.0]])
+    for shape in (
+        Plate("middle", t, Place(0), np.zeros((1, 3)), turn),
+        Marker("half", t, Place(1, 0.05), np.zeros((1, 3))),
+        Curvature("camera", t, 1, np.zeros((1, 2))),
+        Bend("angle", t, 1, np.zeros(1)),
+    ):
+        seen = shown(shape, robot, whole, q)
+        np.testing.assert_allclose(shown(shape, robot, parts, pieces), seen, atol=1e-9)
+        assert np.ptp(seen) > 0.0 or shape.name == "angle"

@@ -32,13 +32,13 @@ class Law:
 
 
 LAWS = (
-    Law("hyper-elastic", ("rise_{}", "rate_{}"), {"rise_{}": 0.1}),
+    Law("hyper-elastic", ("rise_{}", "rate_{}"), {"rise_{}": 0.02}),
     Law("area slope", ("area_slope",), {}),
     Law("saturating area", ("area_slope", "area_saturation"), {"area_saturation": 0.2}),
     Law("dead band", ("dead_band",), {"dead_band": 500.0}),
     Law("creep", ("creep_{}", "creep_{}_tau"), {"creep_{}": 0.1}),
-    Law("slow creep", ("slow_{}", "slow_{}_tau"), {"slow_{}": 0.1}),
-    Law("Dahl hysteresis", ("dahl_{}", "dahl_{}_range"), {"dahl_{}": 0.1}),
+    Law("slow creep", ("slow_{}", "slow_{}_tau"), {"slow_{}": 0.02}),
+    Law("Dahl hysteresis", ("dahl_{}", "dahl_{}_range"), {"dahl_{}": 0.02}),
 )
 # Added only where they are named: without a position sensor moment arms take up what other laws lack, and a
 # controller takes no area that swells.

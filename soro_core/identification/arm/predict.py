@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from soro_core.identification.frame import MeasurementFrame
 from soro_core.identification.recording.streams import Attitude, Bend, Curvature, Marker, Plate, Shape
 from soro_core.model import SoftArm
+from soro_core.robot import Robot
 from soro_core.robot.coordinates import strain_fields
 from soro_core.rotation import rotation_exp
 
@@ -30,12 +31,14 @@ Frames: TypeAlias = Mapping[str, float]
 
 
 @singledispatch
-def shown(shape: Shape, arm: SoftArm, q: Array) -> Array:
+def shown(shape: Shape, robot: Robot, arm: SoftArm, q: Array) -> Array:
     """Return what the arm does where a stream looks, whatever the frames of the measurement are.
 
     Parameters
     ----------
     shape : Plate, Marker, Curvature, Bend or Attitude
+    robot : Robot
+        Whose links the stream counts: those of the arm may be pieces of them.
     arm : SoftArm
     q : (n, n_q)
         Coordinates at its samples.
@@ -52,19 +55,19 @@ def shown(shape: Shape, arm: SoftArm, q: Array) -> Array:
 @shown.register(Plate)
 @shown.register(Marker)
 @shown.register(Attitude)
-def _(shape: Plate | Marker | Attitude, arm: SoftArm, q: Array) -> Array:
-    return arm.poses(q, shape.place.along(arm.robot))
+def _(shape: Plate | Marker | Attitude, robot: Robot, arm: SoftArm, q: Array) -> Array:
+    return arm.poses(q, shape.place.along(robot))
 
 
 @shown.register
-def _(shape: Curvature, arm: SoftArm, q: Array) -> Array:
-    return np.column_stack([_mean(arm, q, shape.link, s) for s in ("bending_x", "bending_y")])
+def _(shape: Curvature, robot: Robot, arm: SoftArm, q: Array) -> Array:
+    return np.column_stack([_mean(robot, arm, q, shape.link, s) for s in ("bending_x", "bending_y")])
 
 
 @shown.register
-def _(shape: Bend, arm: SoftArm, q: Array) -> Array:
-    length = arm.robot.links[shape.link].length * (1.0 + _mean(arm, q, shape.link, "elongation"))
-    return np.asarray(_mean(arm, q, shape.link, "bending_y") * length)
+def _(shape: Bend, robot: Robot, arm: SoftArm, q: Array) -> Array:
+    length = robot.links[shape.link].length * (1.0 + _mean(robot, arm, q, shape.link, "elongation"))
+    return np.asarray(_mean(robot, arm, q, shape.link, "bending_y") * length)
 
 
 @singledispatch
@@ -137,6 +140,8 @@ def _vector(frames: Frames, name: str) -> Array:
     return np.array([frames.get(f"frame/{name}_{axis}", 0.0) for axis in "xyz"])
 
 
-def _mean(arm: SoftArm, q: Array, link: int, strain: str) -> Array:
-    fields = strain_fields(arm.robot)
-    return np.asarray(q @ (fields.of(strain, link) * fields.mean))
+def _mean(robot: Robot, arm: SoftArm, q: Array, link: int, strain: str) -> Array:
+    """Mean strain (n,) over a link of the robot, of which the arm may have pieces of equal length."""
+    fields, pieces = strain_fields(arm.robot), len(arm.robot.links) // len(robot.links)
+    own = sum(fields.of(strain, link * pieces + k) for k in range(pieces))
+    return np.asarray(q @ (own * fields.mean) / pieces)

@@ -38,10 +38,24 @@ def modelled(robot: Robot, is_constant: bool) -> SoftArm:
     return discretised(robot, shape)
 
 
-def seen_in(case: Case, arm: SoftArm, path: Path, values: Mapping[str, float]) -> list[Array]:
-    """Return what an arm does where each stream of a case looks, at its samples."""
+def seen_in(case: Case, robot: Robot, arm: SoftArm, path: Path, values: Mapping[str, float]) -> list[Array]:
+    """Return what an arm does where each stream of a case looks, at its samples.
+
+    Parameters
+    ----------
+    case : Case
+    robot : Robot
+        Whose links the streams count.
+    arm : SoftArm
+        The robot itself, or pieces of it.
+    path : Path
+        Its motion.
+    values : mapping of str to float
+        Numbers; the clock of the case is used.
+    """
     return [
-        shown(shape, arm, q) for q, shape in zip(case.coordinates(path, values), case.shapes, strict=True)
+        shown(shape, robot, arm, q)
+        for q, shape in zip(case.coordinates(path, values), case.shapes, strict=True)
     ]
 
 
@@ -111,7 +125,7 @@ class Problem:
     def shown(self, values: Mapping[str, float]) -> Shown:
         """Return what the arm with given numbers does where each stream of each case looks."""
         arm = self.arm(values)
-        return [seen_in(case, arm, case.simulated(arm, values), values) for case in self.cases]
+        return [seen_in(case, self.robot, arm, case.simulated(arm, values), values) for case in self.cases]
 
     def differences(self, does: Shown, values: Mapping[str, float]) -> list[list[Array]]:
         """Return measured minus predicted of each shape of each case.

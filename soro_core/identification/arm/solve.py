@@ -184,7 +184,7 @@ class _Rows:
             if kept is not None and kept.clocks[k] == clocks[k]:
                 does.append(kept.does[k])
             else:
-                does.append(seen_in(case, arm, paths[k], values))
+                does.append(seen_in(case, self._problem.robot, arm, paths[k], values))
         return _Motion(robot, arm, runs, clocks, tuple(paths), does)
 
     def _of(self, x: Array, motion: _Motion) -> Array:

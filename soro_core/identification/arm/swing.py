@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -38,4 +39,7 @@ def swinging(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
         return {name: value * changes.get(name, 1.0) for name, value in given.items()}
 
     begun = ({**middle, **values}, middle) if values else (middle,)
-    return min((start(given, float(factor)) for given in begun for factor in _FACTORS), key=problem.cost)
+    starts = [start(given, float(factor)) for given in begun for factor in _FACTORS]
+    with ThreadPoolExecutor() as pool:  # simulations run beside each other
+        costs = list(pool.map(problem.cost, starts))
+    return starts[int(np.argmin(costs))]

@@ -66,6 +66,11 @@ def message_class(type_name: str) -> type[Any] | None:
     return found if isinstance(found, type) and hasattr(found, "get_fields_and_field_types") else None
 
 
+def type_name(kind: type[Any]) -> str:
+    """Return ``package/msg/Name`` of a class of messages."""
+    return f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+
+
 def definition(type_name: str) -> Definition:
     """Return the definition and the hash of an installed type; texts are empty where files are missing."""
     return find_definition(type_name, share_folders(type_name))

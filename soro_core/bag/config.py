@@ -27,7 +27,15 @@ class RecorderConfig(Strict):
         "zstd", description="compression of the chunks: zstd, lz4 or none"
     )
     flush_s: float = Field(
-        1.0, ge=0.05, le=60.0, description="longest recorded time that a crash may lose [s]"
+        0.5, ge=0.05, le=60.0, description="longest recorded time that a crash may lose [s]"
+    )
+    split_bytes: int = Field(
+        0,
+        ge=0,
+        description="size of a file of the bag, about, from which on a new one is begun; 0: one file [B]",
+    )
+    split_s: float = Field(
+        0.0, ge=0.0, le=1e6, description="recorded time after which a new file is begun; 0: one file [s]"
     )
     discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="period of the search for new topics [s]")
     buffer_bytes: int = Field(

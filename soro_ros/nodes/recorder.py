@@ -59,6 +59,8 @@ class Recorder(SoroNode[RecorderConfig]):
             self._config.compression,
             ros_distro=os.environ.get("ROS_DISTRO", "jazzy"),
             custom_data=self._notes,
+            split_bytes=self._config.split_bytes,
+            split_ns=round(self._config.split_s * 1e9),
         )
         self._bag = BackgroundWriter(writer, self._config.flush_s, self._config.buffer_bytes)
         self._folder = folder
@@ -99,6 +101,8 @@ class Recorder(SoroNode[RecorderConfig]):
             "dropped": bag.dropped,
         }
         if bag.failure is not None:
+            if self.failure is None:
+                self.get_logger().error(f"{bag.failure}; {bag.dropped} messages are not in the bag")
             self.failure = bag.failure
             self.diagnostics.update(ERROR, str(bag.failure), values)
         elif bag.dropped:

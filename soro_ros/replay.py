@@ -14,8 +14,6 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Protocol
 
-from rclpy.serialization import deserialize_message
-
 from soro_core.bag import BagReader
 from soro_core.config import changed
 from soro_core.errors import BagError, ConfigError
@@ -24,7 +22,7 @@ from soro_ros.controller_ticks import ControllerTicks
 from soro_ros.differences import TopicDifferences, stamp_of
 from soro_ros.estimator_ticks import EstimatorTicks
 from soro_ros.fields import flat
-from soro_ros.interfaces import type_name
+from soro_ros.interfaces import deserialised, type_name
 from soro_ros.ports import Inputs, Ports
 
 # Above the difference that other processors make, whose linear algebra rounds otherwise (docs/replay.md).
@@ -186,10 +184,7 @@ def _check(
 
 def _messages(reader: BagReader, kinds: Mapping[str, type[Any]]) -> Iterator[tuple[str, Any]]:
     for item in reader.messages(kinds.keys()):
-        try:
-            yield item.topic, deserialize_message(item.data, kinds[item.topic])
-        except RuntimeError as error:  # the middleware cannot read the bytes
-            raise BagError(f"{item.topic}: {error}", reader.path, "damaged", item.topic) from None
+        yield item.topic, deserialised(item.data, kinds[item.topic], reader.path, item.topic)
 
 
 def _largest(reader: BagReader, kinds: Mapping[str, type[Any]]) -> dict[str, dict[str, float]]:

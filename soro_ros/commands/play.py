@@ -85,7 +85,7 @@ def play(
         BagReader(bag).close()
     except (ConfigError, BagError) as error:
         typer.echo(f"soro: {error}", err=True)
-        raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
+        raise typer.Exit(2) from None
     arguments = ["--ros-args"]
     for name, value in overrides(config).items():
         # JSON is YAML with unmistakable quotes.

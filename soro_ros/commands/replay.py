@@ -57,12 +57,12 @@ def replay(
     The nodes' own code runs in lockstep in this process, without ROS nodes; each takes its recorded inputs.
     Exit status 0: the same; 1: different, and the first difference is shown; 2: wrong use.
     """
+    from soro_ros.replay import replay as run  # imports the model, which takes a second
+
     try:
         if not bag.exists():
             raise BagError("no such file or folder", bag, "missing")
         found, scene_file = (bag, scene) if scene else bag_and_scene(bag)
-        from soro_ros.replay import replay as run  # imports the model, which takes seconds
-
         result = run(
             found,
             load_scene(scene_file, given_keys(change or [])),

@@ -673,12 +673,12 @@ def test_soro_bag_info_prints_names_as_they_are(soro, tmp_path):
     ("arguments", "status", "name"),
     [
         (["play", "{tmp}/nothing"], 2, "nothing"),
-        (["play", "{tmp}/folder"], 1, "folder"),
-        (["play", "{tmp}/text.mcap"], 1, "text.mcap"),
+        (["play", "{tmp}/folder"], 2, "folder"),
+        (["play", "{tmp}/text.mcap"], 2, "text.mcap"),
         (["play", "{tmp}/text.mcap", "--rate", "-1"], 2, "rate"),
         (["bag", "info", "{tmp}/nothing"], 2, "nothing"),
-        (["bag", "info", "{tmp}/text.mcap"], 1, "text.mcap"),
-        (["bag", "repair", "{tmp}/text.mcap"], 1, "text.mcap"),
+        (["bag", "info", "{tmp}/text.mcap"], 2, "text.mcap"),
+        (["bag", "repair", "{tmp}/text.mcap"], 2, "text.mcap"),
     ],
 )
 def test_commands_name_what_is_wrong(node_main, soro, tmp_path, arguments, status, name):

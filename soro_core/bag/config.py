@@ -53,9 +53,13 @@ class PlayerConfig(Strict):
         1.0,
         ge=0.0,
         le=1000.0,
-        description="times faster than recorded; 0: as fast as readers accept messages",
+        description="times faster than recorded, also while it plays; 0: as fast as readers accept messages",
     )
-    start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
+    start_s: float = Field(
+        0.0,
+        ge=0.0,
+        description="offset into the bag at which to begin [s]; while it plays: to go on from there",
+    )
     duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
     topics: Strings = Field(
         (),
@@ -64,7 +68,9 @@ class PlayerConfig(Strict):
     )
     exclude: Strings = Field((), description="names or patterns of topics to leave out")
     remap: Strings = Field((), description="OLD:=NEW names")
-    loop: bool = Field(False, description="begin again at the end")
+    loop: bool = Field(False, description="begin again at the end, also while it plays")
+    paused: bool = Field(False, description="begin paused: ~/resume or a key starts it")
+    keyboard: bool = Field(False, description="take keys from the terminal, as soro play does")
     clock: bool = Field(False, description="publish /clock with the recorded time")
     clock_hz: float = Field(100.0, gt=0.0, le=10000.0, description="rate of /clock in recorded time")
     wait_for_subscribers: bool = Field(False, description="begin when every topic has a reader")

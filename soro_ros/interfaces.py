@@ -68,7 +68,18 @@ def message_class(type_name: str) -> type[Any] | None:
 
 
 def deserialised(data: bytes, kind: type[Any], bag: Path, topic: str) -> Any:
-    """Return a recorded message of a class.
+    """Return a recorded message.
+
+    Parameters
+    ----------
+    data : bytes
+        Its serialised form.
+    kind : type
+        Its class.
+    bag : Path
+        Where it is recorded, for errors.
+    topic : str
+        Its topic, for errors.
 
     Raises
     ------

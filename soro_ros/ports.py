@@ -62,7 +62,15 @@ class Ports:
 
 
 def subscribe(node: Node, inputs: Inputs, lockstep: bool) -> None:
-    """Subscribe a node to every input."""
+    """Subscribe a node to topics.
+
+    Parameters
+    ----------
+    node : Node
+    inputs : mapping of str to Input
+    lockstep : bool
+        Whether its time is in lockstep.
+    """
     for topic, (kind, take, quality) in inputs.items():
         node.create_subscription(kind, topic, take, quality(lockstep))
 

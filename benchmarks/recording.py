@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -68,7 +69,7 @@ def run(options: Options) -> str:
         os.sched_setaffinity(0, before)
     wrote = ["message, B", "asked, 1/s", "written", "lost", f"at {TARGET_HZ} 1/s", "CPU", "most waiting, MB"]
     wrote += ["as fast as it can, 1/s"]
-    recorded = ["publisher", "sent, 1/s", "sent", "recorded", "lost"]
+    recorded = ["publisher", "sent, 1/s", "sent", "recorded", "lost", "of them reported"]
     return "\n\n".join(
         [
             f"The bag alone (`BackgroundWriter`, zstd), {options.pick(10, 1)} s of random bytes:",
@@ -124,15 +125,15 @@ def _recorder_rows(reliability: str, options: Options) -> list[list[object]]:
     rows: list[list[object]] = []
     for rate in RATES_HZ[: options.pick(len(RATES_HZ), 1)]:
         options.say(f"recorder, {reliability}, {rate} 1/s")
-        sent, took, recorded = _record(rate, options.pick(5.0, 0.2), reliability)
-        rows.append([reliability, figure(sent / took, 3), sent, recorded, sent - recorded])
+        sent, took, recorded, told = _record(rate, options.pick(5.0, 0.2), reliability)
+        rows.append([reliability, figure(sent / took, 3), sent, recorded, sent - recorded, told])
         if recorded != sent or sent / took < 0.95 * rate:
             break
     return rows
 
 
-def _record(rate_hz: float, seconds: float, reliability: str) -> tuple[int, float, int]:
-    """Return messages sent, the time that took [s], and messages in the bag."""
+def _record(rate_hz: float, seconds: float, reliability: str) -> tuple[int, float, int, int]:
+    """Return messages sent, the time that took [s], messages in the bag, and those reported as lost."""
     environment = {**os.environ, "ROS_DOMAIN_ID": DOMAIN}
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "bag"
@@ -140,7 +141,8 @@ def _record(rate_hz: float, seconds: float, reliability: str) -> tuple[int, floa
         recorder = subprocess.Popen(
             [sys.executable, "-m", "soro_ros.nodes.recorder", *arguments],
             env=environment,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         try:
             limit = time.monotonic() + _STARTS_S
@@ -152,7 +154,8 @@ def _record(rate_hz: float, seconds: float, reliability: str) -> tuple[int, floa
             done = subprocess.run(load, env=environment, stdout=subprocess.PIPE, text=True, check=True)
         finally:
             recorder.terminate()
-            recorder.wait(30)
+            _, said = recorder.communicate(timeout=30)
         sent, took = done.stdout.split()
         with BagReader(bag) as reader:
-            return int(sent), float(took), reader.message_count
+            told = re.search(r"/load: (\d+) lost on the way", said)
+            return int(sent), float(took), reader.message_count, int(told[1]) if told else 0

@@ -110,6 +110,8 @@ def replay(
     """
     if not nodes or not NODES.keys() >= set(nodes):
         raise ConfigError("soro replay", "--nodes", ",".join(nodes), f"of {', '.join(NODES)}")
+    if not 0.0 <= tolerance < math.inf:
+        raise ConfigError("soro replay", "--tolerance", tolerance, "a finite number, 0 or more")
     if scene.mode != "lockstep":
         allowed = "lockstep: in real time no recording says what a node had received at a tick"
         raise ConfigError(scene.name, "mode", scene.mode, allowed)

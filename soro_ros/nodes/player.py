@@ -128,6 +128,10 @@ class Player(SoroNode[PlayerConfig]):
         renamed = dict(self._split_remap(rule) for rule in config.remap)
         self._wanted = tuple(topic_pattern(self, name, "topics") for name in config.topics)
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
+        names = sorted({topic.name for topic in self._reader.topics})
+        for pattern in self._wanted:
+            if not any(fnmatchcase(name, pattern) for name in names):
+                raise ConfigError("parameters of player", "topics", pattern, f"of {', '.join(names)}")
         wanted = [topic for topic in self._reader.topics if self._is_wanted(topic.name)]
         commands = [] if self._wanted else [topic for topic in wanted if topic.name.endswith(COMMANDS)]
         if commands:

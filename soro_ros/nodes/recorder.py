@@ -208,7 +208,7 @@ class Recorder(SoroNode[RecorderConfig]):
     # Messages ------------------------------------------------------------------------------------
     def _on_message(self, name: str, data: bytes) -> None:
         self._take(name, data)
-        if self._streams[name].loss.wants_sample:
+        if self._bag is not None and self._streams[name].loss.wants_sample:
             self._take_one(name)
 
     def _take_one(self, name: str) -> bool:

@@ -106,6 +106,7 @@ def test_a_changed_filter_differs_and_the_controller_beside_it_does_not():
     ("arguments", "words"),
     [
         (("gone",), "gone: no such file or folder"),
+        ((str(SMALL), "--tolerance", "inf"), "--tolerance: got inf; allowed: a finite number"),
         ((str(SMALL), "--nodes", "twin"), "--nodes: got 'twin'; allowed: of estimator, controller"),
         ((str(SMALL), "--set", "mode=real_time"), "mode: got 'real_time'; allowed: lockstep"),
         ((str(SMALL), "--set", "name=other"), "no message of /other/arm/covariance"),

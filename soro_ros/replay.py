@@ -65,12 +65,15 @@ class Replayed:
         Every compared topic.
     left_out : tuple of str
         Outputs that the bag does not hold.
+    without : tuple of str
+        Inputs of the loop that it does not hold: a tick that waits for one is not computed.
     problems : tuple of str
         What is damaged in the bag.
     """
 
     topics: tuple[TopicDifferences, ...]
     left_out: tuple[str, ...]
+    without: tuple[str, ...]
     problems: tuple[str, ...]
 
     @property
@@ -139,7 +142,11 @@ def replay(
         problems = reader.problems
     for one in found.values():
         one.finish()
-    return Replayed(tuple(found.values()), tuple(sorted(outputs.keys() - there.keys())), problems)
+    inputs = {
+        topic for node in fed for topic in node.inputs if not topic.startswith(f"{prefix}arm/reference/")
+    }
+    left_out, without = (tuple(sorted(topics - there.keys())) for topics in (outputs.keys(), inputs))
+    return Replayed(tuple(found.values()), left_out, without, problems)
 
 
 class _Fed:

@@ -89,6 +89,8 @@ def _print(result: Replayed) -> None:
     console.print(table)
     for topic in result.left_out:
         console.print(f"{topic}: not recorded, not compared", soft_wrap=True)
+    for topic in result.without:
+        console.print(f"{topic}: not recorded; a tick that waits for it is not computed", soft_wrap=True)
     for problem in result.problems:
         console.print(f"the bag is damaged: {problem}", style="yellow", soft_wrap=True)
     firsts = sorted(topic.first for topic in result.topics if topic.first is not None)

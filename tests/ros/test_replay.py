@@ -57,6 +57,22 @@ def test_the_order_in_which_topics_were_noted_does_not_matter(tmp_path):
     assert replay(other, scene).same
 
 
+def test_an_input_that_was_not_recorded_is_named(soro, tmp_path):
+    scene = load_scene(SMALL / "scene.yaml")
+    with BagReader(SMALL) as reader, BagWriter(tmp_path / "bag") as writer:
+        kept = [topic for topic in reader.topics if not topic.name.endswith("sensors/pose0")]
+        for topic in kept:
+            writer.add_topic(topic)
+        for message in reader.messages([topic.name for topic in kept]):
+            writer.write(message.topic, message.data, message.log_time_ns)
+    ended = soro(
+        "replay", str(tmp_path / "bag"), "--scene", str(SMALL / "scene.yaml"), "--nodes", "estimator"
+    )
+    assert ended.status == 1
+    assert f"/{scene.name}/sensors/pose0: not recorded; a tick that waits" in ended.out
+    assert "no such message now" in ended.out
+
+
 def _one_value(found: list[BagMessage]) -> list[BagMessage]:
     """The state at the 100th tick is another."""
     seen, result = 0, []

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run identify test pytest alicatlib lint bench newest-numba clean
+.PHONY: run identify test pytest alicatlib colcon lint bench newest-numba clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -25,6 +25,16 @@ pytest: $(VENV)/.installed-test
 # The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
 alicatlib: $(VENV)/.installed-test
 	$(BIN)/pytest tests/hardware/test_alicatlib.py
+
+# Builds with the colcon from PyPI as in a conventional ROS 2 installation, and starts what it installs.
+COLCON := .venv-colcon
+colcon: $(COLCON)/.installed $(VENV)/.installed-test
+	COLCON=$(COLCON)/bin/colcon $(BIN)/pytest tests/installation/test_colcon.py
+
+$(COLCON)/.installed:
+	$(PYTHON) -m venv $(COLCON)
+	$(COLCON)/bin/python -m pip install --quiet --disable-pip-version-check colcon-common-extensions 'setuptools>=68,<80'
+	@touch $@
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

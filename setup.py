@@ -27,11 +27,15 @@ class RosDistribution(Distribution):
 
 distribution = setup(
     distclass=RosDistribution,
+    # Nodes that colcon installs run in the virtual environment that is active, whichever python builds them.
+    options={"build_scripts": {"executable": "/usr/bin/env python3"}},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/soro_ros"]),
         # The last three: `colcon build --symlink-install` builds from links to the files of this list alone.
         ("share/soro_ros", ["package.xml", "pyproject.toml", "README.md", "LICENSE"]),
         *files("config", "share/soro_ros"),
+        *files("params", "share/soro_ros"),
+        ("share/soro_ros/launch", ["soro_ros/launch/arm.launch.py"]),
         *[("lib/soro_ros", [str(p.relative_to(HERE))]) for p in sorted((HERE / "lib/soro_ros").glob("*"))],
     ],
 )

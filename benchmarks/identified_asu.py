@@ -81,18 +81,21 @@ def is_frozen(recording: Recording) -> bool:
 
 def squares(arm: SoftArm, recording: Recording) -> Array:
     """Return the mean squares (3,) [m^2] of the errors of the tip and of the distances of the plates."""
+    tip, _, upper, lower = differences(arm, recording)
+    return np.array([np.mean(np.sum(tip**2, axis=1)), np.mean(upper**2), np.mean(lower**2)])
+
+
+def differences(arm: SoftArm, recording: Recording) -> tuple[Array, Array, Array, Array]:
+    """Return the errors [m] of tip and middle (n, 3), and of the distances of the plates (n,)."""
     case = Whole(recording, STEP_S, rate_hz=RATE_HZ)
     path = case.simulated(arm, {})
     plates = [shape for shape in case.shapes if isinstance(shape, Plate)]
     middle, tip = (next(p for p in plates if p.place.link == link) for link in (0, 1))
     where = [arm.poses(path.at(tip.t), plate.place.along(arm.robot))[:, :3, 3] for plate in (middle, tip)]
     seen = np.column_stack([np.interp(tip.t, middle.t, column) for column in middle.position.T])
-    off = [
-        np.linalg.norm(where[1] - tip.position, axis=1),
-        np.linalg.norm(where[0], axis=1) - np.linalg.norm(seen, axis=1),
-        np.linalg.norm(where[1] - where[0], axis=1) - np.linalg.norm(tip.position - seen, axis=1),
-    ]
-    return np.array([np.mean(each**2) for each in off])
+    upper = np.linalg.norm(where[0], axis=1) - np.linalg.norm(seen, axis=1)
+    lower = np.linalg.norm(where[1] - where[0], axis=1) - np.linalg.norm(tip.position - seen, axis=1)
+    return where[1] - tip.position, where[0] - seen, upper, lower
 
 
 def _rms(parts: Sequence[Array]) -> Array:

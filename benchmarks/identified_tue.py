@@ -22,7 +22,8 @@ from soro_core.identification import (
 from soro_core.identification.arm.cases import Whole
 from soro_core.identification.arm.frames import frame_numbers
 from soro_core.identification.arm.numbers import numbers_of, with_numbers
-from soro_core.identification.arm.problem import Problem, modelled, solve
+from soro_core.identification.arm.problem import Problem, modelled
+from soro_core.identification.arm.solve import solve
 from soro_core.identification.arm.starts import start_numbers
 from soro_core.identification.recording import read_csv
 from soro_core.model import SoftArm

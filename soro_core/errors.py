@@ -12,6 +12,10 @@ class SoroError(Exception):
     """Base of all errors that a user can cause or mend."""
 
 
+# What is said of a parameter that a running node cannot take over.
+NEXT_CONFIGURE = "takes effect at the next configure"
+
+
 class ConfigError(SoroError):
     """A value in a file or a parameter is not allowed.
 

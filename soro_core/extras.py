@@ -22,6 +22,7 @@ PACKAGES = {
         "diagnostic_msgs",
         "geometry_msgs",
         "lifecycle_msgs",
+        "nav_msgs",
         "rcl_interfaces",
         "rosgraph_msgs",
         "sensor_msgs",

@@ -17,15 +17,18 @@ from soro_core.control import Reference
 from soro_core.control.laws import Certainty
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.reach import check_reach
+from soro_core.control.retune import retune
 from soro_core.errors import SoroError
+from soro_core.hardware import load_platform
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
+from soro_core.safety import narrowed
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos, references
 from soro_ros.control_report import FRAME, ControlReport
 from soro_ros.motion_topic import REPLACED, MotionTopic
 from soro_ros.ports import Input, Inputs, Ports
-from soro_ros.tick_inputs import TickInputs
+from soro_ros.tick_inputs import TickInputs, unusable
 
 
 class ControllerTicks:
@@ -71,7 +74,8 @@ class ControllerTicks:
         robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._source, self._ports = source, ports
-        self.controller = controller_of(config, robot, say=ports.warn)
+        self._platform = load_platform(config.platform) if config.platform else None
+        self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
         self.forget()
@@ -114,6 +118,17 @@ class ControllerTicks:
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self.motions.warm_up(state, q)
 
+    def retune(self, config: ControllerNodeConfig) -> None:
+        """Go on with other gains, adaptation, reference or narrower limits, from the state of now."""
+        narrowed(self._config.limits, config.limits, "parameters of controller")
+        control, _ = config.known_control(self._platform)
+        new = retune(self.controller, self.state, control, self._time_s(), config.reach)
+        self.controller, self.state = new.controller, new.state
+        self.motions.use(new.controller)
+        if new.moves:
+            self._take(new.reference)
+            self.motions.cancel(REPLACED, "by another reference")
+
     def forget(self) -> None:
         """Reset time, estimates and reference."""
         self.state = self.controller.initial_state()
@@ -151,16 +166,19 @@ class ControllerTicks:
 
     def _follow(self, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
-        t = 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
         try:
-            self._take(make(t))
+            self._take(make(self._time_s()))
         except SoroError as error:
             self._refuse(str(error))
             return
         self.motions.cancel(REPLACED, "by another reference")
         self._refuse("")
 
-    def _take(self, reference: Reference) -> None:
+    def _time_s(self) -> float:
+        """Return the time of the last tick since the first one [s]."""
+        return 0.0 if self._epoch_ns is None else (self._last_ns - self._epoch_ns) * 1e-9
+
+    def _take(self, reference: Reference | None) -> None:
         self._reference = reference
 
     def _refuse(self, reason: str) -> None:
@@ -226,16 +244,9 @@ class ControllerTicks:
             self._ports.publish("arm/learned", learning.learned(learned, stamp_ns))
 
     def _unusable(self, message: JointState, stamp_ns: int) -> str:
-        if not message.name:
-            return "no estimate of the state"
-        if tuple(message.name) != self._coordinates:
-            return f"arm/state of {list(message.name)}, expected {list(self._coordinates)}"
-        if self._epoch_ns is not None and stamp_ns <= self._last_ns:
-            return "arm/state is not newer than the last"
-        age = (self._ports.now_ns() - stamp_ns) * 1e-9
-        if not self._lockstep and age > self._config.state_age_s:
-            return f"arm/state is {age:.3f} s old"
-        return ""
+        last_ns = None if self._epoch_ns is None else self._last_ns
+        age_s = 0.0 if self._lockstep else (self._ports.now_ns() - stamp_ns) * 1e-9
+        return unusable(message, stamp_ns, self._coordinates, last_ns, age_s, self._config.state_age_s)
 
     def _publish(self, setpoint_pa: np.ndarray, stamp_ns: int) -> None:
         names = self._names if setpoint_pa.size else ()

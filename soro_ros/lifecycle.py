@@ -12,9 +12,9 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.timer import Timer
 
 from soro_core.config import Strict
-from soro_core.errors import SoroError
+from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
-from soro_ros.parameters import NodeWithParameters, declare, read
+from soro_ros.parameters import NodeWithParameters, declare, overrides, read
 
 Config = TypeVar("Config", bound=Strict)
 
@@ -28,11 +28,14 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
     """
 
     config_model: ClassVar[type[Strict]]
+    # Parameters, or beginnings of their names, that `take` takes over while the node is configured.
+    live: ClassVar[tuple[str, ...]] = ()
     node_name: ClassVar[str]
 
     def __init__(self) -> None:
         super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
-        declare(self, self.config_model)
+        self._used: Config | None = None  # the configuration in force, of a configured node
+        declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.diagnostics = Diagnostics(self)
         self.create_timer(1.0, self._publish_diagnostics, clock=self.steady_clock)
@@ -61,6 +64,12 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
 
     def teardown(self) -> None:
         """Release what `setup` built (inactive -> unconfigured)."""
+
+    def take(self, config: Config) -> None:
+        """Take over at once, without a step, a configuration in which only `live` parameters differ.
+
+        Raise SoroError to refuse it; then nothing may have changed.
+        """
 
     def make_safe(self) -> None:
         """Put hardware and files into a safe state; called first when the process ends."""
@@ -108,8 +117,9 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         def configure() -> None:
             self._kept = self._interfaces()
-            self.setup(read(self, self.config_model))
-            self._configured = True
+            config = read(self, self.config_model)
+            self.setup(config)
+            self._configured, self._used = True, config
 
         result = self._transition(configure, "inactive")
         if result is TransitionCallbackReturn.FAILURE:
@@ -131,7 +141,7 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
         return result
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._configured = False
+        self._configured, self._used = False, None
         result = self._transition(self.teardown, "unconfigured")
         self._destroy_interfaces()
         return result
@@ -163,6 +173,19 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.diagnostics.update(OK, name)
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS
+
+    def _changed(self, config: Config) -> None:
+        """Take over changed parameters; refuse those that only the next configuration can use."""
+        if self._used is None:
+            return
+        before = overrides(self._used)
+        for name, value in overrides(config).items():
+            if value != before.get(name) and not name.startswith(self.live):
+                allowed = f"{before.get(name)!r}; another value {NEXT_CONFIGURE}: clean up, set it, configure"
+                raise ConfigError(f"parameters of {self.get_name()}", name, value, allowed)
+        if config != self._used:
+            self.take(config)
+            self._used = config
 
     def _interfaces(self) -> set[int]:
         """Return identities only: references would keep handles alive after the end of their node."""

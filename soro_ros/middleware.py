@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,6 +29,7 @@ _REACH = (
 )
 CHOICES = (_PROFILES, _NEWER_PROFILES, *_REACH)
 """Variables of the middleware that a user may set."""
+_arguments: list[str] = []
 # Longest wait [s] for readers that have not taken everything when a node ends.
 DELIVERY_S = 3.0
 
@@ -42,7 +44,13 @@ def init(args: list[str] | None = None) -> None:
     """
     os.environ.update(settings(os.environ))
     security.check()
+    _arguments[:] = sys.argv if args is None else args
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def arguments() -> list[str]:
+    """Return the command line of the last `init`; rclpy does not keep it."""
+    return list(_arguments)
 
 
 def settings(environment: Mapping[str, str]) -> dict[str, str]:

@@ -101,6 +101,10 @@ class MotionTopic:
         self._now: tuple[ControllerState, float] | None = None  # state and time of the last tick
         self.inputs: Inputs = {TOPIC: Input(Path, self._on_path, qos.reference)}
 
+    def use(self, controller: Controller) -> None:
+        """Plan the next paths with another controller of the same arm."""
+        self._controller = controller
+
     def warm_up(self, state: ControllerState, q: np.ndarray) -> None:
         """Plan a motion to `q` (n_q,) once without effect: imports and compilation outlast a tick."""
         arm, begin = self._controller.arm, Point(*np.zeros((3, len(q))))

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from soro_core.config import Strict, parse
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, SoroError
+from soro_ros import middleware
+from soro_ros.parameter_files import flattened, given_by_name
+from soro_ros.parameter_values import as_given, described_field, descriptor
 
 Model = TypeVar("Model", bound=Strict)
 
-# What the bounds of a field are called; lengths are those of lists.
-_BOUNDS = {
-    "gt": "above",
-    "ge": "at least",
-    "lt": "below",
-    "le": "at most",
-    "min_length": "entries: at least",
-    "max_length": "entries: at most",
-}
 # Parameters of one place, which are lists of places now, with an "s" at the end of their names.
 _ONE_PLACE = ("pose_location", "imu_location", "pose.location", "imu.location")
 # Parameters that rclpy declares by itself.
@@ -46,33 +41,72 @@ class NodeWithParameters(Node):
         return super().declare_parameters(namespace, typed, ignore_override)
 
 
-def declare(node: Node, model: type[Strict]) -> None:
+def declare(node: Node, model: type[Model], take: Callable[[Model], None] = lambda config: None) -> None:
     """Declare one parameter a field of `model`, nested models with dots, and check every later change.
 
     The node must be a `NodeWithParameters`: what a parameter file or the command line gave beyond the
-    model's fields is then seen here, and refused.
+    model's fields is then seen here. It is refused, or ignored with a warning if a file gave it to many
+    nodes, as in an entry ``/**``.
+
+    Parameters
+    ----------
+    node : NodeWithParameters
+        Owner of the parameters.
+    model : type
+        Their names, types, defaults and bounds.
+    take : callable
+        Takes over a changed configuration at once, or raises SoroError, which refuses the change.
 
     Raises
     ------
     ConfigError
-        If an override is no field of the model.
+        If what was given to this node is no field of the model.
     """
     fields, free = dict(_flatten(model)), tuple(f"{name}." for name in _mappings(model))
     for former in _ONE_PLACE:
         if f"{former}s" in fields and node.has_parameter(former):
             _take_as_list(node, former, f"{former}s")
+    own, shared = given_by_name(middleware.arguments(), node.get_name()), []
     for given in node.get_parameters_by_prefix(""):
         # What is allowed in a mapping depends on other values: `read` checks it.
-        if given not in fields and not given.startswith((*_OWN, *free)):
+        if given in fields or given.startswith((*_OWN, *free)):
+            continue
+        if given in own:
             raise ConfigError(_where(node), given, "an unknown parameter", ", ".join(sorted(fields)))
+        node.undeclare_parameter(given)
+        shared.append(given)
+    if shared:  # an entry for many nodes need not fit each of them
+        node.get_logger().warning(
+            f"not parameters of {node.get_name()}, ignored: {', '.join(sorted(shared))}"
+        )
     for name, (default, field) in fields.items():
-        # The model checks types: it accepts 200 for a float, a typed parameter does not.
-        descriptor = ParameterDescriptor(description=_describe(field), dynamic_typing=True)
         if node.has_parameter(name):
-            node.set_descriptor(name, descriptor)
+            _describe_given(node, name, field)
         else:
-            node.declare_parameter(name, default, descriptor, ignore_override=True)
-    node.add_on_set_parameters_callback(lambda changes: _check(node, model, changes))
+            node.declare_parameter(name, default, descriptor(name, field), ignore_override=True)
+    node.add_pre_set_parameters_callback(lambda changes: [_typed(fields, change) for change in changes])
+    node.add_on_set_parameters_callback(lambda changes: _check(node, model, changes, take))
+
+
+def _describe_given(node: Node, name: str, field: FieldInfo) -> None:
+    """Describe a parameter that a file or the command line gave, and give its value the type of the field."""
+    node.set_descriptor(name, ParameterDescriptor(dynamic_typing=True))
+    given = node.get_parameter(name)
+    if (typed := _typed({name: (None, field)}, given)) is not given:
+        node.set_parameters([typed])
+    found = descriptor(name, field)
+    try:
+        node.set_descriptor(name, found)
+    except InvalidParameterValueException:  # `read` says what is allowed; ROS would not let us
+        found.floating_point_range, found.integer_range = [], []
+        node.set_descriptor(name, found)
+
+
+def _typed(fields: Mapping[str, tuple[Any, FieldInfo]], given: Parameter) -> Parameter:
+    """Return a parameter with the type of its field; one of another kind, or not set, stays as it is."""
+    field = fields[given.name][1] if given.name in fields else None
+    value = None if field is None else as_given(field, given.value)
+    return given if value is None or value == [] else Parameter(given.name, value=value)
 
 
 def _take_as_list(node: Node, former: str, name: str) -> None:
@@ -99,7 +133,7 @@ def read(node: Node, model: type[Model]) -> Model:
 def described(model: type[BaseModel]) -> Iterator[tuple[str, Any, str]]:
     """Name, default and description of every parameter."""
     for name, (default, field) in _flatten(model):
-        yield name, default, _describe(field)
+        yield name, default, described_field(field)
 
 
 def overrides(config: BaseModel) -> dict[str, Any]:
@@ -110,18 +144,7 @@ def overrides(config: BaseModel) -> dict[str, Any]:
         if isinstance(value, BaseModel):
             flat.update({f"{name}.{key}": inner for key, inner in overrides(value).items()})
         elif isinstance(value, Mapping):
-            flat.update({f"{name}.{key}": inner for key, inner in _flat(value).items()})
-        else:
-            flat[name] = list(value) if isinstance(value, tuple) else value
-    return flat
-
-
-def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Flatten nested mappings to ``{"a.b": value}``."""
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            flat.update({f"{name}.{key}": inner for key, inner in _flat(value).items()})
+            flat.update({f"{name}.{key}": inner for key, inner in flattened(value).items()})
         else:
             flat[name] = list(value) if isinstance(value, tuple) else value
     return flat
@@ -154,31 +177,21 @@ def _flatten(
             yield prefix + name, (list(default) if isinstance(default, tuple) else default, field)
 
 
-def _describe(field: FieldInfo) -> str:
-    """Return the description of a field with its bounds."""
-    found = [
-        (text, getattr(item, name))
-        for item in field.metadata
-        for name, text in _BOUNDS.items()
-        if hasattr(item, name)
-    ]
-    bounds = ", ".join(f"{text} {n:g}" if isinstance(n, float) else f"{text} {n}" for text, n in found)
-    return f"{field.description or ''} ({bounds})" if bounds else field.description or ""
-
-
 def _values(node: Node, model: type[BaseModel], changes: Iterable[Parameter] = ()) -> dict[str, Any]:
     """Return the values of all parameters, with requested changes."""
     changed = {change.name: change.value for change in changes}
+
+    def value_of(name: str) -> Any:
+        # `ros2 param delete` leaves a parameter that may be not set without a declaration.
+        return changed[name] if name in changed else node.get_parameter_or(name).value
+
     values = {}
-    for name, (default, _) in _flatten(model):
-        value = changed[name] if name in changed else node.get_parameter(name).value
-        if hasattr(value, "tolist") or isinstance(value, tuple):
-            value = list(value)
+    for name, (default, field) in _flatten(model):
+        value = as_given(field, value_of(name))
         values[name] = [] if value is None and isinstance(default, list) else value
     for name in _mappings(model):
-        for key, parameter in node.get_parameters_by_prefix(name).items():
-            value = changed.get(f"{name}.{key}", parameter.value)
-            values[f"{name}.{key}"] = value.tolist() if hasattr(value, "tolist") else value
+        for key in node.get_parameters_by_prefix(name):
+            values[f"{name}.{key}"] = as_given(None, value_of(f"{name}.{key}"))
     return values
 
 
@@ -194,10 +207,12 @@ def nested(flat: dict[str, Any]) -> dict[str, Any]:
     return tree
 
 
-def _check(node: Node, model: type[Strict], changes: list[Parameter]) -> SetParametersResult:
-    """Refuse a change that the model does not allow, with its reason, before it takes effect."""
+def _check(
+    node: Node, model: type[Model], changes: list[Parameter], take: Callable[[Model], None]
+) -> SetParametersResult:
+    """Refuse a change that model or node does not allow, with its reason, before it takes effect."""
     try:
-        parse(nested(_values(node, model, changes)), model, where=_where(node))
-    except ConfigError as error:
+        take(parse(nested(_values(node, model, changes)), model, where=_where(node)))
+    except SoroError as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from soro_core.errors import ConfigError
 from soro_ros.keyboard import Keyboard
 from soro_ros.lifecycle import SoroNode
 from soro_ros.playback import Playback
@@ -44,7 +44,6 @@ class PlayerControls:
             ("toggle_paused", self._toggle),
         ):
             node.create_service(Trigger, f"~/{name}", self._answering(action))
-        node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def listen(self) -> None:
@@ -62,7 +61,6 @@ class PlayerControls:
     def close(self) -> None:
         """Take no parameters and keys any more."""
         self.leave_terminal()
-        self._node.remove_on_set_parameters_callback(self._check)
         self._node.remove_post_set_parameters_callback(self._apply)
 
     def _answering(self, action: Callable[[], str]) -> Callable[..., Trigger.Response]:
@@ -86,15 +84,12 @@ class PlayerControls:
     def _at(self) -> str:
         return f"{self._start_s + self.playback.position_s:.3f} s"
 
-    def _check(self, changes: list[Parameter]) -> SetParametersResult:
-        for change in changes:
-            last_s = self._start_s + self.playback.length_s
-            if change.name == "start_s" and not self._start_s <= change.value <= last_s:
-                reason = (
-                    f"start_s: got {change.value:g}; allowed: {self._start_s:g} to {last_s:g}, as it plays"
-                )
-                return SetParametersResult(successful=False, reason=reason)
-        return SetParametersResult(successful=True)
+    def check(self, start_s: float) -> None:
+        """Raise ConfigError if the parameter start_s is outside of what is played."""
+        last_s = self._start_s + self.playback.length_s
+        if not self._start_s <= start_s <= last_s:
+            allowed = f"{self._start_s:g} to {last_s:g}, what is played"
+            raise ConfigError("parameters of player", "start_s", start_s, allowed)
 
     def _apply(self, changes: list[Parameter]) -> None:
         for change in changes:

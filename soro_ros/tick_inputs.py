@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -92,3 +93,33 @@ class TickInputs:
             if age_s == 0.0 or (not self._lockstep and age_s <= self._covariance_age_s):
                 return message
         return None
+
+
+def unusable(
+    message: JointState,
+    stamp_ns: int,
+    coordinates: Sequence[str],
+    last_ns: int | None,
+    age_s: float,
+    limit_s: float,
+) -> str:
+    """Return why a state cannot be used, or an empty string.
+
+    Parameters
+    ----------
+    message : JointState
+        On arm/state.
+    stamp_ns, last_ns : int
+        Its stamp, and that of the last one that was used; None before the first.
+    coordinates : sequence of str
+        Coordinates of the controller's model.
+    age_s, limit_s : float
+        Its age, and the longest one allowed [s].
+    """
+    if not message.name:
+        return "no estimate of the state"
+    if tuple(message.name) != tuple(coordinates):
+        return f"arm/state of {list(message.name)}, expected {list(coordinates)}"
+    if last_ns is not None and stamp_ns <= last_ns:
+        return "arm/state is not newer than the last"
+    return f"arm/state is {age_s:.3f} s old" if age_s > limit_s else ""

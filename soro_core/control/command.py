@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.regulators import RegulatorState
+from soro_core.control.bumpless import Transfer
 from soro_core.control.following import Following
 from soro_core.control.laws.protocol import Terms
 from soro_core.control.trajectory import Hold, Point
@@ -45,6 +46,8 @@ class ControllerState:
         What the user must know.
     following : Following or None
         The reference in force; None before the first tick.
+    transfer : Transfer
+        To the law of now from the one before a change of its keys.
     point : Point or None
         The reference at the last tick; None before the first tick.
     """
@@ -59,6 +62,7 @@ class ControllerState:
     regulators: RegulatorState | None = None
     watch: WatchState = field(default_factory=WatchState)
     following: Following | None = None
+    transfer: Transfer = field(default_factory=Transfer)
     point: Point | None = None
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from soro_core.adaptation.regulators import RegulatorObserver
 from soro_core.config import changed
 from soro_core.control.actuation import complete_pressures
+from soro_core.control.bumpless import transferred
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
@@ -206,6 +207,7 @@ class Controller(GivenReferences):
             None if state.regulators is None else self.observer.observe(state.regulators, measured, dt)
         )
         inner, wished, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
+        transfer, wished = transferred(state.transfer, wished, dt)
         actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
         believed = self.law.actuation(inner, actuation)
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
@@ -227,6 +229,7 @@ class Controller(GivenReferences):
             saturated=made.at_bound,
             regulators=regulators and self.observer.commanded(regulators, made.command_pa),
             following=following,
+            transfer=transfer,
             shape=shape,
             point=point,
         )

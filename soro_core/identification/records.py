@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,7 +157,9 @@ def read_table(
         with open(path, encoding="utf-8") as file:
             names = [name.strip() for name in file.readline().split(",")]
             places = [i for i, name in enumerate(names) if name in required or also is None or also(name)]
-            table = np.loadtxt(file, delimiter=",", ndmin=2, usecols=places, converters=_number)
+            with warnings.catch_warnings():  # a table without rows is refused below
+                warnings.simplefilter("ignore", UserWarning)
+                table = np.loadtxt(file, delimiter=",", ndmin=2, usecols=places, converters=_number)
     except FileNotFoundError:
         raise ConfigError(
             where, "", "no such file", f"a CSV file with the columns {', '.join(required)}"

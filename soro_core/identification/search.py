@@ -56,6 +56,9 @@ class Settings:
         Unit of a step in each parameter; "jac": that which changes the residuals by as much in all.
     workers : int or None
         Threads for derivatives; None: one a core.
+    secant : bool
+        Take derivatives at the start alone, and correct them by what each step changes (Broyden): for a few
+        steps that show what parameters promise.
     """
 
     loss: Loss = "soft_l1"
@@ -65,6 +68,7 @@ class Settings:
     squares: int = 0
     scale: float | Literal["jac"] = "jac"
     workers: int | None = 1
+    secant: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,7 @@ class Search:
         self._evaluate, self._bounds, self._settings, self._progress = evaluate, bounds, settings, progress
         self._beside = beside or evaluate
         self._latest, self._left = (start, first), False
+        self._known: tuple[Array, Array, Array] | None = None  # parameters, residuals, derivatives
         self._best = self.cost(first), start
 
     def run(self) -> Found:
@@ -181,8 +186,15 @@ class Search:
         return self._latest[1]
 
     def _slopes(self, x: Array, residuals: Array) -> Array:
-        s = self._settings
-        return slopes(self._beside, x, residuals, s.step, self._bounds, s.workers)
+        s, known = self._settings, self._known
+        if known is not None and np.array_equal(known[0], x):
+            return known[2]
+        if known is not None and s.secant:
+            matrix = secant(known, x, residuals)
+        else:
+            matrix = slopes(self._beside, x, residuals, s.step, self._bounds, s.workers)
+        self._known = x.copy(), residuals, matrix
+        return matrix
 
     def _losses(self, z: Array, order: int) -> Array:
         """Loss of squared residuals, or a derivative of it."""
@@ -203,3 +215,18 @@ class Search:
             if self.cost(self._residuals(beside)) < (1.0 - GAIN) * self.cost(residuals):
                 return beside
         return None
+
+
+def secant(known: tuple[Array, Array, Array], x: Array, residuals: Array) -> Array:
+    """Return derivatives (m, n) at x, by Broyden's correction of those that are known.
+
+    Parameters
+    ----------
+    known : arrays (n,), (m,), (m, n)
+        Other parameters, their residuals and derivatives.
+    x, residuals : (n,), (m,)
+        Parameters and their residuals.
+    """
+    before, there, matrix = known
+    step = x - before
+    return np.asarray(matrix + np.outer(residuals - there - matrix @ step, step / (step @ step)))

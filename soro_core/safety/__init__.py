@@ -16,7 +16,15 @@ from soro_core.safety.limiter import (
     reset,
     slew,
 )
-from soro_core.safety.limits import HARD_LIMIT_PA, Limits, Monitors, Rating, check_rating, for_regulators
+from soro_core.safety.limits import (
+    HARD_LIMIT_PA,
+    Limits,
+    Monitors,
+    Rating,
+    check_rating,
+    for_regulators,
+    narrowed,
+)
 from soro_core.safety.names import Names, note_message
 from soro_core.safety.remembered import MonitorState
 from soro_core.safety.state import SafetyState, initial_state
@@ -37,6 +45,7 @@ __all__ = [
     "initial_state",
     "interpolated",
     "judge",
+    "narrowed",
     "note_message",
     "offer",
     "request_vent",

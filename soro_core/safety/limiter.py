@@ -81,7 +81,7 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     """Begin a cycle: check the age of the command, then move the set points towards it.
 
     The exchange of this cycle sends the set points of the state. A command that is too old latches before the
-    exchange.
+    exchange. Set points beyond limits that have become narrower go there at their fastest rates.
 
     Parameters
     ----------
@@ -108,7 +108,9 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     lowest = state.setpoint_pa - limits.fall_pa_s * dt
     highest = state.setpoint_pa + limits.rise_pa_s * dt
     slewed = np.minimum(np.maximum(state.command_pa, lowest), highest)
-    return replace(state, setpoint_pa=np.minimum(np.maximum(slewed, limits.minimum_pa), limits.maximum_pa))
+    # The last set points are within the limits, unless these have become narrower since.
+    least, most = np.minimum(limits.minimum_pa, highest), np.maximum(limits.maximum_pa, lowest)
+    return replace(state, setpoint_pa=np.minimum(np.maximum(slewed, least), most))
 
 
 def judge(

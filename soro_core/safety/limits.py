@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict, changed
-from soro_core.errors import ConfigError
+from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
 # Rating of the three-bellow platform, below 0.1 MPa gauge; that of every platform which states no other.
 HARD_LIMIT_PA = 100e3
@@ -102,6 +102,40 @@ class Limits(Strict):
         if self.monitors.short_circuit_pa <= self.burst_pressure_pa:
             raise ValueError("monitors.short_circuit_pa must be above burst_pressure_pa")
         return self
+
+
+# Limits that can become narrower while pressures are on, without a step of a set point or a trip; those that
+# are lower bounds.
+NARROWED = ("minimum_pa", "maximum_pa", "rise_pa_s", "fall_pa_s")
+_LEAST = ("minimum_pa",)
+
+
+def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") -> Limits:
+    """Return limits with the range and the rates of others that are nowhere wider.
+
+    Parameters
+    ----------
+    limits : Limits
+        Limits as configured.
+    wanted : Limits
+        Limits from now on.
+    where, key : str
+        Node and key of the limits in errors.
+
+    Raises
+    ------
+    ConfigError
+        For a limit that is wider, or one that cannot change now.
+    """
+    for name in Limits.model_fields:
+        now, later = getattr(limits, name), getattr(wanted, name)
+        is_least = name in _LEAST
+        if later == now or (name in NARROWED and (later > now if is_least else later < now)):
+            continue
+        side = ("at least " if is_least else "at most ") if name in NARROWED else ""
+        allowed = f"{side}{now}, as configured; another value {NEXT_CONFIGURE}"
+        raise ConfigError(where, f"{key}.{name}", later, allowed)
+    return changed(limits, **{name: getattr(wanted, name) for name in NARROWED})
 
 
 def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where: str) -> Limits:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from soro_core.config import changed
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import limiter
-from soro_core.safety.limits import Limits
+from soro_core.safety.limits import NARROWED, Limits
 from soro_core.safety.remembered import Array, Flags
 from soro_core.safety.state import initial_state
 
@@ -33,6 +34,7 @@ class Limiter:
         self, limits: Limits, names: Sequence[str], response: RegulatorModel = limiter.TYPICAL
     ) -> None:
         self.limits, self.names, self._response = limits, tuple(names), response
+        self._range = limits
         self.state = initial_state(len(self.names), self.names)
 
     @property
@@ -52,8 +54,21 @@ class Limiter:
 
     def slew(self, now_ns: int) -> Array:
         """Begin a cycle; return the set points (n,) [Pa gauge] to send, zeros if the limiter is latched."""
-        self.state = limiter.slew(self.limits, self.state, now_ns)
+        self.state = limiter.slew(self._range, self.state, now_ns)
         return self.state.setpoint_pa
+
+    def narrow(self, limits: Limits) -> None:
+        """Keep set points within the range and the rates of narrower limits, from the next cycle on.
+
+        Commands up to the limits of the start are still accepted: a controller that does not know of the
+        change would be refused, and the arm vented.
+
+        Parameters
+        ----------
+        limits : Limits
+            From `soro_core.safety.limits.narrowed`.
+        """
+        self._range = changed(self.limits, **{name: getattr(limits, name) for name in NARROWED})
 
     def doubt(self, reason: str, source: str) -> None:
         """Refuse a command of a name that two publishers may use, and hold the set points."""

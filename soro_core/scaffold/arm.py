@@ -24,6 +24,9 @@ from soro_core.scaffold.options import (
 
 # Where nothing is said [m], [Pa].
 LENGTH, RANGE = 0.1, (0.0, 90e3)
+# A link that is denser than its material by so much has no radius that follows from its mass: the estimate
+# stops at half of the length.
+_HEAVY = 1.1
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,9 @@ def _shape(link: GivenLink, density: Noted, planar: bool) -> Geometry:
     about = f"estimated from the radius: {n} round chambers with walls"
     areas = given(link.area, "m^2") if link.area else Noted(rounded(area), f"m^2, {about}; {GUESS}")
     offsets = given(link.offset, "m") if link.offset is not None else Noted(rounded(offset), f"m, {about}")
+    if abs(offsets.value) >= radius.value:
+        allowed = f"a chamber within the link, whose radius is {1e3 * radius.value:.4g}mm"
+        raise ConfigError(WHERE, "--offset", offsets.value, allowed)
     if n * areas.value > math.pi * radius.value**2:
         most = math.pi * radius.value**2 / n * 1e6
         allowed = f"{n} chambers that fit into the section: at most {most:.4g}mm2 each with a radius of "
@@ -168,6 +174,9 @@ def _shape(link: GivenLink, density: Noted, planar: bool) -> Geometry:
             f"{quantity.DENSITY.lowest:g} to {quantity.DENSITY.highest:g}"
         )
         raise ConfigError(WHERE, "--mass", mass.value, allowed)
+    if link.mass is not None and link.radius is None and whole > _HEAVY * density.value:
+        allowed = f"a mass of such a length of {density.value:g} kg/m^3, or --radius, or --density"
+        raise ConfigError(WHERE, "--mass", mass.value, allowed)
     return Geometry(length, radius, mass, angles, areas, offsets, section)
 
 
@@ -177,9 +186,19 @@ def _angles(link: GivenLink, planar: bool) -> tuple[Noted, ...]:
         if planar and not any(abs(math.cos(angle)) > 1e-3 for angle in link.angles):
             allowed = "with --planar a chamber towards angle 0 or 180, the plane of bending"
             raise ConfigError(WHERE, "--angles", [round(math.degrees(x), 3) for x in link.angles], allowed)
+        if _repeat(link.angles):
+            allowed = "a direction for each chamber of a link, and no two alike"
+            raise ConfigError(WHERE, "--angles", [round(math.degrees(x), 3) for x in link.angles], allowed)
         return tuple(given(angle, text) for angle in link.angles)
+    if planar and link.count > 2:
+        raise ConfigError(WHERE, "--chambers", link.count, "with --planar at most 2 a link, or --angles")
     note = f"{text}, not given: evenly spread"
     return tuple(Noted(2.0 * math.pi * k / link.count, note) for k in range(link.count))
+
+
+def _repeat(angles: Sequence[float]) -> bool:
+    """Whether two angles are the same direction."""
+    return len({(round(math.cos(a), 6), round(math.sin(a), 6)) for a in angles}) < len(angles)
 
 
 def _modulus(

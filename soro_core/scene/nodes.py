@@ -9,7 +9,7 @@ from pydantic import Field
 
 from soro_core.config import changed
 from soro_core.control.actuation import complete_pressures, contradictions
-from soro_core.control.config import ControllerConfig
+from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
@@ -116,7 +116,10 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
     state_age_s: float = Field(
         0.1, gt=0, le=1, description="longest age of a state; the controller ignores older ones"
     )
-    control: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
+    # Without a scene nobody has chosen a motion.
+    control: ControllerConfig = Field(
+        ControllerConfig(reference=ReferenceConfig(kind="hold")), description="the law and its reference"
+    )
     reach: float = Field(
         0.0,
         ge=0,

@@ -167,3 +167,5 @@ class ShadowSection(Strict):
 
 class ShadowConfig(TwinConfig, ShadowSection):
     """Parameters of the shadow: those of a twin, and how far the arm may be from it."""
+
+    pressures: Literal["measured"] = Field("measured", description="a shadow takes them from chambers/state")

@@ -27,6 +27,15 @@ def emulate(
         Path | None,
         typer.Option(help="Unix socket to a twin: pressures and what the valves do, and pressures back."),
     ] = None,
+    priority: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=99,
+            help="Real-time priority (SCHED_FIFO), above that of the driver as real devices have processors "
+            "of their own; 0 for none. Without the right to it the command says so and runs on.",
+        ),
+    ] = 40,
     seed: Annotated[int, typer.Option(help="Seed of the sensor noise and of chance faults.")] = 0,
     control: Annotated[
         Path | None,
@@ -52,16 +61,21 @@ def emulate(
     from soro_core.emulation.process import serve
     from soro_core.emulation.vocabulary import read_injection
     from soro_core.hardware.families import load_platform
+    from soro_ros import timing
 
     described = load_platform(platform)
-    serve(
-        described if cycle_hz is None else described.at_rate(cycle_hz),
-        clock=time.monotonic_ns,
-        announce=lambda path: typer.echo(f"ready: {path}"),
-        lockstep=lockstep,
-        device_link=device_link,
-        plant_link=plant_link,
-        seed=seed,
-        control=control,
-        faults=[read_injection(text, "--fault") for text in fault or ()],
-    )
+    faults = [read_injection(text, "--fault") for text in fault or ()]
+    with timing.punctual(0 if lockstep else priority) as trouble:
+        if trouble:
+            typer.echo(f"soro emulate: no real-time priority ({trouble}): see docs/real_time.md", err=True)
+        serve(
+            described if cycle_hz is None else described.at_rate(cycle_hz),
+            clock=time.monotonic_ns,
+            announce=lambda path: typer.echo(f"ready: {path}"),
+            lockstep=lockstep,
+            device_link=device_link,
+            plant_link=plant_link,
+            seed=seed,
+            control=control,
+            faults=faults,
+        )

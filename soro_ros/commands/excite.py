@@ -45,7 +45,7 @@ def excite(
             metavar="NAMES",
             help="Stages in order, with commas: singles (levels of one chamber at a time, up and down), "
             "pairs, together (all chambers of a link), creep (one level for long), steps (fast ones), sweeps "
-            "(of rising frequency). Default: all.",
+            "(of rising frequency). Default: all. A rest is always the first; --release adds the last.",
         ),
     ] = None,
     levels: Annotated[
@@ -67,7 +67,7 @@ def excite(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Time at a level, which ends sooner when the arm is still. Default: 1.2.",
+            help="Time at a level, which ends sooner when the arm is still. Default: 1.35.",
         ),
     ] = None,
     sweep_hz: Annotated[

@@ -75,7 +75,9 @@ def identify(
             "this model, a third below that of the link where only its frequency shows it.",
         ),
     ] = False,
-    rate_hz: Annotated[float, typer.Option(min=1.0, help="Samples a second that are compared.")] = 25.0,
+    rate_hz: Annotated[
+        float, typer.Option(min=1.0, help="Most samples a second of each sensor that are compared.")
+    ] = 100.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
     volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
@@ -134,6 +136,10 @@ def identify(
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError("soro identify", "--out", str(out), "a name that ends with .yaml")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError("soro identify", "--out", str(out), f"a folder to write to: {error}") from None
     names = [law.name for law in LAWS] if laws is None else [name.strip() for name in laws.split(",")]
     if names == ["none"]:
         names = []
@@ -174,14 +180,17 @@ def identify(
         keep=tuple(name.strip() for name in keep.split(",")) if keep else (),
     )
     bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console)
+    stages: list[str] = []
     with bar:
         task = bar.add_task("states at rest", total=None)
-        found = search(
-            described,
-            read,
-            options,
-            lambda stage, cost: bar.update(task, description=f"{stage}: {cost:.4g}"),
-        )
+
+        def show(stage: str, cost: float) -> None:
+            bar.update(task, description=f"{stage}: {cost:.4g}")
+            if not console.is_terminal and stage not in stages[-1:]:  # a file gets a line for each stage
+                stages.append(stage)
+                console.print(stage, highlight=False, markup=False)
+
+        found = search(described, read, options, show)
     if found.choice is not None:
         for trial in found.choice.tried:
             mark = "*" if trial is found.choice.chosen else " "
@@ -190,7 +199,6 @@ def identify(
         for error in those:
             typer.echo(f"  {what}: {error}")
     typer.echo("\n".join(number_table(found)))
-    out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(robot_text(found, [path.name for path in paths]), encoding="utf-8")
     typer.echo(f"written: {out}")
     interrupted = found.interrupted
@@ -201,6 +209,8 @@ def identify(
         typer.echo(f"written: {page}")
     odd = impossible(found)
     accepted = is_accepted(found, 0.01 * accept, odd)
+    if interrupted and not found.interrupted:
+        typer.echo("interrupted: the report lacks profiles", err=True)
     typer.echo(sentence(found, 0.01 * accept, odd), err=not accepted)
     status = status if accepted else 1
     if interrupted or status:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -25,6 +26,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     config_model = ControllerNodeConfig
     node_name = "controller"
+    live = ("control.", "limits.")
 
     def setup(self, config: ControllerNodeConfig) -> None:
         lockstep = config.mode == "lockstep"
@@ -51,8 +53,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         }
         subscribe(self, inputs, lockstep)
         for name, callback in (
-            ("enable", self._on_enable),
-            ("enable_anyway", self._on_enable_anyway),
+            ("enable", partial(self._enable, anyway=False)),
+            ("enable_anyway", partial(self._enable, anyway=True)),
             ("vent", self._on_vent),
             ("reset", self._on_reset),
         ):
@@ -68,6 +70,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def state(self) -> ControllerState:
         """State of the controller after the last tick."""
         return self._ticks.state
+
+    def take(self, config: ControllerNodeConfig) -> None:
+        """Go on with other gains, adaptation, reference or narrower limits, from the state of now."""
+        self._ticks.retune(config)
 
     def stop(self) -> None:
         self._ticks.clear()
@@ -109,13 +115,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
 
     # Services --------------------------------------------------------------------------------------
-    def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._enable(response, anyway=False)
-
-    def _on_enable_anyway(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._enable(response, anyway=True)
-
-    def _enable(self, response: Trigger.Response, anyway: bool) -> Trigger.Response:
+    def _enable(self, request: Trigger.Request, response: Trigger.Response, anyway: bool) -> Trigger.Response:
         """Start the commands; an arm that is in control already is not checked."""
         warnings: list[str] = []
         if not self._ticks.enabled:

@@ -43,6 +43,7 @@ class Player(SoroNode[PlayerConfig]):
 
     config_model = PlayerConfig
     node_name = "player"
+    live = ("rate", "loop", "start_s")
     _reader: BagReader | None = None
     _thread: threading.Thread | None = None
     _playback: Playback[BagMessage | None] | None = None
@@ -81,6 +82,11 @@ class Player(SoroNode[PlayerConfig]):
             self._controls.listen()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
+
+    def take(self, config: PlayerConfig) -> None:
+        """Refuse a position outside of what is played; `PlayerControls` takes over the rest."""
+        if self._controls is not None:
+            self._controls.check(config.start_s)
 
     def stop(self) -> None:
         self.make_safe()

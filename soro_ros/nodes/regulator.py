@@ -11,6 +11,7 @@ from rosgraph_msgs.msg import Clock
 from soro_core.errors import ConfigError
 from soro_core.hardware import Regulator, load_platform, open_regulator
 from soro_core.hardware.limited import LimitedRegulator
+from soro_core.safety import narrowed
 from soro_core.scene import RegulatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.chambers import ChamberInterface
@@ -31,6 +32,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     config_model = RegulatorNodeConfig
     node_name = "regulator"
+    live = ("limits.",)
 
     def __init__(self) -> None:
         self._regulator: Regulator | None = None
@@ -93,6 +95,10 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._active = False
         # The latch stays closed: after the next activation ~/reset opens it.
         self._vent(DEACTIVATED)
+
+    def take(self, config: RegulatorNodeConfig) -> None:
+        if self._limited is not None:
+            self._limited.narrow(narrowed(self._config.limits, config.limits, "parameters of regulator"))
 
     def teardown(self) -> None:
         self.make_safe()

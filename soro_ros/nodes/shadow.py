@@ -9,7 +9,6 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 
-from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
@@ -29,8 +28,6 @@ class ShadowNode(SoroNode[ShadowConfig]):
     node_name = "shadow"
 
     def setup(self, config: ShadowConfig) -> None:
-        if config.pressures != "measured":
-            raise ConfigError("parameters of shadow", "pressures", config.pressures, "measured")
         robot = self._robot = load_robot(config.robot)
         self._config, self._names = config, robot.chamber_names
         self._shadow = Shadow(robot, config)

@@ -13,7 +13,7 @@ from soro_core.emulation.plant_link import PlantFrame, PlantLinkClient
 from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
-from soro_core.safety import Limiter, Rating, check_rating
+from soro_core.safety import Limiter, Rating, check_rating, narrowed
 from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_ros import messages, qos
@@ -35,6 +35,7 @@ class TwinNode(SoroNode[TwinConfig]):
 
     config_model = TwinConfig
     node_name = "twin"
+    live = ("limits.",)
     _link: PlantLinkClient | None = None
     _faults: FaultInterface | None = None
 
@@ -100,6 +101,12 @@ class TwinNode(SoroNode[TwinConfig]):
     def stop(self) -> None:
         self._running = False
         self._release_air()
+
+    def take(self, config: TwinConfig) -> None:
+        if self._chambers is None:
+            allowed = "the regulator node's, which drives the valves: set them there"
+            raise ConfigError("parameters of twin", "limits", "other limits", allowed)
+        self._limiter.narrow(narrowed(self._config.limits, config.limits, "parameters of twin"))
 
     def teardown(self) -> None:
         for client in (self._link, self._faults):

@@ -14,7 +14,8 @@ from soro_core.identification.arm.frames import frame_numbers
 from soro_core.identification.arm.judge import errors, ranges, share_of_range, squares
 from soro_core.identification.arm.laws import LAWS, freed, plain
 from soro_core.identification.arm.prepare import first_errors
-from soro_core.identification.arm.problem import Problem, evaluated
+from soro_core.identification.arm.problem import Problem
+from soro_core.identification.arm.solve import evaluated
 from soro_core.identification.arm.stages import Identified
 from soro_core.identification.recording import Recording
 from soro_core.model import SoftArm

@@ -7,7 +7,8 @@ from scipy.optimize import minimize
 from soro_core import load_robot
 from soro_core.identification.arm.certainty import certainty
 from soro_core.identification.arm.numbers import Number
-from soro_core.identification.arm.problem import Problem, Solution
+from soro_core.identification.arm.problem import Problem
+from soro_core.identification.arm.solve import Solution
 from soro_core.identification.recording.place import Place
 from soro_core.identification.recording.streams import Marker
 

@@ -10,7 +10,7 @@ from soro_core.identification.arm.certainty import certainty
 from soro_core.identification.arm.choose import Trial, choose
 from soro_core.identification.arm.laws import LAWS, Law
 from soro_core.identification.arm.numbers import Number
-from soro_core.identification.arm.problem import Solution
+from soro_core.identification.arm.solve import Solution
 from soro_core.identification.arm.stages import Options
 
 SLOPE, CREEP = (law for law in LAWS if law.name in ("area slope", "creep"))

@@ -8,7 +8,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.errors import ConfigError, ModelError
 from soro_core.identification.arm.laws import LAWS, NAMED, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import numbers_of, with_numbers
-from soro_core.identification.arm.predict import difference
+from soro_core.identification.arm.predict import difference, shown
 from soro_core.identification.recording import Curvature, Marker, Place, Plate
 
 
@@ -111,9 +111,11 @@ def test_a_plate_shows_its_section_through_tracker_and_mount() -> None:
     frames |= {f"frame/top/turn_{x}": v for x, v in zip("xyz", mount.as_rotvec(), strict=True)}
     frames |= {f"frame/top/offset_{x}": v for x, v in zip("xyz", offset, strict=True)}
     plate = Plate("top", np.arange(2.0), Place(0, 0.05), np.array(position), np.array(quaternion))
-    np.testing.assert_allclose(difference(plate, arm, q, frames), 0.0, atol=1e-12)
+    np.testing.assert_allclose(difference(plate, shown(plate, arm, q), frames), 0.0, atol=1e-12)
     marker = Marker("top", np.arange(2.0), Place(0, 0.05), np.array(position) + np.array([0.0, 0.0, 1e-3]))
-    np.testing.assert_allclose(difference(marker, arm, q, frames), [[0, 0, 1e-3]] * 2, atol=1e-12)
+    np.testing.assert_allclose(
+        difference(marker, shown(marker, arm, q), frames), [[0, 0, 1e-3]] * 2, atol=1e-12
+    )
 
 
 def test_each_tracker_has_its_own_frame() -> None:
@@ -127,7 +129,7 @@ def test_each_tracker_has_its_own_frame() -> None:
         ("second", turned + np.array([0.0, 0.2, 0.0])),
     ):
         marker = Marker("point", np.arange(1.0), Place(0), np.array([seen]), frame=name)
-        np.testing.assert_allclose(difference(marker, arm, q, frames), 0.0, atol=1e-12)
+        np.testing.assert_allclose(difference(marker, shown(marker, arm, q), frames), 0.0, atol=1e-12)
 
 
 def test_kept_numbers_are_not_searched() -> None:
@@ -150,7 +152,9 @@ def test_a_camera_turns_and_shifts_curvatures() -> None:
     arm = SoftArm(load_robot("tue_three_bellow"))
     frames = {"frame/camera/turn": np.pi / 2, "frame/camera/offset_x": 0.5}
     seen = Curvature("camera", np.arange(1.0), 0, np.array([[0.5, 2.0]]))
-    np.testing.assert_allclose(difference(seen, arm, np.array([[0.01, 2.0, 0.0]]), frames), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        difference(seen, shown(seen, arm, np.array([[0.01, 2.0, 0.0]])), frames), 0.0, atol=1e-12
+    )
 
 
 def test_a_moment_arm_of_one_chamber_changes_that_one_alone() -> None:

@@ -1,6 +1,8 @@
-"""What `colcon build` reads of setup.py, asked for in its way."""
+"""What `colcon build` reads of setup.py, asked for in its way, and what it installs if there is a colcon."""
 
 import ast
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -37,3 +39,36 @@ def test_colcon_reads_the_attributes_back():
     # With --symlink-install, colcon builds in a folder of links to the packages and to these files.
     linked = {source for _, sources in found["data_files"] for source in sources}
     assert {"pyproject.toml", "README.md", "package.xml", "config/robots/tue_three_bellow.yaml"} <= linked
+
+
+@pytest.fixture(scope="module")
+def colcon():
+    found = shutil.which(os.environ.get("COLCON", "colcon"))
+    return str(Path(found).absolute()) if found else pytest.skip("no colcon: `make colcon` installs it")
+
+
+@pytest.mark.parametrize("options", [(), ("--symlink-install",)], ids=["copies", "links"])
+def test_colcon_installs_nodes_and_files(colcon, tmp_path, options):
+    source = tmp_path / "src/soro"
+    parts = ("soro_core", "soro_ros", "config", "lib", "resource", "params")
+    for part in (*parts, "setup.py", "pyproject.toml", "package.xml", "README.md", "LICENSE"):
+        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
+        copy(ROOT / part, (source / part).parent / part)
+    build = ["build", "--packages-select", "soro_ros", *options]
+    done = subprocess.run([colcon, *build], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    installed = tmp_path / "install/soro_ros"
+    for name in (
+        "config/robots/tue_three_bellow.yaml",
+        "package.xml",
+        "launch/arm.launch.py",
+        "params/arm.yaml",
+    ):
+        assert (installed / "share/soro_ros" / name).is_file(), name
+    # A copy runs with the python of the environment that is active, a link with that of colcon.
+    python, node = Path(sys.executable).parent, installed / "lib/soro_ros/controller"
+    command = f"python3 {installed}/bin/soro_controller" if options else str(node)
+    run = f". install/setup.sh && PATH={python}:$PATH && exec {command} --help"
+    assert os.access(node, os.X_OK)
+    done = subprocess.run(["sh", "-c", run], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("usage: soro_controller"), done.stderr

@@ -35,6 +35,7 @@ from soro_ros.diagnostics import Diagnostics
 from soro_ros.latch_file import LatchFile
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
+from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.processes import NodeError
 from soro_ros.supervisor import Supervisor
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
@@ -153,6 +154,33 @@ def test_priorities_are_the_higher_the_nearer_to_the_valves():
         (scene.regulator_node(), scene.estimator_node(), scene.controller_node(), scene.twin_node()),
     ):
         assert [node.priority for node in nodes] == [30, 20, 20, 10]
+
+
+def test_emulated_valves_ask_for_a_priority_as_the_nodes_do(soro, monkeypatch, tmp_path):
+    def refuse(*_):
+        raise PermissionError("not permitted")
+
+    monkeypatch.setattr("os.sched_setscheduler", refuse)
+    nowhere = ("--device-link", str(tmp_path / "no" / "folder"))
+    for options, asks in (((), True), (("--priority", "0"), False), (("--lockstep",), False)):
+        ended = soro("emulate", "emulated_canopen", *nowhere, *options)
+        assert ended.status == 1
+        assert ("no real-time priority (not permitted)" in ended.err) is asks
+
+
+def test_a_lone_controller_holds_the_arm_where_it_is():
+    assert ControllerNodeConfig().control.reference.kind == "hold"
+    assert load_scene("track_circle").controller_node().control.reference.kind == "circle"
+
+
+def test_a_shadow_starts_with_its_defaults(domain):
+    middleware.init(["--ros-args"])
+    try:
+        node = ShadowNode()
+        node.trigger_configure()
+        assert node.failure is None
+    finally:
+        rclpy.shutdown()
 
 
 STATES = {

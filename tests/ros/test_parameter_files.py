@@ -14,6 +14,7 @@ from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
+from soro_ros.parameter_files import given_by_name
 from tests.refused import fails
 
 NODES = (RegulatorNode, EstimatorNode, ControllerNode, TwinNode, ShadowNode, Recorder, Player)
@@ -91,3 +92,42 @@ def test_a_place_under_both_names_is_refused(domain):
             EstimatorNode()
     finally:
         rclpy.shutdown()
+
+
+SHARED = "/**: {ros__parameters: {robot: six_link, rate_hz: 100.0, camera: {exposure: 3}}}\n"
+
+
+def made_with(node_class, folder, text):
+    """The configuration of a node that is started with a parameter file."""
+    file = folder / "given.yaml"
+    file.write_text(text)
+    middleware.init(["--ros-args", "--params-file", str(file)])
+    try:
+        return parameters.read(node_class(), node_class.config_model)
+    finally:
+        rclpy.shutdown()
+
+
+@pytest.mark.parametrize("node_class", NODES, ids=lambda node_class: node_class.node_name)
+def test_an_entry_for_all_nodes_stops_none_that_lacks_a_key(domain, tmp_path, capfd, node_class):
+    found = parameters.overrides(made_with(node_class, tmp_path, SHARED))
+    assert found.get("robot", "six_link") == "six_link"
+    assert found.get("rate_hz", 100.0) == 100.0
+    assert "camera.exposure" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("entry", ["regulator", "/regulator", "/**/regulator"])
+def test_an_entry_of_the_own_name_with_a_wrong_key_is_refused(domain, tmp_path, entry):
+    with fails(ConfigError, key="robot"):
+        made_with(RegulatorNode, tmp_path, f"{SHARED}{entry}: {{ros__parameters: {{robot: six_link}}}}\n")
+
+
+def test_what_is_given_by_name_is_found_in_every_form(tmp_path):
+    file = tmp_path / "given.yaml"
+    file.write_text(
+        "/**: {ros__parameters: {a: 1}}\n"
+        "left: {arm: {ros__parameters: {b: {c: 1}}}, '*': {ros__parameters: {d: 1}}}\n"
+        "/left/arm: {ros__parameters: {e: 1}}\nother: {ros__parameters: {f: 1}}\n"
+    )
+    given = ["-p", "g:=1", "--param", "arm:h.i:=2", "--params-file", str(file), "-r", "__ns:=/left"]
+    assert given_by_name(given, "arm") == {"b.c", "e", "g", "h.i"}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import rclpy
 from lifecycle_msgs.msg import Transition
+from rcl_interfaces.srv import SetParameters
 from rclpy.duration import Duration
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
@@ -18,6 +19,7 @@ from soro_core.errors import SoroError
 from soro_core.safety import Limiter, Limits
 from soro_ros import messages, middleware, qos
 from soro_ros.chambers import ChamberInterface
+from soro_ros.services import Call
 from tests.patience import LIMIT_S
 from tests.refused import refused_keys
 from tests.ros.bench import NAMES, PERIOD_S, Bench
@@ -60,6 +62,23 @@ def test_a_command_arrives_and_silence_vents_and_reset_needs_a_zero_command(benc
         return abs(bench.true_pressure() - 30e3).max() < 1.5e3
 
     wait_until(reached, "the pressure", every_s=0.0)
+
+
+def test_a_lower_limit_acts_at_once_on_the_true_pressures_and_vents_nothing(bench):
+    bench.send([60e3, 60e3, 0.0], 0.8)
+    assert bench.true_pressure()[0] > 55e3
+    for name, value, taken in (("limits.maximum_pa", 20000, True), ("platform", "veab_tcp", False)):
+        wanted = [rclpy.Parameter(name, value=value).to_parameter_msg()]
+        request = SetParameters.Request(parameters=wanted)
+        call = Call(bench.node, SetParameters, "regulator/set_parameters", request)
+        bench.until(call.done, "an answer")
+        (result,) = call.response.results
+        assert result.successful is taken, result.reason
+        call.close()
+    assert "next configure" in result.reason
+    bench.send([60e3, 60e3, 0.0], 0.8)
+    assert bench.true_pressure() == pytest.approx([20e3, 20e3, 0.0], abs=1.5e3)
+    assert not bench.failed()
 
 
 @pytest.mark.parametrize(

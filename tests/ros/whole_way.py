@@ -172,9 +172,11 @@ def as_it_is(described: Robot, seed: int) -> Robot:
 
 
 def compare(described: Robot, true: Robot, output: str) -> tuple[tuple[Number, ...], tuple[str, ...]]:
-    """Return the numbers of the robot that `soro identify` printed as determined, and the names of others."""
-    gains = chamber_gains(described, true)
-    known = {name: number.value for name, number in numbers_of(true).items()}
+    """Return the numbers of the robot that `soro identify` printed as determined, and the names of others.
+
+    Where the data determine a ratio or a product better than the two numbers, it is one of them.
+    """
+    known = {name: number.value for name, number in numbers_of(true).items()} | chamber_gains(described, true)
     numbers, open_ = [], []
     for line in output.splitlines():
         row = re.match(r"(link\d\S+)\s+(\S+)\s+(\S+)( %)?\s", line)
@@ -184,10 +186,18 @@ def compare(described: Robot, true: Robot, output: str) -> tuple[tuple[Number, .
         if "not determined" in line:
             open_.append(name)
             continue
-        wanted = gains.get(name, known.get(name, float("nan")))
+        wanted = _of(known, name)
         deviation = float(size) * (0.01 * float(value) if percent else 1.0)
         numbers.append(Number(name, float(value), wanted, deviation))
     return tuple(numbers), tuple(open_)
+
+
+def _of(known: Mapping[str, float], name: str) -> float:
+    """Return a number, or a ratio ``a:b`` or product ``a*b`` of two."""
+    first, sign, second = re.fullmatch(r"([^:*]+)([:*]?)(.*)", name).groups()  # type: ignore[union-attr]
+    if not sign:
+        return known[first]
+    return known[first] / known[second] if sign == ":" else known[first] * known[second]
 
 
 def chamber_gains(described: Robot, true: Robot) -> dict[str, float]:

@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.config import parse
+from soro_core.config import changed, parse
+from soro_core.errors import ConfigError
+from soro_core.pneumatics.lag import follow
 from soro_core.safety import (
+    Limiter,
     Limits,
     Rating,
     SafetyState,
@@ -18,12 +21,14 @@ from soro_core.safety import (
     initial_state,
     interpolated,
     judge,
+    narrowed,
     offer,
     request_vent,
     reset,
     slew,
 )
-from tests.refused import refused
+from soro_core.safety.limiter import TYPICAL
+from tests.refused import fails, refused
 
 MS = 1_000_000
 LIMITS = Limits()
@@ -444,3 +449,47 @@ def test_a_wrong_reading_is_carried_on_with_its_error():
         state.monitors.expected.pressure_pa + state.monitors.residual_pa
     )
     assert np.all(state.monitors.residual_pa > 1e3)
+
+
+def test_a_narrower_range_is_reached_without_a_step_and_keeps_the_arm_in_control():
+    limiter, found, reading = Limiter(LIMITS, ("a", "b", "c")), [], np.zeros(3)
+    for now in range(0, 1000, 5):
+        if now == 500:
+            limiter.narrow(narrowed(LIMITS, changed(LIMITS, maximum_pa=20e3), "test"))
+        assert limiter.offer(np.array([60e3, 60e3, 10e3]), now * MS, now * MS) is None
+        found.append(limiter.slew(now * MS))
+        reading = follow(reading, found[-1], 5e-3, TYPICAL.tau_s)
+        limiter.judge(reading, True, now * MS)
+    assert limiter.cause is None
+    assert found[99].tolist() == [60e3, 60e3, 10e3]
+    assert found[-1].tolist() == [20e3, 20e3, 10e3]
+    assert np.abs(np.diff(found, axis=0)).max() <= LIMITS.fall_pa_s * 5e-3 * (1 + 1e-9)
+    assert found[100][0] == pytest.approx(60e3 - LIMITS.fall_pa_s * 5e-3)
+
+
+def test_a_narrower_range_below_zero_is_reached_without_a_step():
+    low = changed(LIMITS, minimum_pa=-50e3)
+    limiter, found = Limiter(low, ("a",)), []
+    for now in range(0, 1000, 5):
+        if now == 500:
+            limiter.narrow(narrowed(low, LIMITS, "test"))
+        assert limiter.offer(np.array([-40e3]), now * MS, now * MS) is None
+        found.append(limiter.slew(now * MS)[0])
+    assert found[99] == -40e3
+    assert found[100] == pytest.approx(-40e3 + LIMITS.rise_pa_s * 5e-3)
+    assert found[-1] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("maximum_pa", 95e3),
+        ("minimum_pa", -1.0),
+        ("rise_pa_s", 3e5),
+        ("command_age_s", 0.05),
+        ("vented_pa", 6e3),
+    ],
+)
+def test_limits_that_are_wider_or_of_a_trip_wait_for_the_next_configure(key, value):
+    with fails(ConfigError, "next configure", key=f"limits.{key}"):
+        narrowed(LIMITS, changed(LIMITS, **{key: value}), "test")

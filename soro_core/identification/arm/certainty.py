@@ -14,9 +14,11 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from soro_core.identification.arm.numbers import Number, is_of_robot
-from soro_core.identification.arm.problem import Problem, Solution
+from soro_core.identification.arm.problem import Problem
+from soro_core.identification.arm.solve import Solution
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -106,16 +108,22 @@ def _covariance(problem: Problem, solution: Solution, free: Sequence[int] | None
     # First and second derivative of the soft loss.
     slope, curvature = rows / np.sqrt(1.0 + rows**2), (1.0 + rows**2) ** -1.5
     prior = np.eye(len(solution.x))
-    bread = np.linalg.inv(jacobian.T @ (curvature[:, None] * jacobian) + prior)
+    # B = (R' R)^-1 of (3): squares of what is nearly open would leave round-off alone, maybe below 0.
+    root = np.linalg.qr(np.vstack([np.sqrt(curvature)[:, None] * jacobian, prior]), mode="r")
     scores = jacobian * slope[:, None]
     blocks = _blocks(problem)
     summed = np.zeros((int(blocks.max()) + 1, len(prior)))
     np.add.at(summed, blocks, scores)
-    between = bread @ (summed.T @ summed + prior) @ bread
+
+    def spread(of: Array) -> Array:
+        right = solve_triangular(root, np.vstack([of, prior]).T, trans="T")
+        return np.asarray(solve_triangular(root, right))
+
+    between, independent = spread(summed), spread(scores)
     # The estimate of independent samples, from below.
-    independent = bread @ (scores.T @ scores + prior) @ bread
-    factor = np.sqrt(np.maximum(1.0, np.diag(independent) / np.diag(between)))
-    return np.asarray(between * np.outer(factor, factor))
+    factor = np.maximum(1.0, np.linalg.norm(independent, axis=1) / np.linalg.norm(between, axis=1))
+    scaled = factor[:, None] * between
+    return np.asarray(scaled @ scaled.T)
 
 
 def _blocks(problem: Problem) -> NDArray[np.intp]:

@@ -30,8 +30,8 @@ Frames: TypeAlias = Mapping[str, float]
 
 
 @singledispatch
-def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
-    """Return measured minus predicted, one row a sample.
+def shown(shape: Shape, arm: SoftArm, q: Array) -> Array:
+    """Return what the arm does where a stream looks, whatever the frames of the measurement are.
 
     Parameters
     ----------
@@ -39,6 +39,43 @@ def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
     arm : SoftArm
     q : (n, n_q)
         Coordinates at its samples.
+
+    Returns
+    -------
+    Array
+        (n, 4, 4) poses of the cross-section of a plate, marker or attitude, (n, 2) mean curvatures [1/m],
+        (n,) bending angles [rad].
+    """
+    raise TypeError(f"{type(shape).__name__}: allowed are the streams of `Shape`")
+
+
+@shown.register(Plate)
+@shown.register(Marker)
+@shown.register(Attitude)
+def _(shape: Plate | Marker | Attitude, arm: SoftArm, q: Array) -> Array:
+    return arm.poses(q, shape.place.along(arm.robot))
+
+
+@shown.register
+def _(shape: Curvature, arm: SoftArm, q: Array) -> Array:
+    return np.column_stack([_mean(arm, q, shape.link, s) for s in ("bending_x", "bending_y")])
+
+
+@shown.register
+def _(shape: Bend, arm: SoftArm, q: Array) -> Array:
+    length = arm.robot.links[shape.link].length * (1.0 + _mean(arm, q, shape.link, "elongation"))
+    return np.asarray(_mean(arm, q, shape.link, "bending_y") * length)
+
+
+@singledispatch
+def difference(shape: Shape, does: Array, frames: Frames) -> Array:
+    """Return measured minus predicted, one row a sample.
+
+    Parameters
+    ----------
+    shape : Plate, Marker, Curvature, Bend or Attitude
+    does : Array
+        Of `shown`.
     frames : mapping of str to float
         Numbers of `frame_numbers` by name; what is absent is 0.
 
@@ -52,50 +89,42 @@ def difference(shape: Shape, arm: SoftArm, q: Array, frames: Frames) -> Array:
 
 
 @difference.register
-def _(shape: Plate, arm: SoftArm, q: Array, frames: Frames) -> Array:
-    poses = _sections(arm, q, shape)
+def _(shape: Plate, does: Array, frames: Frames) -> Array:
     turn, _ = tracker(frames, shape.frame)
-    predicted = turn @ poses[:, :3, :3] @ rotation_exp(_vector(frames, f"{shape.name}/turn"))
+    predicted = turn @ does[:, :3, :3] @ rotation_exp(_vector(frames, f"{shape.name}/turn"))
     apart = Rotation.from_matrix(predicted).inv() * Rotation.from_quat(shape.quaternion)
-    return np.column_stack([_position(shape, poses, frames, np.zeros(3)), apart.as_rotvec()])
+    return np.column_stack([_position(shape, does, frames, np.zeros(3)), apart.as_rotvec()])
 
 
 @difference.register
-def _(shape: Marker, arm: SoftArm, q: Array, frames: Frames) -> Array:
+def _(shape: Marker, does: Array, frames: Frames) -> Array:
     known = np.zeros(3) if shape.offset is None else np.array(shape.offset)
-    return _position(shape, _sections(arm, q, shape), frames, known)
+    return _position(shape, does, frames, known)
 
 
 @difference.register
-def _(shape: Curvature, arm: SoftArm, q: Array, frames: Frames) -> Array:
+def _(shape: Curvature, does: Array, frames: Frames) -> Array:
     at = f"frame/{shape.name}"
     offset = frames.get(f"{at}/offset_x", 0.0), frames.get(f"{at}/offset_y", 0.0)
     frame = MeasurementFrame(frames.get(f"{at}/turn", 0.0), offset)
-    bent = np.column_stack([_mean(arm, q, shape.link, s) for s in ("bending_x", "bending_y")])
-    return np.asarray(shape.curvature - frame.apply(bent))
+    return np.asarray(shape.curvature - frame.apply(does))
 
 
 @difference.register
-def _(shape: Bend, arm: SoftArm, q: Array, frames: Frames) -> Array:
-    length = arm.robot.links[shape.link].length * (1.0 + _mean(arm, q, shape.link, "elongation"))
-    return np.asarray(shape.angle - _mean(arm, q, shape.link, "bending_y") * length)[:, None]
+def _(shape: Bend, does: Array, frames: Frames) -> Array:
+    return np.asarray(shape.angle - does)[:, None]
 
 
 @difference.register
-def _(shape: Attitude, arm: SoftArm, q: Array, frames: Frames) -> Array:
+def _(shape: Attitude, does: Array, frames: Frames) -> Array:
     world, mount = (rotation_exp(_vector(frames, f"{shape.name}/{key}")) for key in ("world", "turn"))
-    predicted = world @ _sections(arm, q, shape)[:, :3, :3] @ mount
-    apart = Rotation.from_matrix(predicted).inv() * Rotation.from_quat(shape.quaternion)
+    apart = Rotation.from_matrix(world @ does[:, :3, :3] @ mount).inv() * Rotation.from_quat(shape.quaternion)
     return np.asarray(apart.as_rotvec())
 
 
 def tracker(frames: Frames, name: str = "tracker") -> tuple[Array, Array]:
     """Rotation (3, 3) and position (3,) [m] of the world of the robot in the frame of a tracker."""
     return rotation_exp(_vector(frames, f"{name}/turn")), _vector(frames, f"{name}/offset")
-
-
-def _sections(arm: SoftArm, q: Array, shape: Plate | Marker | Attitude) -> Array:
-    return arm.poses(q, shape.place.along(arm.robot))
 
 
 def _position(shape: Plate | Marker, poses: Array, frames: Frames, known: Array) -> Array:

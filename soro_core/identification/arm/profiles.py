@@ -55,8 +55,7 @@ def profiles(
     def rows_at(x: Array) -> Array | None:
         values = problem.value(x)
         try:
-            arm = problem.arm(values)
-            return problem.rows(arm, problem.paths(arm, values), values)
+            return problem.rows(problem.shown(values), values)
         except SoroError:
             return None
 

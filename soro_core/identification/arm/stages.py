@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -19,7 +20,8 @@ from soro_core.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
 from soro_core.identification.arm.numbers import Number, is_of_robot, with_numbers
 from soro_core.identification.arm.pace import longest_step
 from soro_core.identification.arm.prepare import first_errors, residual_errors, rests_of, split
-from soro_core.identification.arm.problem import Problem, Solution, evaluated, modelled, solve
+from soro_core.identification.arm.problem import Problem, modelled
+from soro_core.identification.arm.solve import Solution, evaluated, solve
 from soro_core.identification.arm.starts import is_release, start_numbers
 from soro_core.identification.arm.swing import swinging
 from soro_core.identification.interrupts import only_in_searches
@@ -76,7 +78,7 @@ class Options:
     """
 
     dt_s: float | None = None
-    rate_hz: float = 25.0
+    rate_hz: float = 100.0
     laws: tuple[Law, ...] = LAWS
     most: int = 25
     is_constant: bool = False
@@ -183,7 +185,7 @@ def identify(
         values, interrupted = _at_rest(problem((), [rests]), options, progress)
         options = replace(options, most=1) if interrupted else options
     values = swinging(problem((), fit), values)
-    linear = solve(problem((), fit), values, options.most, _COMPARED, lambda c: progress("linear", c))
+    linear = solve(problem((), fit), values, options.most, _COMPARED, partial(progress, "linear"))
     expected = residual_errors(problem((), fit), linear.values)
 
     def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
@@ -191,7 +193,8 @@ def identify(
         begin = {**linear.values, **freed(robot, laws, kinds, keep)[1], **start}
         most = min(_FULL if in_full else _FEW, options.most)
         try:
-            found = solve(problem(laws, fit), begin, most, _COMPARED, lambda c: progress(name, c))
+            told, cases = partial(progress, name), problem(laws, fit)
+            found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
             own = squares(held, problem(laws, held).predicted(found.values), moved)
         except (ModelError, ConfigError):
             return None
@@ -240,7 +243,7 @@ def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[di
     for k in range(options.starts):
         start = problem.value(own * draw.normal(0.0, 0.5, len(numbers)) * (k > 0))
         try:
-            found.append(solve(problem, start, options.most, progress=lambda c: progress("rest", c)))
+            found.append(solve(problem, start, options.most, progress=partial(progress, "rest")))
         except (ModelError, ConfigError):
             if k == 0 and options.starts == 1:
                 raise
@@ -260,7 +263,7 @@ def _determined(
     kept: dict[str, tuple[str, ...]] = {}
     whole = problem
     while True:
-        solution = solve(problem, start, options.most, _LAST, lambda c: progress("all data", c))
+        solution = solve(problem, start, options.most, _LAST, partial(progress, "all data"))
         if solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
             break
         open_ = not_determined(problem, solution)

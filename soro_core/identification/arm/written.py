@@ -6,23 +6,26 @@ from collections.abc import Iterator, Sequence
 
 import yaml
 
+from soro_core.identification.arm.combinations import Combination, combinations
 from soro_core.identification.arm.laws import is_of_law
 from soro_core.identification.arm.numbers import Number
 from soro_core.identification.arm.physical import Unphysical, unphysical
 from soro_core.identification.arm.stages import Identified
 from soro_core.robot.parts import fields
 
-# What would determine a number that a recording leaves open, by the end of its name.
+# What would determine a number that a recording leaves open, by the begin of its own name.
+_WEIGHT = "a known weight at the tip in some of the runs (it makes forces absolute), or quick steps"
+_SINGLE = "levels of single chambers, with a position sensor"
 _EXPERIMENTS = {
-    "k_": "a known weight at the tip in some of the runs (it makes forces absolute), or quick steps",
+    "k_": _WEIGHT,
     "rise_": "levels up to the largest pressure",
     "rate_": "levels up to the largest pressure",
     "damping_": "quick steps or a release, with poses at 100 Hz",
     "creep_": "steps that are held for ten seconds",
     "slow_": "steps that are held for a minute",
     "dahl_": "the same levels approached from below and from above",
-    "gain": "a known weight at the tip in some of the runs, or quick steps",
-    "arm": "levels of single chambers, with a position sensor",
+    "gain": _WEIGHT,
+    "arm": _WEIGHT,
     "area_saturation": "levels up to the largest pressure",
     "dead_band": "levels of a few kilopascals, one chamber at a time",
     "area_slope": "levels of all chambers together and of single ones",
@@ -60,6 +63,8 @@ def number_table(found: Identified) -> list[str]:
 def experiment(name: str) -> str:
     """Return what would determine a number."""
     own = name.split("/")[-1]
+    if "/chamber" in name:  # against the other chambers of its link
+        return _SINGLE
     return next(text for end, text in _EXPERIMENTS.items() if own.startswith(end))
 
 
@@ -67,6 +72,11 @@ def impossible(found: Identified) -> tuple[Unphysical, ...]:
     """Return what no arm has among the numbers that were found."""
     own = {name: value for name, value in found.solution.values.items() if name not in found.kept}
     return unphysical(found.robot, own)
+
+
+def combined(found: Identified) -> tuple[Combination, ...]:
+    """Return the ratios and products that the data determine better than the numbers themselves."""
+    return combinations(found.problem.numbers, found.certainty, found.solution.values)
 
 
 def marks(name: str, found: Identified, odd: Sequence[Unphysical]) -> Iterator[str]:
@@ -106,6 +116,14 @@ def origin(name: str, found: Identified) -> str:
 
 def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
     odd = impossible(found)
+    for each in combined(found):
+        yield (
+            each.name,
+            f"{each.value:.5g}",
+            f"{100 * each.deviation:.2g} %",
+            "",
+            "identified, surer than its parts",
+        )
     for number in found.problem.numbers:
         name, value = number.name, found.solution.values[number.name]
         more = [mark for mark in marks(name, found, odd) if mark != "fixed"]
@@ -121,8 +139,8 @@ def _deviation(number: Number, found: Identified) -> str:
 
 
 def _quality(found: Identified) -> Iterator[str]:
-    laws = found.choice.chosen.name if found.choice else "linear (nothing could be held out)"
-    yield f"Laws: {laws}."
+    why = "the search was interrupted" if found.interrupted else "nothing could be held out"
+    yield f"Laws: {found.choice.chosen.name if found.choice else f'linear ({why})'}."
     what = "Held out" if found.held_out else "Fitted"
     yield from (f"{what}: {error}." for error in found.held_out or found.fitted)
     if found.held_out:

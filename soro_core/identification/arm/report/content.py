@@ -24,6 +24,7 @@ from soro_core.identification.arm.report.repeats import repeats
 from soro_core.identification.arm.report.traces import Trace
 from soro_core.identification.arm.report.verdict import verdict_of
 from soro_core.identification.arm.stages import Identified
+from soro_core.identification.arm.written import combined
 
 Content = dict[str, Any]
 
@@ -76,6 +77,7 @@ def content_of(result: Result, traces: Sequence[Trace]) -> Content:
         "correlation": correlation_of(found),
         "profiles": profiles_of(result.profiles),
         "undetermined": undetermined_of(found),
+        "combinations": [{**asdict(each), "name": each.name} for each in combined(found)],
         "unphysical": [{**asdict(each), "numbers": list(each.numbers)} for each in result.unphysical],
         "repeats": [{**asdict(each), "unit": _unit(traces, each.shape)} for each in repeats(traces)],
         "frames": frames_of(found),

@@ -144,7 +144,15 @@ def _numbers(content: Content) -> Iterator[str]:
 
 
 def _open(content: Content) -> Iterator[str]:
-    yield tables.open_table(content) if content["undetermined"] else words("Nothing: all are determined.")
+    if content["verdict"]["interrupted"]:
+        yield words("Not examined: the search was interrupted.")
+    else:
+        yield (
+            tables.open_table(content) if content["undetermined"] else words("Nothing: all are determined.")
+        )
+    if content["combinations"]:
+        yield words("These ratios (:) and products (*) are surer than each of their two numbers:")
+        yield tables.combinations_table(content)
 
 
 def _repeats(content: Content) -> Iterator[str]:

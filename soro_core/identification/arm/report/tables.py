@@ -149,6 +149,19 @@ def open_table(content: Content) -> str:
     return table(("number", "combination that stays open", "what would determine it"), rows)
 
 
+def combinations_table(content: Content) -> str:
+    """Return the ratios and products that are surer than their numbers."""
+    rows = [
+        [
+            Cell(each["name"]),
+            number(each["value"], f"combinations.{i}.value", digits=5),
+            number(each["deviation"], f"combinations.{i}.deviation", 100.0, 2),
+        ]
+        for i, each in enumerate(content["combinations"])
+    ]
+    return table(("combination", "#value", "#deviation, %"), rows)
+
+
 def profiles_table(content: Content) -> str:
     """Return what each profile says."""
     rows = [

@@ -14,7 +14,7 @@ from soro_core.identification.arm.written import experiment
 
 
 def is_accepted(found: Identified, accept: float, unphysical: Sequence[Unphysical]) -> bool:
-    """Whether the error on what was held out is known and small enough, and every number physical.
+    """Whether the search ended, the error on what was held out is small enough, and every number physical.
 
     Parameters
     ----------
@@ -23,7 +23,8 @@ def is_accepted(found: Identified, accept: float, unphysical: Sequence[Unphysica
         Largest RMS error, in ranges moved.
     unphysical : sequence of Unphysical
     """
-    return bool(found.held_out) and found.held_out_share <= accept and not unphysical
+    judged = bool(found.held_out) and not found.interrupted
+    return judged and found.held_out_share <= accept and not unphysical
 
 
 def verdict_of(
@@ -89,13 +90,15 @@ def sentence(found: Identified, accept: float, unphysical: Sequence[Unphysical])
         Largest RMS error, in ranges moved.
     unphysical : sequence of Unphysical
     """
-    begin = "interrupted, best so far: " if found.interrupted else ""
-    begin += "accepted" if is_accepted(found, accept, unphysical) else "not accepted"
+    begin = "accepted" if is_accepted(found, accept, unphysical) else "not accepted"
+    if found.interrupted:
+        begin = "interrupted: these are the best numbers so far, and their own error is not known"
     sizes = _by_unit(found.held_out or found.fitted)
     error = ", ".join(in_words(each["rms"], each["unit"]) for each in sizes)
     if found.held_out:
         share = f"{100 * found.held_out_share:.3g} % of the range moved ({error})"
-        text = f"{begin}: RMS error {share} on what was held out; allowed is {100 * accept:.3g} %"
+        which = "; that of the last fit that was judged is an" if found.interrupted else ":"
+        text = f"{begin}{which} RMS error {share} on what was held out; allowed is {100 * accept:.3g} %"
     else:
         text = f"{begin}: nothing could be held out, so the error on other data is not known; "
         text += f"RMS error {error} on the data of the fit"

@@ -1,0 +1,117 @@
+"""Find the robot asu_two_segment from its recorded runs: `python -m benchmarks.fit_asu DATA_FOLDER`.
+
+DATA_FOLDER holds 2023_*.csv. Pressures are replayed; the places of the middle and of the tip plate, and the
+lengths of both segments, are compared, each run as much as every other. Runs of even number are not read into
+the fit, nor those in which a sensor froze, nor those whose set points never change (`identified_asu`).
+
+Weights show little of the size of an area, so the area of the first chamber of each link stays as described.
+Damping is one retardation time of 1 s: more, in an arm that moves this slowly, is creep.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from benchmarks.identified_asu import ROBOT, differences, is_driven, is_frozen, is_held_out
+from soro_core import SoftArm, load_robot
+from soro_core.errors import SoroError
+from soro_core.identification.arm.numbers import Number, numbers_of, with_numbers
+from soro_core.identification.recording import Recording, read_csv
+from soro_core.robot import Robot
+
+Array: TypeAlias = NDArray[np.float64]
+
+GUESS = Path("examples/asu_two_segment_guess.yaml")
+SEARCHED = ("k_e", "k_b", "area_slope", "chamber1/gain", "chamber2/gain")
+# Expected errors of tip and middle plate, and of the lengths of both segments [m].
+EXPECTED = (0.015, 0.015, 0.005, 0.004)
+# Doubt about a number over that of `soro identify`: a run is one witness here, and not its many samples.
+DOUBT = 1.5
+RETARDATION_S = 1.0
+# Each error of a candidate that cannot be simulated, in expected errors.
+HOPELESS = 30.0
+
+
+def damped(robot: Robot) -> Robot:
+    """Return the robot with the damping of its retardation time, from its stiffness at rest."""
+    found, values = numbers_of(robot), {}
+    for index, link in enumerate(robot.links):
+        for key in "eb":
+            rest = found[f"link{index}/k_{key}"].value * link.length**2
+            values[f"link{index}/damping_{key}"] = RETARDATION_S * rest
+    return with_numbers(robot, values)
+
+
+def changed(robot: Robot, numbers: Sequence[Number], x: Array) -> Robot:
+    """Return the robot whose numbers are off by `x` (n,), in doubts."""
+    step = DOUBT * x
+    values = {
+        n.name: n.value * float(np.exp(v * n.doubt)) if n.kind == "factor" else n.value + float(v) * n.doubt
+        for n, v in zip(numbers, step, strict=True)
+    }
+    return damped(with_numbers(robot, values))
+
+
+def errors(arm: SoftArm, recording: Recording) -> Array:
+    """Return the errors of a run in expected ones: the sum of their squares is four means."""
+    parts = zip(differences(arm, recording), EXPECTED, strict=True)
+    return np.concatenate([(off / size).ravel() / np.sqrt(len(off)) for off, size in parts])
+
+
+def main() -> None:
+    """Fit, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path, help="folder with 2023_*.csv")
+    arguments = parser.parse_args()
+    robot = load_robot(GUESS)
+    read = (read_csv(file, ROBOT, robot) for file in sorted(arguments.data.glob("2023_*.csv")))
+    runs = [r for r in read if is_driven(r) and not is_frozen(r) and not is_held_out(r.name)]
+    print(f"{len(runs)} runs: {', '.join(run.name for run in runs)}")
+    numbers = [n for n in numbers_of(robot).values() if n.name.split("/", 1)[1] in SEARCHED]
+    size = sum(errors(SoftArm(damped(robot)), run).size for run in runs)
+
+    def residuals(x: Array) -> Array:
+        try:
+            arm = SoftArm(changed(robot, numbers, x))
+            with ThreadPoolExecutor() as pool:
+                parts = list(pool.map(lambda run: errors(arm, run), runs))
+        except SoroError:
+            return np.full(size + len(x), HOPELESS)
+        return np.concatenate([*parts, x])
+
+    x0 = np.zeros(len(numbers))
+    found = least_squares(residuals, x0, diff_step=1e-3, x_scale=0.3, ftol=1e-4, max_nfev=30)
+    print(f"{found.nfev} steps, cost {found.cost:.2f}")
+    cover = np.linalg.inv(found.jac.T @ found.jac)
+    best = changed(robot, numbers, found.x)
+    for number, x, variance in zip(numbers, found.x, np.diag(cover), strict=True):
+        is_factor, deviation = number.kind == "factor", DOUBT * number.doubt * np.sqrt(variance)
+        value = (
+            number.value * np.exp(DOUBT * number.doubt * x)
+            if is_factor
+            else numbers_of(best)[number.name].value
+        )
+        print(
+            f"{number.name} {value:.4g} +- "
+            + (f"{100 * deviation:.2g} %" if is_factor else f"{deviation:.2g}")
+        )
+    for link in best.links:
+        stiffness = f"k_e: [{link.k_e[0]:.4g}, 0.0, 0.0]  k_b: [{link.k_b[0]:.4g}, 0.0, 0.0]"  # type: ignore[index]
+        print(f"{stiffness}  damping: [{', '.join(f'{d:.4g}' for d in link.damping)}]")
+        for c in link.chambers:
+            area = f"alpha_eps: {c.alpha_eps:.4e}" if c.area_m2 is None else f"area_m2: {c.area_m2:.4e}"
+            print(f"  {area}, area_slope: {c.area_slope:.4g}")
+
+
+if __name__ == "__main__":
+    main()

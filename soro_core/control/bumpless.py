@@ -1,0 +1,62 @@
+"""The wished force goes on where it was when the law changes, and comes to that of the new law."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Time constant with which the difference of the two laws ends [s].
+FADE_S = 0.3
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """From one law to the next.
+
+    Attributes
+    ----------
+    asked : ndarray (n_q,) or None
+        Force that was asked for at the last tick; None before the first one.
+    difference : ndarray (n_q,) or None
+        What is still added to the force of the law; None for nothing.
+    begins : bool
+        Whether the law has changed since the last tick.
+    """
+
+    asked: Array | None = None
+    difference: Array | None = None
+    begins: bool = False
+
+    def begun(self) -> Transfer:
+        """Return the transfer to another law, from the force of the last tick."""
+        return replace(self, begins=self.asked is not None)
+
+
+def transferred(before: Transfer, wished: Array, dt: float) -> tuple[Transfer, Array]:
+    """Return the transfer after a tick, and the force (n_q,) to ask for.
+
+    Parameters
+    ----------
+    before : Transfer
+        After the last tick.
+    wished : ndarray (n_q,)
+        Force of the law.
+    dt : float
+        Time since the last tick [s].
+    """
+    difference = before.difference
+    if before.begins and before.asked is not None:
+        difference = before.asked - wished
+    if difference is None:
+        return Transfer(wished), wished
+    difference = math.exp(-dt / FADE_S) * difference
+    # Below 1e-3 of the force it is no step.
+    kept = difference if np.linalg.norm(difference) > 1e-3 * np.linalg.norm(wished) else None
+    asked = np.asarray(wished + difference)
+    return Transfer(asked, kept), asked

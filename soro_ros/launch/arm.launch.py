@@ -1,0 +1,142 @@
+"""One arm: emulated, or with real valves; `ros2 launch soro_ros arm.launch.py --show-args` explains it.
+
+The nodes are configured and activated by lifecycle events, the driver of the valves after the controller.
+"""
+
+import tempfile
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+    Shutdown,
+)
+from launch.event_handlers import OnProcessIO
+from launch.events import matches_action
+from launch.substitutions import PathJoinSubstitution
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.event_handlers import OnStateTransition
+from launch_ros.events.lifecycle import ChangeState
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
+from lifecycle_msgs.msg import Transition
+
+from soro_ros.arm_nodes import LAST, parameters_of, valves_command
+
+PACKAGE = "soro_ros"
+# The driver empties the chambers before it ends.
+END_S = "10"
+
+
+def generate_launch_description():
+    """Return the arguments, and what starts the arm when they are known."""
+    shipped = PathJoinSubstitution([FindPackageShare(PACKAGE), "params", "arm.yaml"])
+    arguments = (
+        ("robot", "tue_three_bellow", "robot file, or the name of a shipped one"),
+        ("platform", "emulated_canopen", "platform file or name; '' for a twin in the place of valves"),
+        ("device", "", "port or address of real valves; '' for emulated ones"),
+        ("namespace", "", "namespace of the arm"),
+        ("params", shipped, "parameter file; robot, platform and device override it"),
+    )
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, default, text in arguments
+    ]
+    rviz = DeclareLaunchArgument(
+        "use_rviz", default_value="false", choices=["true", "false"], description="start RViz"
+    )
+    return LaunchDescription([*declared, rviz, OpaqueFunction(function=_arm)])
+
+
+def _arm(context):
+    """Return the actions that start the arm."""
+    given = context.launch_configurations
+    robot, platform, device = given["robot"], given["platform"], given["device"]
+    folder = Path(tempfile.mkdtemp(prefix="soro-"))
+    nodes = {
+        name: LifecycleNode(
+            name=name,
+            namespace=given["namespace"],
+            package=PACKAGE,
+            executable=name,
+            parameters=[given["params"], {"autostart": False, **_as_text(parameters)}],
+            output="screen",
+            sigterm_timeout=END_S,
+            on_exit=Shutdown(reason=f"{name} ended"),
+        )
+        for name, parameters in parameters_of(robot, platform, device, folder).items()
+    }
+    started = [action for name, node in nodes.items() for action in _start(node, configure=name != LAST)]
+    if LAST in nodes:
+        commands = OnStateTransition(
+            target_lifecycle_node=nodes["controller"],
+            start_state="activating",
+            goal_state="active",
+            entities=[_change(nodes[LAST], Transition.TRANSITION_CONFIGURE)],
+        )
+        started.insert(0, RegisterEventHandler(commands))
+    if given["use_rviz"] == "true":
+        started.append(
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                namespace=given["namespace"],
+                arguments=["-f", "world"],
+            )
+        )
+    return _after_valves(platform, folder, started) if platform and not device else started
+
+
+def _as_text(parameters):
+    """Return parameters that stay texts, whatever YAML would make of them."""
+    return {name: ParameterValue(value, value_type=str) for name, value in parameters.items()}
+
+
+def _start(node, configure):
+    """Return the actions that start a node, and activate it once it is configured."""
+    activate = OnStateTransition(
+        target_lifecycle_node=node,
+        start_state="configuring",
+        goal_state="inactive",
+        entities=[_change(node, Transition.TRANSITION_ACTIVATE)],
+    )
+    refused = OnStateTransition(
+        target_lifecycle_node=node,
+        start_state="configuring",
+        goal_state="unconfigured",
+        entities=[Shutdown(reason="a node refused its configuration")],
+    )
+    actions = [RegisterEventHandler(activate), RegisterEventHandler(refused), node]
+    return [*actions, _change(node, Transition.TRANSITION_CONFIGURE)] if configure else actions
+
+
+def _change(node, transition):
+    event = ChangeState(lifecycle_node_matcher=matches_action(node), transition_id=transition)
+    return EmitEvent(event=event)
+
+
+def _after_valves(platform, folder, actions):
+    """Return the actions that start emulated valves, and the others once these answer."""
+    waiting = list(actions)
+
+    def on_stdout(event):
+        if b"ready:" not in event.text:
+            return None
+        now, waiting[:] = list(waiting), []
+        return now
+
+    valves = ExecuteProcess(
+        cmd=[
+            ExecutableInPackage(executable="emulate", package=PACKAGE),
+            *valves_command(platform, folder),
+        ],
+        name="valves",
+        output="screen",
+        additional_env={"PYTHONUNBUFFERED": "1"},
+        on_exit=Shutdown(reason="the emulated valves ended"),
+    )
+    return [RegisterEventHandler(OnProcessIO(target_action=valves, on_stdout=on_stdout)), valves]

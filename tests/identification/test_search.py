@@ -1,0 +1,57 @@
+"""Searches whose derivatives are taken once: few candidates, nearly the same place."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.identification.search import Found, Search, Settings, secant
+
+Array = NDArray[np.float64]
+T = np.linspace(0.0, 2.0, 40)
+TRUE, START = np.array([1.5, 0.7, 0.3]), np.array([1.0, 1.0, 0.0])
+
+
+def _searched(is_secant: bool, most: int) -> tuple[Found, int]:
+    """Where the search for an amplitude, a rate and an offset ends, and how many candidates it tried."""
+    tried: list[Array] = []
+    settings = Settings(most=most, secant=is_secant, loss="linear")
+    return _search(settings, tried), len(tried)
+
+
+def _search(settings: Settings, tried: list[Array]) -> Found:
+    def residuals(x: Array) -> Array:
+        tried.append(x.copy())
+        return _residuals(x)
+
+    bounds = np.full(3, -5.0), np.full(3, 5.0)
+    return Search(residuals, START, _residuals(START), bounds, settings).run()
+
+
+def _residuals(x: Array) -> Array:
+    return np.asarray(x[0] * np.exp(-x[1] * T) + x[2] - TRUE[0] * np.exp(-TRUE[1] * T) - TRUE[2])
+
+
+def test_a_correction_explains_the_last_step_and_nothing_else() -> None:
+    """The corrected derivatives give what the residuals did, and are the old ones across the step."""
+    draw = np.random.default_rng(1)
+    matrix, before, x = draw.normal(size=(5, 3)), draw.normal(size=3), draw.normal(size=3)
+    there, here = draw.normal(size=5), draw.normal(size=5)
+    found = secant((before, there, matrix), x, here)
+    np.testing.assert_allclose(found @ (x - before), here - there, atol=1e-12)
+    across = np.cross(x - before, draw.normal(size=3))
+    np.testing.assert_allclose(found @ across, matrix @ across, atol=1e-12)
+
+
+def test_a_few_steps_with_derivatives_of_the_start_cost_one_candidate_each() -> None:
+    """Derivatives anew cost three candidates more a step; both ways take away nearly all of the cost."""
+    (anew, many), (once, few) = (_searched(way, 6) for way in (False, True))
+    assert few <= 3 + 7 < many
+    assert anew.cost < 1e-6
+    assert once.cost < 1e-4
+
+
+def test_no_candidate_is_tried_twice() -> None:
+    """Where a search ends it has taken derivatives already."""
+    tried: list[Array] = []
+    found = _search(Settings(loss="linear"), tried)
+    np.testing.assert_allclose(found.x, TRUE, atol=1e-5)
+    assert len(tried) == len({x.tobytes() for x in tried})

@@ -25,6 +25,7 @@ from benchmarks import (
     motions,
     peer,
     realtime,
+    recording,
     references,
     report,
     serial_rates,
@@ -61,6 +62,7 @@ SECTIONS = {
     "serial_rates": serial_rates,
     "board": board,
     "kills": kills,
+    "recording": recording,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -36,6 +36,7 @@ PACKAGES = {
     ),
     "board": ("smbus2",),
     "dask": ("distributed",),
+    "parquet": ("pyarrow",),
 }
 EXTRA_OF = {package: extra for extra, packages in PACKAGES.items() for package in packages}
 # Where the name on the package index is another one.

@@ -41,6 +41,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.place_sensors import place_sensors
     from soro_ros.commands.play import play
     from soro_ros.commands.reach import reach
+    from soro_ros.commands.replay import replay
     from soro_ros.commands.run import run
     from soro_ros.commands.trade import trade
 
@@ -55,6 +56,7 @@ def application() -> typer.Typer:
     app.command()(run)
     app.command()(excite)
     app.command()(play)
+    app.command()(replay)
     app.command()(film)
     app.command()(emulate)
     app.command()(doctor)

@@ -10,11 +10,11 @@ import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Path
-from rclpy.node import Node
 
 from soro_core.config import changed
 from soro_core.control import Controller, ControllerState, Reference
@@ -28,6 +28,7 @@ from soro_core.errors import ConfigError, SoroError
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 from soro_ros import messages, qos
 from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.ports import Input, Inputs
 
 TOPIC, STATUS = "arm/reference/path", "arm/motion"
 # States of a motion; the last ones are its end.
@@ -61,8 +62,6 @@ class MotionTopic:
 
     Parameters
     ----------
-    node : Node
-        The controller node; its parameters `control.motion` count from the next path on.
     controller : Controller
     lockstep : bool
         Plan at once.
@@ -72,25 +71,35 @@ class MotionTopic:
         Called with the motion at its begin.
     refuse : callable
         Called with the reason of a refusal, or an empty string after a path that is not refused.
+    settings : callable
+        Gives the section `motion` that counts from the next path on.
+    publish : callable
+        Takes the name of a topic and a message.
+
+    Attributes
+    ----------
+    inputs : mapping of str to Input
     """
+
+    outputs: ClassVar[dict[str, type[Any]]] = {STATUS: DiagnosticStatus}
 
     def __init__(
         self,
-        node: Node,
         controller: Controller,
         lockstep: bool,
         period_s: float,
         follow: Callable[[Reference], None],
         refuse: Callable[[str], None],
+        settings: Callable[[], MotionConfig],
+        publish: Callable[[str, Any], None],
     ) -> None:
-        self._node, self._controller, self._lockstep = node, controller, lockstep
+        self._controller, self._lockstep, self._settings, self._send = controller, lockstep, settings, publish
         self._period_s, self._follow, self._refuse = period_s, follow, refuse
         self._job: _Job | None = None
         self._replaced: _Job | None = None  # the one under way, while the next is planned
         self._message: Path | None = None
         self._now: tuple[ControllerState, float] | None = None  # state and time of the last tick
-        self._publisher = node.create_publisher(DiagnosticStatus, STATUS, qos.RELIABLE)
-        node.create_subscription(Path, TOPIC, self._on_path, qos.RELIABLE)
+        self.inputs: Inputs = {TOPIC: Input(Path, self._on_path, qos.reference)}
 
     def use(self, controller: Controller) -> None:
         """Plan the next paths with another controller of the same arm."""
@@ -163,12 +172,6 @@ class MotionTopic:
         self._report(job, OK, "")
         if self._lockstep:
             self._plan(job, np.inf)
-
-    def _settings(self) -> MotionConfig:
-        """The section `motion` with what the parameters say now."""
-        names = MotionConfig.model_fields
-        values = {name: self._node.get_parameter(f"control.motion.{name}").value for name in names}
-        return MotionConfig(**{name: float(value) for name, value in values.items()})
 
     def _poses(self, message: Path) -> tuple[np.ndarray, np.ndarray | None]:
         """Positions and orientations in the world."""
@@ -282,7 +285,7 @@ class MotionTopic:
 
     def _publish(self, state: str, level: bytes, text: str, values: dict[str, object]) -> None:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        self._publisher.publish(DiagnosticStatus(level=level, name=state, message=text, values=pairs))
+        self._send(STATUS, DiagnosticStatus(level=level, name=state, message=text, values=pairs))
 
 
 def _rests(point: Point) -> bool:

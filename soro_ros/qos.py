@@ -42,3 +42,8 @@ def array(lockstep: bool) -> QoSProfile:
 def sensor(lockstep: bool) -> QoSProfile:
     """QoS of a reader of sensors: nothing may be lost in lockstep, nothing may block in real time."""
     return LOCKSTEP if lockstep else SENSOR
+
+
+def reference(lockstep: bool) -> QoSProfile:
+    """QoS of what a user wants of the arm: the same in both."""
+    return RELIABLE

@@ -1,11 +1,13 @@
-"""The folder that a run or a report is put in."""
+"""The folder that a run or a report is put in, and the files of a run in it."""
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
 
-from soro_core.errors import ConfigError, SoroError
+from soro_core.errors import BagError, ConfigError, SoroError
+
+_SCENES = ("scene_used.yaml", "scene.yaml")
 
 
 def new_folder(parent: Path, name: str) -> Path:
@@ -28,3 +30,23 @@ def new_folder(parent: Path, name: str) -> Path:
             raise ConfigError("--folder", "", str(parent), allowed) from None
         return folder
     raise SoroError(f"no free name for a run in {parent}")
+
+
+def bag_and_scene(run: Path) -> tuple[Path, Path]:
+    """Return bag and scene of a run; the shipped recordings have both in one folder.
+
+    Parameters
+    ----------
+    run : Path
+        Folder of the run, or of its bag.
+
+    Raises
+    ------
+    BagError
+        If there is no scene.
+    """
+    for folder in (run, run.parent):
+        for name in _SCENES:
+            if (folder / name).exists():
+                return (run / "bag" if (run / "bag").exists() else run), folder / name
+    raise BagError(f"{run}: neither {' nor '.join(_SCENES)}, so that the robot is not known")

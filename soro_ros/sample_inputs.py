@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
 from soro_core.estimation.samples import ImuSample, PoseSample, Sample
@@ -15,15 +14,14 @@ from soro_core.scene import EstimatorNodeConfig, ExciterNodeConfig
 from soro_core.twin import SensorConfig
 from soro_core.twin.sensors import SensorClock
 from soro_ros import messages, qos
+from soro_ros.ports import Input, Inputs
 
 
 class SampleInputs:
-    """Subscriptions to the sensors on the arm, and their samples by name, pose0, pose1, ..., imu0, ...
+    """Samples of the sensors on the arm by name: pose0, pose1, ..., imu0, ...
 
     Parameters
     ----------
-    node : Node
-        Owner of the subscriptions.
     config : EstimatorNodeConfig or ExciterNodeConfig
         Places, rates and delays of the sensors, and whether time is in lockstep.
     length : float
@@ -32,11 +30,15 @@ class SampleInputs:
         Function that returns the time [s] of a stamp [ns].
     on_sample : callable
         Called after each sample.
+
+    Attributes
+    ----------
+    inputs : mapping of str to Input
+        The topics sensors/pose0, ...
     """
 
     def __init__(
         self,
-        node: Node,
         config: EstimatorNodeConfig | ExciterNodeConfig,
         length: float,
         seconds: Callable[[int], float],
@@ -51,13 +53,14 @@ class SampleInputs:
         self._expected = dict.fromkeys(poses, pose) | dict.fromkeys(imus, imu)
         self._samples: dict[str, deque[Sample]] = {name: deque(maxlen=1000) for name in self._expected}
         self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
-        for kind, names, places, callback in (
-            (PoseStamped, poses, config.pose_locations, self._on_pose),
-            (Imu, imus, config.imu_locations, self._on_imu),
-        ):
-            for name, place in zip(names, places, strict=True):
-                take = partial(callback, name, place * length)
-                node.create_subscription(kind, f"sensors/{name}", take, qos.sensor(self._lockstep))
+        self.inputs: Inputs = {
+            f"sensors/{name}": Input(kind, partial(callback, name, place * length), qos.sensor)
+            for kind, names, places, callback in (
+                (PoseStamped, poses, config.pose_locations, self._on_pose),
+                (Imu, imus, config.imu_locations, self._on_imu),
+            )
+            for name, place in zip(names, places, strict=True)
+        }
 
     def complete(self, tick: int) -> bool:
         """Whether every sample that must have been published by `tick` has come."""

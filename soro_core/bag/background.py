@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 
 from soro_core.bag.topics import Topic
@@ -21,7 +22,8 @@ class BackgroundWriter:
     writer : BagWriter
         The open bag; the caller must not use it until `close`.
     flush_s : float
-        Time after which written data is passed to the operating system [s].
+        Longest time from a message to its place in a file of the operating system, which keeps it when the
+        process is killed; a disk that is slower takes longer [s].
     buffer_bytes : int
         Messages are dropped and counted while more than this waits for the disk.
 
@@ -33,10 +35,11 @@ class BackgroundWriter:
         Error that ended writing; None while it works.
     """
 
-    def __init__(self, writer: BagWriter, flush_s: float = 1.0, buffer_bytes: int = 1 << 28) -> None:
+    def __init__(self, writer: BagWriter, flush_s: float = 0.5, buffer_bytes: int = 1 << 28) -> None:
         self._writer = writer
         self._buffer_bytes = buffer_bytes
-        self._flush_rounds = max(1, round(flush_s / _GATHER_S))
+        # Less the round in which a message waits, and the one that writes it.
+        self._flush_s = max(0.0, flush_s - 2 * _GATHER_S)
         self._waiting: deque[Topic | tuple[str, bytes, int]] = deque()
         self._stop = threading.Event()
         self._taken_bytes = self._done_bytes = 0
@@ -105,15 +108,15 @@ class BackgroundWriter:
             raise self.failure
 
     def _run(self) -> None:
-        rounds = 0
+        flushed_s = time.monotonic()
         stopping = False
         while not stopping:
             # One more round after the stop writes the messages accepted before it.
             stopping = self._stop.wait(_GATHER_S)
             try:
                 self._drain()
-                rounds += 1
-                if rounds % self._flush_rounds == 0:
+                if time.monotonic() - flushed_s >= self._flush_s:
+                    flushed_s = time.monotonic()
                     self._writer.flush()
             except Exception as error:  # the thread must not die silently
                 self.failure = (

@@ -27,7 +27,15 @@ class RecorderConfig(Strict):
         "zstd", description="compression of the chunks: zstd, lz4 or none"
     )
     flush_s: float = Field(
-        1.0, ge=0.05, le=60.0, description="longest recorded time that a crash may lose [s]"
+        0.5, ge=0.05, le=60.0, description="longest recorded time that a crash may lose [s]"
+    )
+    split_bytes: int = Field(
+        0,
+        ge=0,
+        description="size of a file of the bag, about, from which on a new one is begun; 0: one file [B]",
+    )
+    split_s: float = Field(
+        0.0, ge=0.0, le=1e6, description="recorded time after which a new file is begun; 0: one file [s]"
     )
     discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="period of the search for new topics [s]")
     buffer_bytes: int = Field(
@@ -45,9 +53,13 @@ class PlayerConfig(Strict):
         1.0,
         ge=0.0,
         le=1000.0,
-        description="times faster than recorded; 0: as fast as readers accept messages",
+        description="times faster than recorded, also while it plays; 0: as fast as readers accept messages",
     )
-    start_s: float = Field(0.0, ge=0.0, description="offset into the bag at which to begin [s]")
+    start_s: float = Field(
+        0.0,
+        ge=0.0,
+        description="offset into the bag at which to begin [s]; while it plays: to go on from there",
+    )
     duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
     topics: Strings = Field(
         (),
@@ -56,7 +68,9 @@ class PlayerConfig(Strict):
     )
     exclude: Strings = Field((), description="names or patterns of topics to leave out")
     remap: Strings = Field((), description="OLD:=NEW names")
-    loop: bool = Field(False, description="begin again at the end")
+    loop: bool = Field(False, description="begin again at the end, also while it plays")
+    paused: bool = Field(False, description="begin paused: ~/resume or a key starts it")
+    keyboard: bool = Field(False, description="take keys from the terminal, as soro play does")
     clock: bool = Field(False, description="publish /clock with the recorded time")
     clock_hz: float = Field(100.0, gt=0.0, le=10000.0, description="rate of /clock in recorded time")
     wait_for_subscribers: bool = Field(False, description="begin when every topic has a reader")

@@ -117,6 +117,10 @@ class BagReader:
         known = ", ".join(topic.name for topic in self.topics) or "none"
         raise BagError(f"no topic {name!r}; there are {known}", self.path, "missing")
 
+    def count(self, name: str) -> int:
+        """Return the number of messages of a topic; 0 where there is none."""
+        return sum(count for topic, count in zip(self.topics, self.counts, strict=True) if topic.name == name)
+
     def messages(
         self,
         topics: Collection[str] | None = None,

@@ -1,13 +1,12 @@
-"""Writing bags in rosbag2's MCAP layout: a folder with NAME_0.mcap and metadata.yaml."""
+"""Writing bags in rosbag2's MCAP layout: a folder with NAME_0.mcap, NAME_1.mcap, ... and metadata.yaml."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from soro_core.bag.mcap_file import CHUNK_BYTES, Compression, McapFile
+from soro_core.bag.file_writer import FileWriter
+from soro_core.bag.mcap_file import CHUNK_BYTES, Compression
 from soro_core.bag.metadata import FilePart, Metadata, dump_record, save
 from soro_core.bag.topics import Topic
 from soro_core.errors import BagError
@@ -31,6 +30,10 @@ class BagWriter:
         Name of the ROS distribution in the metadata.
     custom_data : dict of str to str, optional
         Other texts in the metadata: scene, seed and so on.
+    split_bytes : int
+        Size from which on the next message begins a new file, which may be one chunk larger; 0: never.
+    split_ns : int
+        Time between the first messages of two files [ns]; 0: one file.
 
     Raises
     ------
@@ -45,26 +48,30 @@ class BagWriter:
         chunk_bytes: int = CHUNK_BYTES,
         ros_distro: str = "jazzy",
         custom_data: dict[str, str] | None = None,
+        split_bytes: int = 0,
+        split_ns: int = 0,
     ) -> None:
         self.folder = Path(folder)
-        name = self.folder.name or "bag"
-        self._file_name = f"{name}_0.mcap"
+        self._name = self.folder.name or "bag"
+        self._compression: Compression = compression
+        self._chunk_bytes = chunk_bytes
+        self._split_bytes, self._split_ns = split_bytes, split_ns
         self._ros_distro, self._custom = ros_distro, dict(custom_data or {})
-        self._topics: dict[str, tuple[Topic, int]] = {}
+        self._topics: dict[str, Topic] = {}
         self._counts: dict[str, int] = {}
+        self._parts: tuple[FilePart, ...] = ()
         self._start_ns: int | None = None
         self._end_ns = 0
+        self.message_count = 0
         self.byte_count = 0
         self.closed = False
         try:
             self.folder.mkdir(parents=True)
-            self._stream = (self.folder / self._file_name).open("xb")
         except FileExistsError:
             raise BagError("exists already; a bag is never overwritten", self.folder, "exists") from None
         except OSError as error:
             raise BagError(f"cannot be written: {error.strerror}", self.folder, "disk") from None
-        self._file = McapFile(self._stream, compression, chunk_bytes)
-        self._on_disk("begin", self._begin)
+        self._file = self._new_file(())
 
     def __enter__(self) -> BagWriter:
         return self
@@ -73,11 +80,6 @@ class BagWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-    @property
-    def message_count(self) -> int:
-        """Messages written so far."""
-        return sum(self._counts.values())
 
     @property
     def counts(self) -> dict[str, int]:
@@ -95,7 +97,8 @@ class BagWriter:
         self._check_open()
         if topic.name in self._topics:
             raise BagError(f"topic {topic.name} is there already", self.folder, "exists")
-        self._topics[topic.name] = topic, self._file.add_topic(topic)
+        self._topics[topic.name] = topic
+        self._file.add_topic(topic)
         self._counts[topic.name] = 0
 
     def write(
@@ -127,17 +130,18 @@ class BagWriter:
             If the topic is unknown, a time is negative or the disk refuses.
         """
         self._check_open()
-        try:
-            channel = self._topics[topic][1]
-        except KeyError:
-            raise BagError(f"topic {topic!r} was not added", self.folder, "missing") from None
+        if topic not in self._topics:
+            raise BagError(f"topic {topic!r} was not added", self.folder, "missing")
         published = log_time_ns if publish_time_ns is None else publish_time_ns
         if not (0 <= log_time_ns < 2**63 and 0 <= published < 2**64):
             text = f"got time {log_time_ns} ns; allowed: 0 to 2^63 - 1"
             raise BagError(text, self.folder, "value", topic)
         number = self._counts[topic] + 1 if sequence is None else sequence % 2**32
-        self._on_disk("write", lambda: self._file.write(channel, data, log_time_ns, published, number))
+        if self._is_full(log_time_ns):
+            self._split()
+        self._file.write(topic, data, log_time_ns, published, number)
         self._counts[topic] += 1
+        self.message_count += 1
         self.byte_count += len(data)
         self._start_ns = log_time_ns if self._start_ns is None else min(self._start_ns, log_time_ns)
         self._end_ns = max(self._end_ns, log_time_ns)
@@ -145,7 +149,7 @@ class BagWriter:
     def flush(self) -> None:
         """End the chunk and pass all data to the operating system; data written since is lost in a crash."""
         self._check_open()
-        self._on_disk("write", self._file.flush)
+        self._file.flush()
 
     def close(self) -> None:
         """Write index and metadata.yaml and close the file; may be called again.
@@ -158,22 +162,18 @@ class BagWriter:
         if self.closed:
             return
         self.closed = True
-        try:
-            self._on_disk("end", self._end)
-        finally:
-            try:
-                self._stream.close()
-            except OSError as error:
-                raise BagError(f"cannot be closed: {error.strerror}", self.folder, "disk") from None
+        self._file.close()
         save(self.metadata(), self.folder)
 
     def metadata(self) -> Metadata:
         """Return the metadata of the messages written so far."""
+        return self._metadata((*self._parts, self._file.part()))
+
+    def _metadata(self, files: tuple[FilePart, ...]) -> Metadata:
         duration = 0 if self._start_ns is None else self._end_ns - self._start_ns
-        file = FilePart(self._file_name, self._start_ns, duration, self.message_count)
         return Metadata(
-            topics=tuple((topic, self._counts[name]) for name, (topic, _) in sorted(self._topics.items())),
-            files=(file,),
+            topics=tuple((topic, self._counts[name]) for name, topic in sorted(self._topics.items())),
+            files=files,
             start_ns=self._start_ns,
             duration_ns=duration,
             message_count=self.message_count,
@@ -181,26 +181,31 @@ class BagWriter:
             custom_data=self._custom,
         )
 
-    def _begin(self) -> None:
-        self._add_metadata()
-        self._file.flush()
+    def _is_full(self, log_time_ns: int) -> bool:
+        start_ns = self._file.start_ns
+        if start_ns is None:
+            return False
+        is_late = 0 < self._split_ns <= log_time_ns - start_ns
+        return is_late or 0 < self._split_bytes <= self._file.size
 
-    def _end(self) -> None:
-        self._file.flush()
-        self._add_metadata()
-        self._file.finish()
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+    def _split(self) -> None:
+        """Close the file and begin the next one, with the same topics."""
+        self._file.close()
+        before = (*self._parts, self._file.part())
+        file = self._new_file(before)
+        self._file, self._parts = file, before
+        for topic in self._topics.values():
+            file.add_topic(topic)
 
-    def _add_metadata(self) -> None:
-        self._file.add_metadata("rosbag2", {"serialized_metadata": dump_record(self.metadata())})
+    def _new_file(self, before: tuple[FilePart, ...]) -> FileWriter:
+        path = self.folder / f"{self._name}_{len(before)}.mcap"
+        return FileWriter(
+            path,
+            self._compression,
+            self._chunk_bytes,
+            lambda part: dump_record(self._metadata((*before, part))),
+        )
 
     def _check_open(self) -> None:
         if self.closed:
             raise BagError("the bag is closed", self.folder, "closed")
-
-    def _on_disk(self, action: str, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except OSError as error:
-            raise BagError(f"cannot {action}: {error.strerror}", self.folder, "disk") from None

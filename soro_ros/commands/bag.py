@@ -1,16 +1,16 @@
-"""`soro bag info|repair BAG`: show a recording, and complete one that was not closed."""
+"""`soro bag info|repair|convert BAG`: show a recording, complete one, convert it to tables and back."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from soro_core.errors import BagError
+from soro_core.errors import BagError, ConfigError, SoroError
 
 if TYPE_CHECKING:
     from soro_core.bag import BagReader, PartRepair, Qos
@@ -56,9 +56,50 @@ def repair_command(bag: Bag) -> None:
         _print_repair(console, part)
 
 
-def _fail(error: BagError) -> None:
+@app.command("convert")
+def convert(
+    source: Annotated[
+        Path,
+        typer.Argument(help=f"{BAG_HELP} Or a folder with topics.yaml and CSV files.", show_default=False),
+    ],
+    target: Annotated[
+        Path, typer.Argument(help="New folder: of the tables, or of the bag.", show_default=False)
+    ],
+    form: Annotated[
+        str, typer.Option("--format", help="csv or parquet (extra: pip install 'soro[parquet]').")
+    ] = "csv",
+    topic: Annotated[
+        list[str] | None,
+        typer.Option("--topic", "-t", metavar="NAME", help="Only this topic, or pattern; repeatable."),
+    ] = None,
+) -> None:
+    """Write a bag as one CSV or Parquet file a topic, or such CSV files as a bag.
+
+    A column is a value of the message by its path, with its unit where soro knows it:
+    effort.link0/chamber0_pa. TARGET/topics.yaml says which file is which topic, of which type; for CSV
+    files of your own, write it by hand. Messages come back as they were.
+    """
+    from soro_ros import convert as tables
+
+    try:
+        if not source.exists():
+            raise BagError("no such file or folder", source, "missing")
+        if form not in tables.FORMATS:
+            raise ConfigError("soro bag convert", "--format", form, " or ".join(tables.FORMATS))
+        if (source / tables.TOPICS).exists():
+            count = tables.to_bag(source, target)
+            typer.echo(f"{target}: {count} messages")
+            return
+        rows = tables.to_tables(source, target, form, topic or [], lambda line: typer.echo(line, err=True))
+    except (BagError, ConfigError) as error:
+        _fail(error)
+    for file, count in rows.items():
+        typer.echo(f"{target / file}: {count} rows")
+
+
+def _fail(error: SoroError) -> NoReturn:
     typer.echo(f"soro: {error}", err=True)
-    raise typer.Exit(1) from None
+    raise typer.Exit(1 if getattr(error, "code", "") == "disk" else 2) from None
 
 
 def _print_info(console: Console, reader: BagReader, full: bool) -> None:

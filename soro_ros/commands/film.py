@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from soro_core.errors import BagError, ConfigError
+from soro_core.errors import ConfigError
 from soro_core.scene import load_scene
-
-_SCENES = ("scene_used.yaml", "scene.yaml")
+from soro_ros.run_folder import bag_and_scene
 
 
 def film(
@@ -37,18 +36,9 @@ def film(
     file = run / "film.gif" if out is None else out
     if file.suffix not in (".gif", ".png"):
         raise ConfigError("soro film", "--out", str(file), "a name that ends with .gif or .png")
-    bag, scene_file = _files(run)
+    bag, scene_file = bag_and_scene(run)
     scene = load_scene(str(scene_file))
     shown = drawing.take(bag, scene, start, scene.duration_s if end is None else end, rate)
     write = drawing.still if file.suffix == ".png" else drawing.write
     write(shown, file, width)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")
-
-
-def _files(run: Path) -> tuple[Path, Path]:
-    """Bag and scene of a run; the shipped recordings have both in one folder."""
-    for folder in (run, run.parent):
-        for name in _SCENES:
-            if (folder / name).exists():
-                return (run / "bag" if (run / "bag").exists() else run), folder / name
-    raise BagError(f"{run}: neither {' nor '.join(_SCENES)}, so that the robot is not known")

@@ -53,12 +53,17 @@ def play(
     wait: Annotated[
         bool, typer.Option("--wait", help="Begin when every topic has a subscriber (at most 30 s).")
     ] = False,
+    paused: Annotated[bool, typer.Option("--paused", help="Begin paused; the space key goes on.")] = False,
 ) -> None:
     """Publish the messages of BAG again, byte for byte, with their types and quality of service.
 
     Topics whose type is not installed, or was defined otherwise when it was recorded, are named and left out.
     So are topics that end in /chambers/command or /chambers/commands, which would drive valves, unless
     --topic names or matches them.
+
+    Keys: space pauses and goes on, left and right seek by 5 s, up and down double and halve the rate, l
+    switches the loop, q ends. From elsewhere: services ~/pause, ~/resume and ~/toggle_paused of the node
+    player, and its parameters rate, start_s (to go on from there) and loop.
     """
     # Imported here so that `soro --help` works without ROS.
     from soro_core.bag import BagReader
@@ -79,13 +84,15 @@ def play(
         "loop": loop,
         "clock": clock,
         "wait_for_subscribers": wait,
+        "paused": paused,
+        "keyboard": True,
     }
     try:
         config = parse(options, PlayerConfig, where="soro play")
         BagReader(bag).close()
     except (ConfigError, BagError) as error:
         typer.echo(f"soro: {error}", err=True)
-        raise typer.Exit(2 if isinstance(error, ConfigError) else 1) from None
+        raise typer.Exit(2) from None
     arguments = ["--ros-args"]
     for name, value in overrides(config).items():
         # JSON is YAML with unmistakable quotes.

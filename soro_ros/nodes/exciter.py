@@ -18,6 +18,7 @@ from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
+from soro_ros.ports import subscribe
 from soro_ros.sample_inputs import SampleInputs
 
 
@@ -51,7 +52,8 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
         self._section = self.create_publisher(JointState, "exciter/section", loop)
-        self._inputs = SampleInputs(self, config, robot.length, self._seconds, self._process)
+        self._inputs = SampleInputs(config, robot.length, self._seconds, self._process)
+        subscribe(self, self._inputs.inputs, self._lockstep)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
         self.create_service(Trigger, "~/enable", self._on_enable)
         self.create_service(Trigger, "~/answer", self._on_answer)

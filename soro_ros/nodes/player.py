@@ -1,4 +1,7 @@
-"""The player node: it publishes a bag again, byte for byte, in recorded time or as fast as possible."""
+"""The player node: it publishes a bag again, byte for byte, in recorded time or as fast as possible.
+
+Services, parameters and keys pause it, seek and change its rate.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,8 @@ from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.interfaces import definition, message_class, offer, topic_pattern
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
+from soro_ros.playback import Playback
+from soro_ros.player_controls import PlayerControls
 
 # History of a publisher whose recorded one is unknown (most middlewares do not report it).
 DEPTH = 1000
@@ -38,8 +43,11 @@ class Player(SoroNode[PlayerConfig]):
 
     config_model = PlayerConfig
     node_name = "player"
+    live = ("rate", "loop", "start_s")
     _reader: BagReader | None = None
     _thread: threading.Thread | None = None
+    _playback: Playback[BagMessage | None] | None = None
+    _controls: PlayerControls | None = None
 
     def setup(self, config: PlayerConfig) -> None:
         if not config.bag:
@@ -50,23 +58,35 @@ class Player(SoroNode[PlayerConfig]):
         self._reader = BagReader(config.bag)
         self._published: dict[str, Publisher] = {}
         self._clock_out: Publisher | None = None
-        self._stopping = threading.Event()
         self._count = 0
-        self._position_ns = 0
         self._phase = "ready"
         try:
             self._begin_ns, self._end_ns = _span(self._reader, config)
             self._create_publishers()
+            self._controls = PlayerControls(self, self._new_playback(), config.start_s)
         except BaseException:
             self.teardown()
             raise
         for problem in self._reader.problems:
             self.get_logger().warning(f"{config.bag}: {problem}")
 
+    def _new_playback(self) -> Playback[BagMessage | None]:
+        config = self._config
+        return Playback(self._events, self._begin_ns, self._end_ns, config.rate, config.loop)
+
     def start(self) -> None:
-        self._stopping.clear()
+        self._controls.playback = self._playback = self._new_playback()
+        if self._config.paused:
+            self._playback.pause()
+        if self._config.keyboard:
+            self._controls.listen()
         self._thread = threading.Thread(target=self._run, name="player", daemon=True)
         self._thread.start()
+
+    def take(self, config: PlayerConfig) -> None:
+        """Refuse a position outside of what is played; `PlayerControls` takes over the rest."""
+        if self._controls is not None:
+            self._controls.check(config.start_s)
 
     def stop(self) -> None:
         self.make_safe()
@@ -75,6 +95,9 @@ class Player(SoroNode[PlayerConfig]):
         self.make_safe()
         if self._reader is None:
             return
+        if self._controls is not None:
+            self._controls.close()
+            self._controls = None
         for publisher in (*self._published.values(), *([self._clock_out] if self._clock_out else [])):
             self.destroy_publisher(publisher)
         self._published.clear()
@@ -83,18 +106,22 @@ class Player(SoroNode[PlayerConfig]):
         self._reader = None
 
     def make_safe(self) -> None:
+        if self._controls is not None:
+            self._controls.leave_terminal()
         thread = self._thread
         if thread is not None:
-            self._stopping.set()
+            self._playback.stop()
             thread.join()
             self._thread = None
 
     def diagnose(self) -> None:
-        if self._reader is None:
+        if self._reader is None or self._playback is None:
             return
         values = {
             "bag": self._config.bag,
-            "position_s": (self._position_ns - self._reader.start_ns) / 1e9,
+            "position_s": self._config.start_s + self._playback.position_s,
+            "rate": self._playback.rate,
+            "paused": self._playback.paused,
             "duration_s": (self._reader.end_ns - self._reader.start_ns) / 1e9,
             "messages": self._count,
         }
@@ -107,6 +134,10 @@ class Player(SoroNode[PlayerConfig]):
         renamed = dict(self._split_remap(rule) for rule in config.remap)
         self._wanted = tuple(topic_pattern(self, name, "topics") for name in config.topics)
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
+        names = sorted({topic.name for topic in self._reader.topics})
+        for pattern in self._wanted:
+            if not any(fnmatchcase(name, pattern) for name in names):
+                raise ConfigError("parameters of player", "topics", pattern, f"of {', '.join(names)}")
         wanted = [topic for topic in self._reader.topics if self._is_wanted(topic.name)]
         commands = [] if self._wanted else [topic for topic in wanted if topic.name.endswith(COMMANDS)]
         if commands:
@@ -164,10 +195,8 @@ class Player(SoroNode[PlayerConfig]):
             self._phase = "playing"
             names = ", ".join(sorted(publisher.topic_name for publisher in self._published.values()))
             self.get_logger().info(f"playing {self._config.bag}: {names}")
-            self._play()
-            while self._config.loop and not self._stopping.is_set():
-                self._play()
-            if not self._stopping.is_set():
+            self._playback.run(self._emit)
+            if not self._playback.stopped:
                 self._await_acknowledgement()
                 self.get_logger().info(f"played {self._count} messages")
         except Exception as error:
@@ -181,7 +210,7 @@ class Player(SoroNode[PlayerConfig]):
 
     def _wait_for_subscribers(self) -> None:
         limit = time.monotonic() + self._config.wait_timeout_s
-        while not self._stopping.is_set():
+        while not self._playback.stopped:
             lonely = [pub.topic_name for pub in self._published.values() if not pub.get_subscription_count()]
             if not lonely:
                 return
@@ -189,29 +218,20 @@ class Player(SoroNode[PlayerConfig]):
                 raise BagError(
                     f"no subscriber of {', '.join(lonely)} within {self._config.wait_timeout_s:g} s"
                 )
-            self._stopping.wait(_POLL_S)
+            self._playback.wait(_POLL_S)
 
-    def _play(self) -> None:
-        """Publish all messages once, each at its time."""
-        start = time.monotonic_ns()
-        for stamp_ns, message in self._events():
-            if self._config.rate > 0:
-                due = start + (stamp_ns - self._begin_ns) / self._config.rate
-                self._stopping.wait(max(0.0, (due - time.monotonic_ns()) / 1e9))
-            if self._stopping.is_set():
-                return
-            self._position_ns = stamp_ns
-            if message is None:
-                self._clock_out.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
-            else:
-                self._send(self._published[message.topic], message.data)
-                self._count += 1
+    def _emit(self, stamp_ns: int, message: BagMessage | None) -> None:
+        if message is None:
+            self._clock_out.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
+        else:
+            self._send(self._published[message.topic], message.data)
+            self._count += 1
 
-    def _events(self) -> Iterator[tuple[int, BagMessage | None]]:
+    def _events(self, begin_ns: int) -> Iterator[tuple[int, BagMessage | None]]:
         """Yield messages by time, and None for a tick of /clock, before the messages of that tick."""
         tick_ns = round(1e9 / self._config.clock_hz)
-        next_tick = self._begin_ns
-        for message in self._reader.messages(self._published.keys(), self._begin_ns, self._end_ns):
+        next_tick = begin_ns
+        for message in self._reader.messages(self._published.keys(), begin_ns, self._end_ns):
             while self._clock_out is not None and next_tick <= message.log_time_ns:
                 yield next_tick, None
                 next_tick += tick_ns
@@ -219,13 +239,13 @@ class Player(SoroNode[PlayerConfig]):
 
     def _send(self, publisher: Publisher, data: bytes) -> None:
         """Publish; if the history is full (rate 0), try again until readers have received enough."""
-        while not self._stopping.is_set():
+        while not self._playback.stopped:
             try:
                 publisher.publish(data)
             except RuntimeError:
-                if self._config.rate > 0:
+                if self._playback.rate > 0:
                     raise
-                self._stopping.wait(_POLL_S)
+                self._playback.wait(_POLL_S)
             else:
                 return
 
@@ -235,7 +255,7 @@ class Player(SoroNode[PlayerConfig]):
         for publisher in self._published.values():
             # Short waits, so that Ctrl-C takes effect.
             while not publisher.wait_for_all_acked(Duration(seconds=_POLL_S)):
-                if self._stopping.is_set():
+                if self._playback.stopped:
                     return
                 if time.monotonic() > limit:
                     self.get_logger().warning(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -17,6 +17,7 @@ from soro_core.errors import ConfigError, SoroError
 from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.interfaces import definition, message_class, offered, request, topic_pattern
 from soro_ros.lifecycle import SoroNode
+from soro_ros.lost_messages import LossCounter
 from soro_ros.node_process import run_node
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
@@ -33,6 +34,7 @@ class _Stream:
     subscription: Subscription
     qos: tuple[object, object]
     known_to_bag: bool = False
+    loss: LossCounter = field(default_factory=LossCounter)
 
 
 class Recorder(SoroNode[RecorderConfig]):
@@ -59,6 +61,8 @@ class Recorder(SoroNode[RecorderConfig]):
             self._config.compression,
             ros_distro=os.environ.get("ROS_DISTRO", "jazzy"),
             custom_data=self._notes,
+            split_bytes=self._config.split_bytes,
+            split_ns=round(self._config.split_s * 1e9),
         )
         self._bag = BackgroundWriter(writer, self._config.flush_s, self._config.buffer_bytes)
         self._folder = folder
@@ -73,8 +77,8 @@ class Recorder(SoroNode[RecorderConfig]):
         self._take_the_rest()
         for stream in self._streams.values():
             self.destroy_subscription(stream.subscription)
-        self._streams.clear()
         self._close()
+        self._streams.clear()
 
     def make_safe(self) -> None:
         try:
@@ -97,11 +101,14 @@ class Recorder(SoroNode[RecorderConfig]):
             "bytes": bag.byte_count,
             "waiting_bytes": bag.waiting_bytes,
             "dropped": bag.dropped,
+            "lost": self._lost,
         }
         if bag.failure is not None:
+            if self.failure is None:
+                self.get_logger().error(f"{bag.failure}; {bag.dropped} messages are not in the bag")
             self.failure = bag.failure
             self.diagnostics.update(ERROR, str(bag.failure), values)
-        elif bag.dropped:
+        elif bag.dropped or self._lost:
             self.diagnostics.update(WARN, "messages were lost", values)
         else:
             self.diagnostics.update(OK, "recording", values)
@@ -113,9 +120,18 @@ class Recorder(SoroNode[RecorderConfig]):
         self._bag = None
         bag.close()
         lost = f", {bag.dropped} lost" if bag.dropped else ""
+        lost += "".join(f", {name}: {count} lost on the way" for name, count in self._losses().items())
         self.get_logger().info(
             f"recorded {bag.message_count} messages, {bag.byte_count} bytes in {self._folder}{lost}"
         )
+
+    @property
+    def _lost(self) -> int:
+        return sum(self._losses().values())
+
+    def _losses(self) -> dict[str, int]:
+        """Messages that were lost on the way, by topic."""
+        return {name: one.loss.lost for name, one in self._streams.items() if one.loss.lost}
 
     # Topics --------------------------------------------------------------------------------------
     def _discover(self) -> None:
@@ -137,6 +153,8 @@ class Recorder(SoroNode[RecorderConfig]):
                 self.destroy_subscription(stream.subscription)
                 stream.subscription, stream.qos = self._subscription(name, stream.type_name, offers)
             self._introduce(name, endpoints)
+            if (stream := self._streams.get(name)) is not None:
+                stream.loss.is_from(frozenset(bytes(endpoint.endpoint_gid) for endpoint in endpoints))
 
     def _is_wanted(self, name: str) -> bool:
         if any(fnmatchcase(name, pattern) for pattern in self._excluded):
@@ -163,7 +181,7 @@ class Recorder(SoroNode[RecorderConfig]):
         subscription = self.create_subscription(
             message_class(type_name),
             name,
-            lambda data: self._take(name, data),
+            lambda data: self._on_message(name, data),
             profile,
             raw=True,
         )
@@ -188,10 +206,25 @@ class Recorder(SoroNode[RecorderConfig]):
         )
 
     # Messages ------------------------------------------------------------------------------------
-    def _take(self, name: str, data: bytes) -> None:
+    def _on_message(self, name: str, data: bytes) -> None:
+        self._take(name, data)
+        if self._bag is not None and self._streams[name].loss.wants_sample:
+            self._take_one(name)
+
+    def _take_one(self, name: str) -> bool:
+        """Record a message that has arrived but is not yet processed; return whether there was one."""
+        subscription = self._streams[name].subscription
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+        if taken is not None:
+            self._take(name, taken[0], taken[1]["publication_sequence_number"])
+        return taken is not None
+
+    def _take(self, name: str, data: bytes, number: int | None = None) -> None:
         bag = self._bag
         if bag is None:
             return
+        self._streams[name].loss.receive(number)
         if not self._streams[name].known_to_bag:
             self._introduce(name, self.get_publishers_info_by_topic(name))
         # Times that never run backwards keep the order of arrival when the bag is read by time.
@@ -202,14 +235,10 @@ class Recorder(SoroNode[RecorderConfig]):
         """Record messages that have arrived but are not yet processed; their senders count on them."""
         if self._bag is None:
             return
-        for name, stream in self._streams.items():
-            handle = stream.subscription.handle
+        for name in self._streams:
             for _ in range(REST):
-                with handle:
-                    taken = handle.take_message(stream.subscription.msg_type, True)
-                if taken is None:
+                if not self._take_one(name):
                     break
-                self._take(name, taken[0])
 
 
 def _essence(profile: Any) -> tuple[object, object]:

@@ -1,0 +1,239 @@
+"""A bag as one table a topic, CSV or Parquet, and CSV files as a bag.
+
+``topics.yaml`` beside the tables says which file is which topic, of which type.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import Field
+from rclpy.serialization import serialize_message
+
+from soro_core.bag import BagReader, BagWriter, Topic
+from soro_core.bag.topics import qos_from
+from soro_core.config import Strict, parse, read_yaml
+from soro_core.errors import BagError, ConfigError
+from soro_ros.fields import Value, built
+from soro_ros.interfaces import definition, deserialised, message_class
+from soro_ros.tables import LOG_TIME, Table
+from soro_ros.units import column_of, path_of
+
+TOPICS = "topics.yaml"
+FORMATS = ("csv", "parquet")
+
+
+class TopicEntry(Strict):
+    """One topic of topics.yaml."""
+
+    file: str = Field(description="table of the topic, beside topics.yaml")
+    type: str = Field(description="type of its messages, as sensor_msgs/msg/JointState")
+    names: tuple[str, ...] = Field(
+        (), strict=False, description="names of a JointState, which its columns have"
+    )
+    qos: str = Field("", description="quality of service that its publishers offered")
+
+
+def to_tables(
+    bag: Path, folder: Path, form: str, topics: Sequence[str], say: Callable[[str], None]
+) -> dict[str, int]:
+    """Write a bag as one table a topic.
+
+    Parameters
+    ----------
+    bag : Path
+    folder : Path
+        New folder of the tables.
+    form : str
+        One of `FORMATS`.
+    topics : sequence of str
+        Names or patterns; empty: all.
+    say : callable
+        Takes a line for each topic that is left out.
+
+    Returns
+    -------
+    dict of str to int
+        Rows of each file.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read, or has no such topic.
+    """
+    from soro_ros.table_files import WRITERS
+
+    rows: dict[str, int] = {}
+    with BagReader(bag) as reader, ExitStack() as open_files:
+        wanted = _wanted(reader, topics)
+        for problem in reader.problems:
+            say(f"the bag is damaged: {problem}")
+        tables = [table for topic in wanted if (table := _table(reader, topic, say)) is not None]
+        _make(folder)
+        entries: dict[str, Any] = {}
+        for table in tables:
+            file = f"{table.topic.strip('/').replace('/', '.')}.{form}"
+            headings: dict[str, type[Value]] = {LOG_TIME: int, **table.headings()}
+            writer = open_files.enter_context(WRITERS[form](folder / file, headings))
+            topic = reader.topic(table.topic)
+            entries[table.topic] = TopicEntry(
+                file=file,
+                type=topic.type,
+                names=tuple(table.names or ()),
+                qos=yaml.safe_dump([one.as_map() for one in topic.qos], default_flow_style=True).strip(),
+            ).model_dump(exclude_defaults=True, mode="json")
+            rows[file] = 0
+            for message in reader.messages([table.topic]):
+                found = deserialised(message.data, table.kind, bag, table.topic)
+                writer.write({LOG_TIME: message.log_time_ns, **table.row(found)})
+                rows[file] += 1
+        (folder / TOPICS).write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
+    return rows
+
+
+def to_bag(folder: Path, bag: Path) -> int:
+    """Write the CSV files of a folder as a bag; return the number of messages.
+
+    Raises
+    ------
+    ConfigError
+        If topics.yaml or a file is wrong: naming file, line, column and what is allowed.
+    BagError
+        If the bag cannot be written.
+    """
+    data = read_yaml(folder / TOPICS)
+    where = str(folder / TOPICS)
+    entries: dict[str, TopicEntry] = {}
+    for name, entry in data.items():
+        if not isinstance(entry, dict):
+            raise ConfigError(where, name, entry, "file and type")
+        entries[name] = parse(entry, TopicEntry, f"{where}: {name}")
+    messages = [item for name, entry in entries.items() for item in _read(folder, name, entry)]
+    messages.sort(key=lambda item: item[0])
+    with BagWriter(bag) as writer:
+        for name, entry in entries.items():
+            about = definition(entry.type)
+            qos = qos_from(entry.qos, where)
+            writer.add_topic(Topic(name, entry.type, about.text, about.encoding, about.type_hash, qos))
+        for log_time_ns, name, content in messages:
+            writer.write(name, content, log_time_ns)
+    return len(messages)
+
+
+def _wanted(reader: BagReader, patterns: Sequence[str]) -> list[Topic]:
+    for pattern in patterns:
+        if not any(fnmatchcase(topic.name, pattern) for topic in reader.topics):
+            reader.topic(pattern)  # names those that there are
+    return [
+        topic
+        for topic in reader.topics
+        if not patterns or any(fnmatchcase(topic.name, pattern) for pattern in patterns)
+    ]
+
+
+def _table(reader: BagReader, topic: Topic, say: Callable[[str], None]) -> Table | None:
+    """Return the table of a topic with its columns; None of one that has none."""
+    kind = message_class(topic.type)
+    if kind is None or topic.serialization_format != "cdr":
+        say(f"left out: {topic.name}: type {topic.type} is not installed")
+        return None
+    table = Table(topic.name, kind)
+    try:
+        table.learn(
+            deserialised(item.data, kind, reader.path, topic.name) for item in reader.messages([topic.name])
+        )
+    except ValueError as error:
+        say(f"left out: {topic.name}: {error}")
+        return None
+    return table
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise BagError("exists already; name a new folder", folder, "exists") from None
+    except OSError as error:
+        raise BagError(f"cannot be written: {error.strerror}", folder, "disk") from None
+
+
+def _read(folder: Path, topic: str, entry: TopicEntry) -> Iterator[tuple[int, str, bytes]]:
+    """Yield log time [ns], topic and serialised message of each row."""
+    where, kind = folder / entry.file, message_class(entry.type)
+    if kind is None:
+        raise ConfigError(str(folder / TOPICS), f"{topic}.type", entry.type, "a type that is installed")
+    try:
+        stream = where.open(newline="", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(str(where), "", error.strerror, "a CSV file") from None
+    with stream:
+        lines = csv.reader(stream, strict=True)
+        try:
+            headings = next(lines, [])
+            paths = _paths(where, topic, headings, entry, kind)
+            for cells in lines:
+                yield _message(f"{where}: line {lines.line_num}", topic, cells, paths, entry, kind)
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise ConfigError(str(where), f"line {lines.line_num}", str(error), "CSV in UTF-8") from None
+
+
+def _paths(where: Path, topic: str, headings: list[str], entry: TopicEntry, kind: type[Any]) -> list[str]:
+    """Return the path of each column."""
+    if LOG_TIME not in headings:
+        raise ConfigError(str(where), "columns", ", ".join(headings), f"{LOG_TIME} among them")
+    paths: list[str] = []
+    for heading in headings:
+        path = heading if heading == LOG_TIME else path_of(topic, heading)
+        if not path:
+            begins = (
+                heading[:end] for end in range(len(heading), 0, -1) if heading[end : end + 1] in ("", "_")
+            )
+            known = next((begin for begin in begins if _is_value(begin, entry, kind)), heading)
+            raise ConfigError(str(where), "column", heading, column_of(topic, known))
+        if path != LOG_TIME and not _is_value(path, entry, kind):
+            allowed = f"a value of {entry.type}" + (f", of {', '.join(entry.names)}" if entry.names else "")
+            raise ConfigError(str(where), "column", heading, allowed)
+        if path in paths:
+            raise ConfigError(str(where), "column", heading, "each column once")
+        paths.append(path)
+    return paths
+
+
+def _is_value(path: str, entry: TopicEntry, kind: type[Any]) -> bool:
+    """Whether a message has a value of this path."""
+    try:
+        built(kind, {path: "1"}, entry.names)
+    except KeyError:
+        return False
+    except ValueError:  # an element that others come before, or a text
+        return True
+    return True
+
+
+def _message(
+    where: str, topic: str, cells: list[str], paths: list[str], entry: TopicEntry, kind: type[Any]
+) -> tuple[int, str, bytes]:
+    if len(cells) != len(paths):
+        raise ConfigError(where, "", f"{len(cells)} cells", f"{len(paths)}, as the first line has")
+    values = dict(zip(paths, cells, strict=True))
+    time_text = values.pop(LOG_TIME)
+    if not time_text.isdigit() or int(time_text) >= 2**63:
+        raise ConfigError(where, LOG_TIME, time_text, "nanoseconds, 0 to 2^63 - 1")
+    given = {path: text for path, text in values.items() if text != ""}
+    names = entry.names if any(path.partition(".")[0] in _NAMED for path in given) else ()
+    try:
+        return int(time_text), topic, bytes(serialize_message(built(kind, given, names)))
+    except (ValueError, AssertionError, OverflowError) as error:  # a number outside its type
+        raise ConfigError(where, "", str(error).splitlines()[0], f"a value of {entry.type}") from None
+    except KeyError as error:
+        raise ConfigError(where, str(error.args[0]), "", f"a value of {entry.type}") from None
+
+
+# Sequences of a JointState whose elements have the names of its joints.
+_NAMED = ("position", "velocity", "effort")

@@ -11,6 +11,7 @@ Damping is one retardation time of 1 s: more, in an arm that moves this slowly, 
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -18,9 +19,18 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 
-from benchmarks.identified_asu import ROBOT, differences, is_driven, is_frozen, is_held_out
+from benchmarks.identified_asu import (
+    ROBOT,
+    cells,
+    differences,
+    is_driven,
+    is_frozen,
+    is_held_out,
+    rms,
+    squares,
+)
 from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
 from soro_core.identification.arm.numbers import Number, numbers_of, with_numbers
@@ -66,18 +76,8 @@ def errors(arm: SoftArm, recording: Recording) -> Array:
     return np.concatenate([(off / size).ravel() / np.sqrt(len(off)) for off, size in parts])
 
 
-def main() -> None:
-    """Fit, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("data", type=Path, help="folder with 2023_*.csv")
-    arguments = parser.parse_args()
-    robot = load_robot(GUESS)
-    read = (read_csv(file, ROBOT, robot) for file in sorted(arguments.data.glob("2023_*.csv")))
-    runs = [r for r in read if is_driven(r) and not is_frozen(r) and not is_held_out(r.name)]
-    print(f"{len(runs)} runs: {', '.join(run.name for run in runs)}")
-    numbers = [n for n in numbers_of(robot).values() if n.name.split("/", 1)[1] in SEARCHED]
+def fit(robot: Robot, numbers: Sequence[Number], runs: Sequence[Recording]) -> OptimizeResult:
+    """Return the result of least squares; its `x` (n,) is what `changed` takes."""
     size = sum(errors(SoftArm(damped(robot)), run).size for run in runs)
 
     def residuals(x: Array) -> Array:
@@ -89,22 +89,59 @@ def main() -> None:
             return np.full(size + len(x), HOPELESS)
         return np.concatenate([*parts, x])
 
-    x0 = np.zeros(len(numbers))
-    found = least_squares(residuals, x0, diff_step=1e-3, x_scale=0.3, ftol=1e-4, max_nfev=30)
+    return least_squares(
+        residuals, np.zeros(len(numbers)), diff_step=1e-3, x_scale=0.3, ftol=1e-4, max_nfev=30
+    )
+
+
+def session(name: str) -> str:
+    """Return the day of a run."""
+    return re.match(r"2023_([a-z]+_?\d+)_", name)[1]  # type: ignore[index]
+
+
+def by_session(robot: Robot, numbers: Sequence[Number], runs: Sequence[Recording]) -> None:
+    """Print the error of each session by a fit to all others, and that of all of them."""
+    found: list[Array] = []
+    for day in dict.fromkeys(session(run.name) for run in runs):
+        others = [run for run in runs if session(run.name) != day]
+        arm = SoftArm(changed(robot, numbers, fit(robot, numbers, others).x))
+        own = [squares(arm, run) for run in runs if session(run.name) == day]
+        found += own
+        print(f"{day}: {', '.join(cells(rms(own)))}")
+    print(f"all: {', '.join(cells(rms(found)))}  (tip, length 0 and 1 in mm)")
+
+
+def main() -> None:
+    """Fit, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("data", type=Path, help="folder with 2023_*.csv")
+    parser.add_argument(
+        "--by-session",
+        action="store_true",
+        help="leave each session out in turn, of even and odd runs, and print its error",
+    )
+    arguments = parser.parse_args()
+    robot = load_robot(GUESS)
+    numbers = [n for n in numbers_of(robot).values() if n.name.split("/", 1)[1] in SEARCHED]
+    read = (read_csv(file, ROBOT, robot) for file in sorted(arguments.data.glob("2023_*.csv")))
+    runs = [run for run in read if is_driven(run) and not is_frozen(run)]
+    if arguments.by_session:
+        by_session(robot, numbers, runs)
+        return
+    runs = [run for run in runs if not is_held_out(run.name)]
+    print(f"{len(runs)} runs: {', '.join(run.name for run in runs)}")
+    found = fit(robot, numbers, runs)
     print(f"{found.nfev} steps, cost {found.cost:.2f}")
-    cover = np.linalg.inv(found.jac.T @ found.jac)
     best = changed(robot, numbers, found.x)
-    for number, x, variance in zip(numbers, found.x, np.diag(cover), strict=True):
-        is_factor, deviation = number.kind == "factor", DOUBT * number.doubt * np.sqrt(variance)
-        value = (
-            number.value * np.exp(DOUBT * number.doubt * x)
-            if is_factor
-            else numbers_of(best)[number.name].value
-        )
-        print(
-            f"{number.name} {value:.4g} +- "
-            + (f"{100 * deviation:.2g} %" if is_factor else f"{deviation:.2g}")
-        )
+    spread = DOUBT * np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    for number, x, part in zip(numbers, found.x, spread, strict=True):
+        step, size = DOUBT * float(x) * number.doubt, float(part) * number.doubt
+        if number.kind == "factor":
+            print(f"{number.name} {number.value * np.exp(step):.4g} +- {100 * size:.2g} %")
+        else:
+            print(f"{number.name} {number.value + step:.4g} +- {size:.2g}")
     for link in best.links:
         stiffness = f"k_e: [{link.k_e[0]:.4g}, 0.0, 0.0]  k_b: [{link.k_b[0]:.4g}, 0.0, 0.0]"  # type: ignore[index]
         print(f"{stiffness}  damping: [{', '.join(f'{d:.4g}' for d in link.damping)}]")

@@ -49,11 +49,11 @@ def run(options: Options) -> str:
         "all": list(errors),
     }
     rows = [
-        [name, len(runs), *_cells(_rms([errors[n] for n in runs]))] for name, runs in groups.items() if runs
+        [name, len(runs), *cells(rms([errors[n] for n in runs]))] for name, runs in groups.items() if runs
     ]
     for name, own in errors.items():
         kind = ("held out" if name in held else "fitted") + (", frozen" if name in frozen else "")
-        rows.append([name, kind, *_cells(_rms([own]))])
+        rows.append([name, kind, *cells(rms([own]))])
     header = ("runs", "number", f"tip, % of {1e3 * RANGE_M:.0f} mm", "length 0, mm", "length 1, mm")
     text = (
         "RMS over runs of the RMS over samples; each run begins at the balance of its first pressures. Left "
@@ -98,9 +98,11 @@ def differences(arm: SoftArm, recording: Recording) -> tuple[Array, Array, Array
     return where[1] - tip.position, where[0] - seen, upper, lower
 
 
-def _rms(parts: Sequence[Array]) -> Array:
+def rms(parts: Sequence[Array]) -> Array:
+    """Return the roots (3,) [m] of the means of `squares` over runs."""
     return np.asarray(np.sqrt(np.mean(parts, axis=0)))
 
 
-def _cells(rms: Array) -> list[str]:
-    return [f"{100 * rms[0] / RANGE_M:.2f} %", f"{1e3 * rms[1]:.1f}", f"{1e3 * rms[2]:.1f}"]
+def cells(errors: Array) -> list[str]:
+    """Return the tip in parts of its range, and lengths [mm], as they are shown."""
+    return [f"{100 * errors[0] / RANGE_M:.2f} %", f"{1e3 * errors[1]:.1f}", f"{1e3 * errors[2]:.1f}"]

@@ -185,6 +185,7 @@ def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytes
     ended = replace(found, interrupted=True)
     result = _end(ended, monkeypatch, "--accept", "100", "--report", "page")
     assert result.exit_code == 130
+    assert "their own error is not known" in result.output
     assert "INTERRUPTED" in (here / "new.yaml").read_text(encoding="utf-8")
     assert (here / "page" / "index.html").exists()
 

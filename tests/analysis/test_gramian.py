@@ -77,7 +77,7 @@ def test_the_gramian_is_that_of_simulated_motions(moved, name, figure):
     columns, q0, v0 = [], window.states[0].q, window.states[0].qd
     for i in range(2 * n):
         e = np.zeros(2 * n)
-        # Velocities of links with much damping show little: smaller steps show where Newton's iteration ended.
+        # Damped velocities show little: with smaller steps the end of Newton's iteration shows more.
         e[i] = 1e-5 if i < n else 1e-2
         slope = outputs(q0 + e[:n], v0 + e[n:]) - outputs(q0 - e[:n], v0 - e[n:])
         columns.append(slope / (2.0 * e[i]))

@@ -42,7 +42,7 @@ def run(options: Options) -> str:
     frozen = {r.name for r in used if is_frozen(r)}
     held = [name for name in errors if is_held_out(name)]
     groups = {
-        "fitted": [name for name in errors if name not in held],
+        "fitted": [name for name in errors if name not in held and name not in frozen],
         "held out, no sensor frozen": [name for name in held if name not in frozen],
         "held out": held,
         "all, no sensor frozen": [name for name in errors if name not in frozen],
@@ -52,14 +52,15 @@ def run(options: Options) -> str:
         [name, len(runs), *cells(rms([errors[n] for n in runs]))] for name, runs in groups.items() if runs
     ]
     for name, own in errors.items():
-        kind = ("held out" if name in held else "fitted") + (", frozen" if name in frozen else "")
+        kind = "held out" if name in held else "not fitted" if name in frozen else "fitted"
+        kind += ", frozen" if name in frozen else ""
         rows.append([name, kind, *cells(rms([own]))])
     header = ("runs", "number", f"tip, % of {1e3 * RANGE_M:.0f} mm", "length 0, mm", "length 1, mm")
     text = (
         "RMS over runs of the RMS over samples; each run begins at the balance of its first pressures. Left "
-        "out: runs without a change of set points; held out: those with an even number. Frozen: one reading "
-        "over more than a second, while what drives the sensor moves or its noise has stopped. "
-        f"Goal: {_GOAL}."
+        "out: runs without a change of set points. Held out: those with an even number. Fitted: the others "
+        "without a frozen sensor. Frozen: one reading over more than a second, while what drives the sensor "
+        f"moves or its noise has stopped. Goal: {_GOAL}."
     )
     return f"{text}\n\n{table(header, rows)}"
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
+from benchmarks.timing import all_cores
 from soro_core.bag import BackgroundWriter, BagReader, BagWriter, Topic
 
 TITLE = "Recording"
@@ -56,17 +57,11 @@ print(sent, took)
 
 def run(options: Options) -> str:
     """Write and record, and report."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(
-        0, range(os.cpu_count() or 1)
-    )  # writer, publisher and recorder are programs of their own
-    try:
+    with all_cores():  # writer, publisher and recorder are programs of their own
         writers = [_writer_row(size, options) for size in SIZES_B]
         recorders = [
             row for reliability in ("reliable", "best_effort") for row in _recorder_rows(reliability, options)
         ]
-    finally:
-        os.sched_setaffinity(0, before)
     wrote = ["message, B", "asked, 1/s", "written", "lost", f"at {TARGET_HZ} 1/s", "CPU", "most waiting, MB"]
     wrote += ["as fast as it can, 1/s"]
     recorded = ["publisher", "sent, 1/s", "sent", "recorded", "lost", "of them reported"]

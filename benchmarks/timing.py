@@ -13,11 +13,24 @@ from functools import partial
 @contextlib.contextmanager
 def one_core() -> Iterator[None]:
     """Run on one core: no library can use a second one, and no run moves between cores."""
+    with _on({max(os.sched_getaffinity(0))} if hasattr(os, "sched_getaffinity") else set()):
+        yield
+
+
+@contextlib.contextmanager
+def all_cores() -> Iterator[None]:
+    """Run on all cores, in a section of programs that a user starts as they are."""
+    with _on(set(range(os.cpu_count() or 1))):
+        yield
+
+
+@contextlib.contextmanager
+def _on(cores: set[int]) -> Iterator[None]:
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
     before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(before)})
+    os.sched_setaffinity(0, cores)
     try:
         yield
     finally:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.options import Options
 from benchmarks.report import table
+from benchmarks.timing import all_cores
 from tests.ros.whole_way import ARMS, NewArm, walk
 
 TITLE = "From a description to a controlled arm"
@@ -16,7 +17,8 @@ TITLE = "From a description to a controlled arm"
 
 def run(options: Options) -> str:
     """Measure and write."""
-    rows = [_row(arm, options) for arm in options.pick(ARMS, ())]
+    with all_cores():
+        rows = [_row(arm, options) for arm in options.pick(ARMS, ())]
     head = ["arm", "numbers that the data determine", "of them right", "open", "tip, % of the length", "min"]
     return "\n\n".join(
         [

@@ -263,7 +263,9 @@ def _determined(
     kept: dict[str, tuple[str, ...]] = {}
     whole = problem
     while True:
-        solution = solve(problem, start, options.most, _LAST, partial(progress, "all data"))
+        told, again = partial(progress, "all data"), bool(kept)
+        # What is taken out was open, so the others hardly move.
+        solution = solve(problem, start, options.most, _LAST, told, secant=again)
         if solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
             break
         open_ = not_determined(problem, solution)

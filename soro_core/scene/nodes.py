@@ -116,7 +116,7 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
     state_age_s: float = Field(
         0.1, gt=0, le=1, description="longest age of a state; the controller ignores older ones"
     )
-    # Without a scene nobody has chosen a motion.
+    # A controller that is started alone has no scene that states a motion, so it holds the arm.
     control: ControllerConfig = Field(
         ControllerConfig(reference=ReferenceConfig(kind="hold")), description="the law and its reference"
     )

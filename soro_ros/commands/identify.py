@@ -136,10 +136,6 @@ def identify(
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError("soro identify", "--out", str(out), "a name that ends with .yaml")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError("soro identify", "--out", str(out), f"a folder to write to: {error}") from None
     names = [law.name for law in LAWS] if laws is None else [name.strip() for name in laws.split(",")]
     if names == ["none"]:
         names = []
@@ -179,6 +175,10 @@ def identify(
         hold_out=tuple(hold_out or ()),
         keep=tuple(name.strip() for name in keep.split(",")) if keep else (),
     )
+    try:  # before the search, which takes minutes
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError("soro identify", "--out", str(out), f"a folder to write to: {error}") from None
     bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console)
     stages: list[str] = []
     with bar:

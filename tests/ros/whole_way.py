@@ -194,10 +194,10 @@ def compare(described: Robot, true: Robot, output: str) -> tuple[tuple[Number, .
 
 def _of(known: Mapping[str, float], name: str) -> float:
     """Return a number, or a ratio ``a:b`` or product ``a*b`` of two."""
-    first, sign, second = re.fullmatch(r"([^:*]+)([:*]?)(.*)", name).groups()  # type: ignore[union-attr]
-    if not sign:
-        return known[first]
-    return known[first] / known[second] if sign == ":" else known[first] * known[second]
+    if ":" in name:
+        first, second = name.split(":")
+        return known[first] / known[second]
+    return float(np.prod([known[each] for each in name.split("*")]))
 
 
 def chamber_gains(described: Robot, true: Robot) -> dict[str, float]:

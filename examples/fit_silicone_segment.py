@@ -4,8 +4,8 @@
 
 DATA_FOLDER holds step_A_*.csv and step_C_*.csv. The pressure was not recorded, so the fit looks at figures
 that hardly depend on how it rose: how far the tip is at the end of a fill, and frequency and damping ratio of
-each sound ring-down. The chamber is of rubber: its area grows with the pressure, (57) of docs/model.md, and
-with the strain. Runs that `is_held_out` names are not read into the fit.
+each sound ring-down. The chamber is of rubber: its area grows with the pressure, (57) of docs/model.md. Runs
+that `is_held_out` names are not read into the fit.
 """
 
 from __future__ import annotations
@@ -40,17 +40,14 @@ MAPS = {"step_A": "srl_step_a", "step_C": "srl_step_c"}
 DOWN = np.array([1.0, 0.0, 0.0])
 # Expected relative errors of a displacement, and of frequency and damping ratio: the goals on unseen runs.
 MOVED, RING = 0.06, np.array([0.03, 0.09])
-# Where the search begins; each number is searched by its logarithm. `force`: gain over k_b at a fibre strain
-# of REFERENCE, that of 300 mbar. Gain, slope and k_b by themselves trade against each other.
+# Where the search begins; each number is searched by its logarithm. `force`: gain over k_b.
 START = {
     "force": 3.0,
     "k_b": 0.22,
     "dead_band": 2400.0,
     "damping_b": 6e-6,
-    "swell": 3e-5,
-    "area_slope": 5.0,
+    "swell": 1.5e-5,
 }
-REFERENCE = 0.035
 # A candidate that cannot be simulated, or does not ring, is so many expected errors off.
 HOPELESS = 30.0
 
@@ -58,7 +55,7 @@ HOPELESS = 30.0
 def numbers(x: np.ndarray) -> dict[str, float]:
     """Return the numbers of a robot for a candidate (n,), 1 at the start."""
     found = {key: value * float(np.exp(v - 1.0)) for (key, value), v in zip(START.items(), x, strict=True)}
-    found["gain"] = found.pop("force") * found["k_b"] * float(np.exp(-REFERENCE * found["area_slope"]))
+    found["gain"] = found.pop("force") * found["k_b"]
     return {f"link0/{key}": value for key, value in found.items()}
 
 

@@ -38,7 +38,8 @@ def acting(t: Tables, u: int, pressure: float) -> float:
     band: float = t.dead_band[u]
     swell: float = t.swell[u]
     beyond = max(pressure - band, 0.0) + min(pressure + band, 0.0)
-    return beyond * math.exp(swell * abs(beyond)) if swell else beyond
+    room = 1.0 - swell * abs(beyond)  # (57)
+    return beyond / room if room > 0.0 else math.copysign(math.inf, beyond)
 
 
 @inner
@@ -47,7 +48,7 @@ def acting_rate(t: Tables, u: int, pressure: float) -> float:
     band: float = t.dead_band[u]
     swell: float = t.swell[u]
     beyond = abs(pressure) - band
-    return 0.0 if beyond < 0.0 else (1.0 + swell * beyond) * math.exp(swell * beyond)
+    return 0.0 if beyond < 0.0 else 1.0 / (1.0 - swell * beyond) ** 2
 
 
 @inner

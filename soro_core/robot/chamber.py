@@ -47,7 +47,7 @@ class Chamber(Strict):
         0.0,
         ge=0,
         le=1e-4,
-        description="the area grows as exp(swell_per_pa * pressure beyond the dead band) [1/Pa]",
+        description="the area grows as 1 / (1 - swell_per_pa * pressure beyond the dead band) [1/Pa]",
     )
 
     @field_validator("offset_m")
@@ -82,6 +82,11 @@ class Chamber(Strict):
         if value != 0.0 and info.data.get("area_slope") == 0.0:
             raise ValueError("0 where area_slope is 0: the area does not grow then")
         return value
+
+    @property
+    def burst_pa(self) -> float:
+        """Gauge pressure at which the area has no bound any more [Pa]; infinite where none swells it."""
+        return self.dead_band_pa + 1.0 / self.swell_per_pa if self.swell_per_pa else float("inf")
 
     def gains(self, length: float, whole: float) -> tuple[float, float]:
         """Generalised force per pressure on elongation [m^3] and curvature [m^4] of a link along it.

@@ -41,7 +41,7 @@ class Robot(Strict):
         "deformed", description="angle that the law k_b acts on"
     )
     pressure_range_pa: Vector2 = Field(
-        (0.0, 90e3), description="lowest and highest gauge pressure of the chambers"
+        (0.0, 90e3), description="lowest and highest gauge pressure of the chambers", validate_default=True
     )
     calibration: Calibration = Calibration()
     refinement: int = Field(
@@ -52,9 +52,13 @@ class Robot(Strict):
 
     @field_validator("pressure_range_pa")
     @classmethod
-    def _range(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+    def _range(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
         if not -101325.0 <= value[0] < value[1]:
             raise ValueError("[lowest, highest] with -101325 <= lowest < highest")
+        chambers = [c for link in info.data.get("links", ()) for c in link.chambers]
+        burst = min((c.burst_pa for c in chambers), default=float("inf"))
+        if max(abs(value[0]), value[1]) >= burst:
+            raise ValueError(f"pressures below {burst:.6g} Pa, where dead_band_pa and swell_per_pa end")
         return value
 
     @field_validator("point_masses", "wrench_places")

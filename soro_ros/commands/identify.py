@@ -119,7 +119,6 @@ def identify(
     far. See docs/identification.md.
     """
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from soro_core.identification.arm.laws import LAWS, NAMED
     from soro_core.identification.arm.physical import check_described
@@ -131,6 +130,7 @@ def identify(
     from soro_core.robot import load_robot
     from soro_ros.commands.identify_air import AirStage, sources
     from soro_ros.identify_report import ReportOptions, write
+    from soro_ros.search_progress import SearchProgress
 
     if out.exists() and not force:
         raise ConfigError("soro identify", "--out", str(out), "a file that does not exist, or --force")
@@ -179,18 +179,8 @@ def identify(
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError("soro identify", "--out", str(out), f"a folder to write to: {error}") from None
-    bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console)
-    stages: list[str] = []
-    with bar:
-        task = bar.add_task("states at rest", total=None)
-
-        def show(stage: str, cost: float) -> None:
-            bar.update(task, description=f"{stage}: {cost:.4g}")
-            if not console.is_terminal and stage not in stages[-1:]:  # a file gets a line for each stage
-                stages.append(stage)
-                console.print(stage, highlight=False, markup=False)
-
-        found = search(described, read, options, show)
+    with SearchProgress(console, len(options.laws)) as progress:
+        found = search(described, read, options, progress.show)
     if found.choice is not None:
         for trial in found.choice.tried:
             mark = "*" if trial is found.choice.chosen else " "

@@ -121,3 +121,12 @@ def test_six_link_benchmark_error_falls_with_steps():
     ]
     assert errors[0] > 4 * errors[1] > 12 * errors[2]
     assert errors[1] < 0.01
+
+
+@pytest.mark.parametrize("keys", [{}, {"pressure_range_pa": [0.0, 6e4]}, {"pressure_range_pa": [-6e4, 0.0]}])
+def test_a_range_that_bursts_a_chamber_is_refused(keys):
+    chamber = {"angle_rad": 0.0, "area_m2": 1e-4, "offset_m": 0.01, "dead_band_pa": 5e3, "swell_per_pa": 2e-5}
+    link = {**PLAIN, "chambers": [chamber]}
+    assert robot_from_dict({"links": [link], "pressure_range_pa": [-5e4, 5.4e4]}).n_u == 1
+    with refused("pressure_range_pa", names=("55000 Pa",)):
+        robot_from_dict({"links": [link], **keys})

@@ -129,7 +129,7 @@ def _of_link(robot: Robot, link: Link, name: str) -> Iterator[Number]:
         band, most = max(c.dead_band_pa for c in link.chambers), max(robot.pressure_range_pa)
         yield Number(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
         swell = max(c.swell_per_pa for c in link.chambers)
-        yield Number(f"{name}/swell", swell, "1/Pa", "shift", 1.0 / most, 0.0, 1e-4)
+        yield Number(f"{name}/swell", swell, "1/Pa", "shift", 0.3 / most, 0.0, min(0.9 / most, 1e-4))
         for j in range(1, len(link.chambers)):
             yield factor(f"chamber{j}/gain", 1.0, "of the file", 0.15)
             yield factor(f"chamber{j}/arm", 1.0, "of the file", 0.15)

@@ -1,0 +1,31 @@
+"""The bar of `soro identify`: it counts searches, and grows where more laws help than it expects."""
+
+import io
+
+from rich.console import Console
+
+from soro_ros.search_progress import SearchProgress
+
+
+def shown(stages, laws, is_terminal):
+    text = io.StringIO()
+    console = Console(file=text, force_terminal=is_terminal, width=120, legacy_windows=False)
+    with SearchProgress(console, laws) as progress:
+        for stage in stages:
+            for cost in (2.0, 0.5):
+                progress.show(stage, cost)
+    return text.getvalue()
+
+
+def test_a_terminal_sees_stage_cost_and_how_many_searches_are_done():
+    text = shown(["rest", "linear", "creep", "all data"], 1, True)
+    assert "all data: 0.5" in text
+    assert "3 of about 8" in text
+
+
+def test_the_bar_grows_where_more_is_searched_than_expected():
+    assert "5 of about 6" in shown([str(k) for k in range(6)], 0, True)
+
+
+def test_a_file_gets_a_line_for_each_search():
+    assert shown(["rest", "linear", "all data"], 0, False).splitlines() == ["rest", "linear", "all data"]

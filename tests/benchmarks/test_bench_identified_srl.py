@@ -24,4 +24,4 @@ def test_held_out_runs_are_met_as_the_file_states(data: Path, figure: Callable[[
     ]
     found = medians(held)
     figure(f"{ROBOT}, held out: frequency, damping ratio, end {np.round(100 * found, 1)} %")
-    np.testing.assert_allclose(found, [0.012, 0.057, 0.073], atol=0.002)
+    np.testing.assert_allclose(found, [0.011, 0.065, 0.040], atol=0.002)

@@ -11,8 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 class SearchProgress:
     """A bar that counts searches; without a terminal, a line for each.
 
-    How many there will be shows only at the end: laws are added as long as they help. The bar expects that one
-    law helps and a second one does not; it grows where more help.
+    How many there will be shows only at the end: laws are added as long as they help. The bar expects that
+    one law helps and a second one does not; it grows where more help.
 
     Parameters
     ----------

@@ -106,7 +106,7 @@ class Tables(NamedTuple):
     dead_band: Array
     """Pressure that each chamber takes before any of it acts [Pa], (n_u,)."""
     swell: Array
-    """1 over the pressure beyond its dead band at which the area of each chamber is infinite [1/Pa], (n_u,)."""
+    """1 over the pressure beyond its dead band at which each chamber's area is infinite [1/Pa], (n_u,)."""
     axial_gain: Array
     """Area times length of each chamber along each link, (n, n_u)."""
     internal_kind: Integers

@@ -13,6 +13,7 @@ from rclpy.timer import Timer
 
 from soro_core.config import Strict
 from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
+from soro_ros.clock_watch import ClockWatch
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.parameters import NodeWithParameters, declare, overrides, read
 
@@ -38,7 +39,8 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
         declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.diagnostics = Diagnostics(self)
-        self.create_timer(1.0, self._publish_diagnostics, clock=self.steady_clock)
+        self.clock_watch = ClockWatch(self)
+        self.create_timer(1.0, self._each_second, clock=self.steady_clock)
         self.failure: SoroError | None = None
         self.finished = False
         self.stopping: list[int] = []  # signals that interrupt the start
@@ -210,7 +212,8 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.destroy_timer(timer)
         self._timers_active.clear()
 
-    def _publish_diagnostics(self) -> None:
+    def _each_second(self) -> None:
+        self.clock_watch.check()
         if self._configured:
             self.diagnose()
         self.diagnostics.publish()

@@ -41,6 +41,7 @@ class RecorderConfig(Strict):
     buffer_bytes: int = Field(
         2**28, ge=2**16, description="messages are dropped when more waits for the disk [B]"
     )
+    paused: bool = Field(False, description="begin paused: ~/resume starts it")
     notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
 
 

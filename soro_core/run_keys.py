@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 from soro_core.config import Floats, Strict
 from soro_core.robot import Discretisation
 from soro_core.safety import Limits
+from soro_core.start_keys import StartKeys
 
 Mode: TypeAlias = Literal["real_time", "lockstep"]
 Priority: TypeAlias = Annotated[
@@ -83,10 +84,8 @@ class PlaceKeys(Strict):
         return check_places(values)
 
 
-class NodeKeys(ClockKeys):
+class NodeKeys(ClockKeys, StartKeys):
     """Keys of every node of the loop."""
-
-    autostart: bool = Field(True, description="configure and activate at start")
 
 
 class ArmNodeKeys(NodeKeys, RobotKeys):

@@ -170,8 +170,11 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.get_logger().error(str(error) if known else traceback.format_exc())
             self.diagnostics.update(ERROR, str(self.failure))
             return TransitionCallbackReturn.FAILURE
+        status, failure = self.diagnostics.status, self.failure
         self.failure = None
-        if self.diagnostics.status.level == OK:
+        # An earlier failure is over, unless this is the end of the node.
+        recovered = failure is not None and status.message == str(failure) and name != "finalized"
+        if recovered or status.level == OK:
             self.diagnostics.update(OK, name)
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS

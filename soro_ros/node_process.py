@@ -27,6 +27,7 @@ LEAVE_S = 10
 def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) -> None:
     """Run one node as a process: exit 0 after a clean end, 2 on a wrong configuration, 1 on a failure.
 
+    A wrong command line ends it at once, a start that fails only with the parameter `end_on_failed_start`.
     SIGINT and SIGTERM are handled here and not by rclpy, whose handler shuts the context down before
     Python runs, so that a safe state could no longer be announced.
     """
@@ -96,13 +97,23 @@ def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:
 
 
 def _start(node: SoroNode[Config], stopping: list[int]) -> None:
-    """Configure and activate the node, if `autostart` is true."""
+    """Configure and activate the node, if `autostart` is true.
+
+    If that fails the node stays, as others in ROS, unless it is to end then.
+    """
     node.stopping = stopping
     try:
         if node.get_parameter_or("autostart").value:
             node.trigger_configure()
-            if node.failure is None:
+            failed = "configure" if node.failure is not None else ""
+            if not failed:
                 node.trigger_activate()
+                failed = "activate" if node.failure is not None else ""
+            if failed and node.get_parameter_or("end_on_failed_start").value:
+                node.finish()
+            if failed and not node.finished:
+                again = f"ros2 lifecycle set {node.get_fully_qualified_name()} {failed}"
+                node.get_logger().info(f"waiting for another try: {again}")
     finally:
         node.stopping = []  # later errors are no interrupts
 
@@ -110,7 +121,7 @@ def _start(node: SoroNode[Config], stopping: list[int]) -> None:
 def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
     from rclpy.experimental.events_executor import EventsExecutor
 
-    if node.failure is not None:
+    if node.finished:
         return
     executor = EventsExecutor()
     executor.add_node(node)

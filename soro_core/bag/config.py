@@ -6,13 +6,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from soro_core.config import Strict, Strings
+from soro_core.config import Strings
+from soro_core.start_keys import StartKeys
 
 
-class RecorderConfig(Strict):
+class RecorderConfig(StartKeys):
     """Parameters of the recorder."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     folder: str = Field(
         "", description="folder of the new bag; empty: bag-<date>-<time> in the current folder"
     )
@@ -45,10 +45,9 @@ class RecorderConfig(Strict):
     notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
 
 
-class PlayerConfig(Strict):
+class PlayerConfig(StartKeys):
     """Parameters of the player."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     bag: str = Field("", description="folder of the bag, or an .mcap file")
     rate: float = Field(
         1.0,

@@ -104,13 +104,17 @@ def _start(node, configure):
         goal_state="inactive",
         entities=[_change(node, Transition.TRANSITION_ACTIVATE)],
     )
-    refused = OnStateTransition(
-        target_lifecycle_node=node,
-        start_state="configuring",
-        goal_state="unconfigured",
-        entities=[Shutdown(reason="a node refused its configuration")],
-    )
-    actions = [RegisterEventHandler(activate), RegisterEventHandler(refused), node]
+    refused = [
+        OnStateTransition(
+            target_lifecycle_node=node,
+            start_state=begin,
+            goal_state=end,
+            entities=[Shutdown(reason="a node refused its configuration or its start")],
+        )
+        for begin, end in (("configuring", "unconfigured"), ("activating", "inactive"))
+    ]
+    actions = [RegisterEventHandler(handler) for handler in (activate, *refused)]
+    actions.append(node)
     return [*actions, _change(node, Transition.TRANSITION_CONFIGURE)] if configure else actions
 
 

@@ -76,7 +76,8 @@ def test_emulated_valves_come_first_and_their_driver_last():
     assert len(arm.asked) == 6
     assert not arm.ended
     arm.reaches("estimator", "configuring", "unconfigured")
-    assert arm.ended
+    arm.reaches("regulator", "activating", "inactive")
+    assert len(arm.ended) == 2
 
 
 def test_the_links_of_emulated_valves_are_those_of_driver_and_twin():

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.adaptation import Learned
@@ -18,7 +19,7 @@ from soro_core.control.laws import Certainty
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.reach import check_reach
 from soro_core.control.retune import retune
-from soro_core.errors import SoroError
+from soro_core.errors import ConfigError, SoroError
 from soro_core.hardware import load_platform
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
@@ -26,9 +27,12 @@ from soro_core.safety import narrowed
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos, references
 from soro_ros.control_report import FRAME, ControlReport
-from soro_ros.motion_topic import REPLACED, MotionTopic
+from soro_ros.motion_job import REPLACED
+from soro_ros.motion_topic import MotionTopic
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.tick_inputs import TickInputs, unusable
+
+_TRAJECTORY, _TIP = "arm/reference/trajectory", "arm/reference/tip"
 
 
 class ControllerTicks:
@@ -78,8 +82,8 @@ class ControllerTicks:
         self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
-        self.forget()
         self._trouble, self._refused = "", ""
+        self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
         )
@@ -97,8 +101,8 @@ class ControllerTicks:
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
             "arm/covariance": Input(Float64MultiArray, self._on_covariance, qos.loop),
             "arm/state": Input(JointState, self._on_state, qos.loop),
-            "arm/reference/trajectory": Input(JointTrajectory, self._on_trajectory, qos.reference),
-            "arm/reference/tip": Input(PoseStamped, self._on_tip, qos.reference),
+            _TRAJECTORY: Input(JointTrajectory, self._on_trajectory, qos.reference),
+            _TIP: Input(PoseStamped, self._on_tip, qos.reference),
             **self.motions.inputs,
         }
 
@@ -136,6 +140,7 @@ class ControllerTicks:
         self._last_ns = 0
         self._reference: Reference | None = None
         self._zero_ns = 0
+        self._refuse("")
 
     def clear(self) -> None:
         """Drop the states that wait."""
@@ -159,19 +164,26 @@ class ControllerTicks:
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        self._follow(lambda t: references.trajectory(self.controller, message, t))
+        make = partial(references.trajectory, self.controller, message)
+        self._follow(_TRAJECTORY, message.header, make)
 
     def _on_tip(self, message: PoseStamped) -> None:
-        self._follow(lambda t: references.tip(self.controller, self.state, message))
+        self._follow(_TIP, message.header, lambda _: references.tip(self.controller, self.state, message))
 
-    def _follow(self, make: Callable[[float], Reference]) -> None:
+    def _follow(self, topic: str, header: Header, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
+        stamp_ns = messages.to_ns(header.stamp)
         try:
-            self._take(make(self._time_s()))
+            if not self.enabled:  # `~/enable` begins without it
+                raise ConfigError(
+                    topic, "controller", "not in control", "a controller in control: soro enable"
+                )
+            reference = make(self._time_s())
         except SoroError as error:
-            self._refuse(str(error))
+            self.motions.refuse(topic, stamp_ns, str(error))
             return
-        self.motions.cancel(REPLACED, "by another reference")
+        self._take(reference)
+        self.motions.given(topic, stamp_ns, reference)
         self._refuse("")
 
     def _time_s(self) -> float:

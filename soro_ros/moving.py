@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 
 from soro_core.errors import ConfigError
 from soro_ros import messages, qos
-from soro_ros.motion_topic import MOVING, PLANNING, REACHED, REFUSED, STATUS, TOPIC
+from soro_ros.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS
+from soro_ros.motion_topic import TOPIC
 from soro_ros.services import ServiceCaller
 
 _DESIRED = "arm/desired/tip"

@@ -16,7 +16,7 @@ from soro_ros.controller_ticks import ControllerTicks
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
-from soro_ros.motion_topic import REPLACED, STATUS, VENTED
+from soro_ros.motion_job import REPLACED, STATUS, VENTED
 from soro_ros.node_process import run_node
 from soro_ros.ports import Input, Ports, publisher, subscribe
 

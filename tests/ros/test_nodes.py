@@ -30,7 +30,7 @@ from soro_core.scene import (
     load_scene,
 )
 from soro_core.twin import TwinConfig
-from soro_ros import messages, middleware, node_process, parameters, qos, services
+from soro_ros import command_line, messages, middleware, node_process, parameters, qos, services
 from soro_ros import supervisor as supervisor_module
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.latch_file import LatchFile
@@ -151,8 +151,8 @@ def test_a_node_that_refuses_its_configuration_stays_unless_it_is_to_end(domain,
         made.append(Unready(stopping))
         return made[0]
 
-    noted.node_name, noted.config_model = Unready.node_name, Unready.config_model
-    status = node_process.run_until_end(noted, arguments, stopping)
+    program = command_line.of_node(Unready)
+    status = node_process.run_until_end([noted], program, arguments, stopping)
     said = capfd.readouterr().err
     assert refused_keys(said) == ["key"]
     if ends:

@@ -25,7 +25,7 @@ from soro_core.robot import load_robot
 from soro_core.safety import narrowed
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos, references
-from soro_ros.control_report import FRAME, ControlReport
+from soro_ros.control_report import ControlReport
 from soro_ros.motion_topic import REPLACED, MotionTopic
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.tick_inputs import TickInputs, unusable
@@ -52,6 +52,8 @@ class ControllerTicks:
     state : ControllerState
         State of the controller after the last tick.
     enabled : bool
+    refusals : int
+        Refused references.
     motions : MotionTopic
     inputs : mapping of str to Input
         What it takes, by the name of the topic.
@@ -73,13 +75,13 @@ class ControllerTicks:
     ) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._source, self._ports = source, ports
+        self._source, self._ports, self._world = source, ports, config.frames.world
         self._platform = load_platform(config.platform) if config.platform else None
         self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
         self.forget()
-        self._trouble, self._refused = "", ""
+        self._trouble, self._refused, self.refusals = "", "", 0
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
         )
@@ -87,12 +89,13 @@ class ControllerTicks:
             self.controller,
             self._lockstep,
             1.0 / config.rate_hz,
+            config.frames,
             self._take,
             self._refuse,
             motion or (lambda: config.control.motion),
             ports.publish,
         )
-        self._report = ControlReport(self._coordinates, ports.publish)
+        self._report = ControlReport(self._coordinates, self._world, ports.publish)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
             "arm/covariance": Input(Float64MultiArray, self._on_covariance, qos.loop),
@@ -112,9 +115,9 @@ class ControllerTicks:
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
             reference = references.trajectory(self.controller, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
-        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
+        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, self._world)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
-        reference = references.tip(self.controller, self.state, pose)
+        reference = references.tip(self.controller, self.state, pose, self._world)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self.motions.warm_up(state, q)
 
@@ -162,7 +165,7 @@ class ControllerTicks:
         self._follow(lambda t: references.trajectory(self.controller, message, t))
 
     def _on_tip(self, message: PoseStamped) -> None:
-        self._follow(lambda t: references.tip(self.controller, self.state, message))
+        self._follow(lambda t: references.tip(self.controller, self.state, message, self._world))
 
     def _follow(self, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
@@ -184,6 +187,7 @@ class ControllerTicks:
     def _refuse(self, reason: str) -> None:
         """Report why a reference is refused; an empty reason ends the report of the last refusal."""
         refused = f"reference refused: {reason}" if reason else ""
+        self.refusals += bool(refused)
         is_new, self._refused = refused != self._refused, refused
         if refused:
             self._ports.refuse(refused, not is_new)

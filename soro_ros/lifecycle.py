@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock, ClockType
@@ -31,13 +32,16 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
     # Parameters, or beginnings of their names, that `take` takes over while the node is configured.
     live: ClassVar[tuple[str, ...]] = ()
     node_name: ClassVar[str]
+    # Parameter that names what the diagnostics are about.
+    hardware: ClassVar[str] = "robot"
 
     def __init__(self) -> None:
         super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
         self._used: Config | None = None  # the configuration in force, of a configured node
         declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.diagnostics = Diagnostics(self)
+        named = self.get_parameter_or(self.hardware).value
+        self.diagnostics = Diagnostics(self, Path(named).name.removesuffix(".yaml") if named else "")
         self.create_timer(1.0, self._publish_diagnostics, clock=self.steady_clock)
         self.failure: SoroError | None = None
         self.finished = False
@@ -169,7 +173,7 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.diagnostics.update(ERROR, str(self.failure))
             return TransitionCallbackReturn.FAILURE
         self.failure = None
-        if self.diagnostics.status.level == OK:
+        if self.diagnostics.level == OK:
             self.diagnostics.update(OK, name)
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS

@@ -26,7 +26,7 @@ from soro_core.robot import load_robot
 from soro_core.safety import narrowed
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos, references
-from soro_ros.control_report import FRAME, ControlReport
+from soro_ros.control_report import ControlReport
 from soro_ros.motion_job import REPLACED
 from soro_ros.motion_topic import MotionTopic
 from soro_ros.ports import Input, Inputs, Ports
@@ -56,6 +56,8 @@ class ControllerTicks:
     state : ControllerState
         State of the controller after the last tick.
     enabled : bool
+    refusals : int
+        Refused references.
     motions : MotionTopic
     inputs : mapping of str to Input
         What it takes, by the name of the topic.
@@ -77,12 +79,12 @@ class ControllerTicks:
     ) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._source, self._ports = source, ports
+        self._source, self._ports, self._world = source, ports, config.frames.world
         self._platform = load_platform(config.platform) if config.platform else None
         self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
-        self._trouble, self._refused = "", ""
+        self._trouble, self._refused, self.refusals = "", "", 0
         self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
@@ -91,12 +93,13 @@ class ControllerTicks:
             self.controller,
             self._lockstep,
             1.0 / config.rate_hz,
+            config.frames,
             self._take,
             self._refuse,
             motion or (lambda: config.control.motion),
             ports.publish,
         )
-        self._report = ControlReport(self._coordinates, ports.publish)
+        self._report = ControlReport(self._coordinates, self._world, ports.publish)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
             "arm/covariance": Input(Float64MultiArray, self._on_covariance, qos.loop),
@@ -116,9 +119,9 @@ class ControllerTicks:
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
             reference = references.trajectory(self.controller, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
-        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
+        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, self._world)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
-        reference = references.tip(self.controller, self.state, pose)
+        reference = references.tip(self.controller, self.state, pose, self._world)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self.motions.warm_up(state, q)
 
@@ -168,7 +171,9 @@ class ControllerTicks:
         self._follow(_TRAJECTORY, message.header, make)
 
     def _on_tip(self, message: PoseStamped) -> None:
-        self._follow(_TIP, message.header, lambda _: references.tip(self.controller, self.state, message))
+        self._follow(
+            _TIP, message.header, lambda _: references.tip(self.controller, self.state, message, self._world)
+        )
 
     def _follow(self, topic: str, header: Header, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
@@ -196,6 +201,7 @@ class ControllerTicks:
     def _refuse(self, reason: str) -> None:
         """Report why a reference is refused; an empty reason ends the report of the last refusal."""
         refused = f"reference refused: {reason}" if reason else ""
+        self.refusals += bool(refused)
         is_new, self._refused = refused != self._refused, refused
         if refused:
             self._ports.refuse(refused, not is_new)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock, ClockType
@@ -32,13 +33,16 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
     # Parameters, or beginnings of their names, that `take` takes over while the node is configured.
     live: ClassVar[tuple[str, ...]] = ()
     node_name: ClassVar[str]
+    # Parameter that names what the diagnostics are about.
+    hardware: ClassVar[str] = "robot"
 
     def __init__(self) -> None:
         super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
         self._used: Config | None = None  # the configuration in force, of a configured node
         declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.diagnostics = Diagnostics(self)
+        named = self.get_parameter_or(self.hardware).value
+        self.diagnostics = Diagnostics(self, Path(named).name.removesuffix(".yaml") if named else "")
         self.clock_watch = ClockWatch(self)
         self.create_timer(1.0, self._each_second, clock=self.steady_clock)
         self.failure: SoroError | None = None
@@ -170,11 +174,11 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.get_logger().error(str(error) if known else traceback.format_exc())
             self.diagnostics.update(ERROR, str(self.failure))
             return TransitionCallbackReturn.FAILURE
-        status, failure = self.diagnostics.status, self.failure
+        said, failure = self.diagnostics, self.failure
         self.failure = None
         # An earlier failure is over, unless this is the end of the node.
-        recovered = failure is not None and status.message == str(failure) and name != "finalized"
-        if recovered or status.level == OK:
+        recovered = failure is not None and said.message == str(failure) and name != "finalized"
+        if recovered or said.level == OK:
             self.diagnostics.update(OK, name)
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS

@@ -24,6 +24,7 @@ from soro_core.control.motion_parts import Motion
 from soro_core.control.path_coordinates import Planning
 from soro_core.control.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
+from soro_core.frames import Frames
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 from soro_ros import messages, qos
 from soro_ros.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
@@ -64,6 +65,8 @@ class MotionTopic:
         Plan at once.
     period_s : float
         Period of the loop [s].
+    frames : Frames
+        Names of the frames that a path may state.
     follow : callable
         Called with the motion at its begin.
     refuse : callable
@@ -85,6 +88,7 @@ class MotionTopic:
         controller: Controller,
         lockstep: bool,
         period_s: float,
+        frames: Frames,
         follow: Callable[[Reference], None],
         refuse: Callable[[str], None],
         settings: Callable[[], MotionConfig],
@@ -92,7 +96,7 @@ class MotionTopic:
     ) -> None:
         self._controller, self._lockstep, self._settings = controller, lockstep, settings
         self._reports = MotionReports(publish)
-        self._period_s, self._follow, self._refuse = period_s, follow, refuse
+        self._period_s, self._frames, self._follow, self._refuse = period_s, frames, follow, refuse
         self._job: Job | None = None
         self._replaced: Job | None = None  # the one under way, while the next is planned
         self._message: Path | None = None
@@ -198,17 +202,18 @@ class MotionTopic:
 
     def _poses(self, message: Path) -> tuple[np.ndarray, np.ndarray | None]:
         """Positions and orientations in the world."""
-        frame = message.header.frame_id
+        frame, names = message.header.frame_id, self._frames
         for k, pose in enumerate(message.poses):
             if pose.header.frame_id not in ("", frame):
                 allowed = f"{frame or 'none'}, as the path, or none"
-                raise ConfigError("path", f"poses[{k}].header.frame_id", pose.header.frame_id, allowed)
-        if frame not in ("", "base", "world"):
-            raise ConfigError("path", "header.frame_id", frame, "base (or none), or world")
+                raise ConfigError(TOPIC, f"poses[{k}].header.frame_id", pose.header.frame_id, allowed)
+        if frame not in ("", names.base, names.world):
+            allowed = f"{names.base} (frames.base), or none, or {names.world} (frames.world)"
+            raise ConfigError(TOPIC, "header.frame_id", frame, allowed)
         arrays = [messages.pose_arrays(pose.pose) for pose in message.poses]
         positions = np.array([position for position, _ in arrays]).reshape(-1, 3)
         orientations = np.array([orientation for _, orientation in arrays]).reshape(-1, 4)
-        if frame != "world" and len(positions):
+        if frame != names.world and len(positions):
             robot = self._controller.robot
             base = matrix_from_quaternion(np.asarray(robot.base_quaternion, dtype=np.float64))
             positions = positions @ base.T + np.asarray(robot.base_position)

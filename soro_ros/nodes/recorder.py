@@ -47,6 +47,7 @@ class Recorder(SoroNode[RecorderConfig]):
 
     config_model = RecorderConfig
     node_name = "recorder"
+    hardware = "folder"
     _bag: BackgroundWriter | None = None
 
     def setup(self, config: RecorderConfig) -> None:

@@ -1,5 +1,7 @@
 """docs/ros.md is what the nodes offer: topics, services and parameters; its lines to copy are accepted."""
 
+import contextlib
+import importlib
 import re
 from pathlib import Path
 from typing import Any
@@ -40,8 +42,14 @@ NODES = {
         Player,
     )
 }
+# Drawn by packages that an installation may lack.
+OPTIONAL = {"markers": "MarkersNode"}
+for _name, _class in OPTIONAL.items():
+    with contextlib.suppress(ImportError):
+        NODES[_name] = getattr(importlib.import_module(f"soro_ros.nodes.{_name}"), _class)
 # Of every node in ROS, and of the bag that is played.
 NOT_OURS = ("rosout", "parameter_events", "transition_event", "numbers")
+ABSOLUTE = ("/diagnostics", "/clock", "/tf", "/tf_static")
 
 
 def table(heading: str) -> list[dict[str, str]]:
@@ -65,13 +73,15 @@ def topics(heading: str, name: str, lockstep: bool) -> set[tuple[str, ...]]:
     return {
         (*named(row["topic"]), row["type"], row["quality of service"])
         for row in table(heading)
-        if of_node(row, "by", name) and (lockstep or not re.search(r"in lockstep alone", str(row)))
+        if of_node(row, "by", name)
+        and (lockstep or "in lockstep alone" not in str(row))
+        and message_class(row["type"]) is not None  # tf2_msgs is not among the wheels
     }
 
 
 def relative(topic: str) -> str:
     """The name as the page has it: with a slash in front only where no namespace counts."""
-    return topic if topic in ("/diagnostics", "/clock") else topic.removeprefix("/")
+    return topic if topic in ABSOLUTE else topic.removeprefix("/")
 
 
 def quality(profile: QoSProfile) -> str:
@@ -137,7 +147,7 @@ def test_topics_and_services_are_those_of_the_nodes(offered, name):
 
 
 def test_every_row_is_of_nodes_that_are_checked():
-    known = {"all", *NODES}
+    known = {"all", *NODES, *OPTIONAL}
     rows = [(row, "by") for heading in ("Published", "Taken") for row in table(heading)]
     rows += [(row, "node") for heading in ("Services", "Parameters") for row in table(heading)]
     assert len(rows) > 60

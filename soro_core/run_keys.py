@@ -7,8 +7,10 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import Field, field_validator
 
 from soro_core.config import Floats, Strict
+from soro_core.frames import Frames
 from soro_core.robot import Discretisation
 from soro_core.safety import Limits
+from soro_core.start_keys import StartKeys
 
 Mode: TypeAlias = Literal["real_time", "lockstep"]
 Priority: TypeAlias = Annotated[
@@ -49,7 +51,13 @@ class SeedKeys(Strict):
     seed: int = Field(1, ge=0, le=2**63 - 1, description="seed of all noise")
 
 
-SHARED = (ClockKeys, RobotKeys, LimitKeys, SeedKeys)
+class FrameKeys(Strict):
+    """Key of the names of frames."""
+
+    frames: Frames = Field(Frames(), description="names of the frames of what is published and expected")
+
+
+SHARED = (ClockKeys, RobotKeys, LimitKeys, SeedKeys, FrameKeys)
 
 
 def check_places(values: tuple[float, ...]) -> tuple[float, ...]:
@@ -83,13 +91,11 @@ class PlaceKeys(Strict):
         return check_places(values)
 
 
-class NodeKeys(ClockKeys):
+class NodeKeys(ClockKeys, StartKeys):
     """Keys of every node of the loop."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
 
-
-class ArmNodeKeys(NodeKeys, RobotKeys):
+class ArmNodeKeys(NodeKeys, RobotKeys, FrameKeys):
     """Keys of every node that computes the arm."""
 
     model: Discretisation = Field(Discretisation(), description="how the arm is computed")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, pi, radians, sin
+from math import cos, isnan, pi, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ _PLATE = 0.16  # thickness of the plates at the ends of a link, as a part of its
 _PER_FOLD = 5
 _LIGHT = np.array([0.35, -0.55, 0.76])
 _STEEL = 7850.0
+_UNKNOWN = np.full(3, 0.35)  # a chamber without a reading
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], pa
     poses : Array
         Poses (m, 4, 4) of the backbone there.
     pressure : dict[str, float]
-        Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale.
+        Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale, one without a
+        reading (NaN) dark grey.
     payload_kg : float
         Payload at the tip, drawn as a ball of steel of this mass; 0 for none.
     """
@@ -102,7 +104,9 @@ def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], pa
     for k, bellow in enumerate(chambers(robot)):
         inside = (s >= bellow.begin + _PLATE * radius) & (s < bellow.end - 1e-9)  # from plate to plate
         folds = 0.84 + 0.16 * np.cos(2 * pi * (s[inside] - bellow.begin) / _pitch(bellow) + pi)
-        colour = _mixed(COLOURS[k % len(COLOURS)], 0.12 + 0.88 * pressure.get(bellow.name, 0.0))
+        part = pressure.get(bellow.name, 0.0)
+        colour = _mixed(COLOURS[k % len(COLOURS)], 0.12 + 0.88 * part)
+        colour = _UNKNOWN if isnan(part) else colour
         parts.append(_tube(poses[inside], bellow.offset, bellow.radius * folds, colour))
     begin = 0.0
     for link in robot.links:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -14,7 +15,7 @@ from std_srvs.srv import Trigger
 from soro_core.safety import Limiter
 from soro_ros import messages, qos
 from soro_ros.command_topic import CommandTopic
-from soro_ros.diagnostics import ERROR, VENTED, WARN
+from soro_ros.diagnostics import ERROR, NONE, OK, VENTED, WARN
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,8 @@ class ChamberInterface:
         Called when `second_publisher` has changed.
     follow_shared_name : bool
         Whether commands are followed while two publishers give the same name.
+    device : str
+        What is driven, for chambers/latch.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class ChamberInterface:
         lockstep: bool = False,
         on_publishers: Callable[[], None] = lambda: None,
         follow_shared_name: bool = False,
+        device: str = "",
     ) -> None:
         self._node, self._limiter, self._now_ns = node, limiter, now_ns
         self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
@@ -63,6 +67,9 @@ class ChamberInterface:
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
+        self._latch = node.create_publisher(DiagnosticStatus, "chambers/latch", qos.LATCHED)
+        self._device = device
+        self._publish_latch()
         topics = (
             (JointState, "chambers/command", qos.command(lockstep), _name, self._on_joint_state),
             (Float64MultiArray, "chambers/commands", qos.array(lockstep), _no_name, self._on_array),
@@ -80,6 +87,7 @@ class ChamberInterface:
         for prefix, now, then in zip(("vented: ", "not vented: "), self._reported, before, strict=True):
             if now is not None and now != then:
                 self._node.get_logger().error(prefix + now)
+        self._publish_latch()
         self._on_latch()
 
     @property
@@ -98,6 +106,23 @@ class ChamberInterface:
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""
         self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
+
+    def _publish_latch(self) -> None:
+        """Publish the state of the latch for panels: they also receive it when they start later."""
+        cause, kept = self._limiter.cause, self._limiter.not_vented
+        complaint = self._limiter.state.complaint
+        vented = cause is not None and kept is None
+        values = {"latched": _flag(cause is not None), "vented": _flag(vented)}
+        values |= {"cause": cause or "", "not_vented": kept or ""}
+        self._latch.publish(
+            DiagnosticStatus(
+                level=OK if complaint is None else ERROR,
+                name=self._node.get_fully_qualified_name(),
+                message="open" if complaint is None else f"{VENTED}: {complaint}",
+                hardware_id=self._device or NONE,
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
 
     def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
         stamp_ns = messages.to_ns(message.header.stamp)
@@ -152,6 +177,10 @@ class ChamberInterface:
         self.report_latch()
         response.success, response.message = refusal is None, refusal or "reset"
         return response
+
+
+def _flag(value: bool) -> str:
+    return str(value).lower()
 
 
 def _name(message: JointState) -> str:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from soro_core.bag.config import RecorderConfig
-from soro_core.config import Strict
+from soro_core.config import Strict, changed
 from soro_core.emulation.control import ControlClient
 from soro_core.errors import SoroError
 from soro_core.scene import Scene
@@ -243,7 +243,8 @@ class Run:
         compiled = kernels.compiled()
         self._report(f"starting {', '.join(configs)}")
         for name, config in configs.items():
-            command = processes.node_command(name, config, self.scene.name, self.folder)
+            ending = changed(config, end_on_failed_start=True)
+            command = processes.node_command(name, ending, self.scene.name, self.folder)
             self._children[name] = processes.start(name, command, self.folder)
             self.nodes.append(name)
 

@@ -11,9 +11,6 @@ from sensor_msgs.msg import JointState
 from soro_core.control.command import Command
 from soro_ros import messages
 
-# Frame of all poses.
-FRAME = "world"
-
 
 class ControlReport:
     """Publishes arm/desired/tip and the law's estimates, deviations and terms.
@@ -22,6 +19,8 @@ class ControlReport:
     ----------
     coordinates : sequence of str
         Names of the coordinates.
+    world : str
+        Name of the frame of the poses.
     publish : callable
         Takes the name of a topic and a message.
     """
@@ -33,12 +32,12 @@ class ControlReport:
         "controller/terms": JointState,
     }
 
-    def __init__(self, coordinates: Sequence[str], publish: Callable[[str, Any], None]) -> None:
-        self._coordinates, self._publish = coordinates, publish
+    def __init__(self, coordinates: Sequence[str], world: str, publish: Callable[[str, Any], None]) -> None:
+        self._coordinates, self._world, self._publish = coordinates, world, publish
 
     def publish(self, command: Command, stamp_ns: int) -> None:
         """Publish what belongs to a command of this time [ns]."""
-        self._publish("arm/desired/tip", messages.pose_stamped(command.tip_reference, stamp_ns, FRAME))
+        self._publish("arm/desired/tip", messages.pose_stamped(command.tip_reference, stamp_ns, self._world))
         terms = {
             f"{name}/{term}": float(value)
             for term, values in (command.terms or {}).items()

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.adaptation import Learned
@@ -18,17 +19,20 @@ from soro_core.control.laws import Certainty
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.reach import check_reach
 from soro_core.control.retune import retune
-from soro_core.errors import SoroError
+from soro_core.errors import ConfigError, SoroError
 from soro_core.hardware import load_platform
 from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.safety import narrowed
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import learning, messages, qos, references
-from soro_ros.control_report import FRAME, ControlReport
-from soro_ros.motion_topic import REPLACED, MotionTopic
+from soro_ros.control_report import ControlReport
+from soro_ros.motion_job import REPLACED
+from soro_ros.motion_topic import MotionTopic
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.tick_inputs import TickInputs, unusable
+
+_TRAJECTORY, _TIP = "arm/reference/trajectory", "arm/reference/tip"
 
 
 class ControllerTicks:
@@ -52,6 +56,8 @@ class ControllerTicks:
     state : ControllerState
         State of the controller after the last tick.
     enabled : bool
+    refusals : int
+        Refused references.
     motions : MotionTopic
     inputs : mapping of str to Input
         What it takes, by the name of the topic.
@@ -73,13 +79,13 @@ class ControllerTicks:
     ) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
-        self._source, self._ports = source, ports
+        self._source, self._ports, self._world = source, ports, config.frames.world
         self._platform = load_platform(config.platform) if config.platform else None
         self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
+        self._trouble, self._refused, self.refusals = "", "", 0
         self.forget()
-        self._trouble, self._refused = "", ""
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
         )
@@ -87,18 +93,19 @@ class ControllerTicks:
             self.controller,
             self._lockstep,
             1.0 / config.rate_hz,
+            config.frames,
             self._take,
             self._refuse,
             motion or (lambda: config.control.motion),
             ports.publish,
         )
-        self._report = ControlReport(self._coordinates, ports.publish)
+        self._report = ControlReport(self._coordinates, self._world, ports.publish)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
             "arm/covariance": Input(Float64MultiArray, self._on_covariance, qos.loop),
             "arm/state": Input(JointState, self._on_state, qos.loop),
-            "arm/reference/trajectory": Input(JointTrajectory, self._on_trajectory, qos.reference),
-            "arm/reference/tip": Input(PoseStamped, self._on_tip, qos.reference),
+            _TRAJECTORY: Input(JointTrajectory, self._on_trajectory, qos.reference),
+            _TIP: Input(PoseStamped, self._on_tip, qos.reference),
             **self.motions.inputs,
         }
 
@@ -112,9 +119,9 @@ class ControllerTicks:
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
             reference = references.trajectory(self.controller, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
-        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, FRAME)
+        pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, self._world)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
-        reference = references.tip(self.controller, self.state, pose)
+        reference = references.tip(self.controller, self.state, pose, self._world)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self.motions.warm_up(state, q)
 
@@ -136,6 +143,7 @@ class ControllerTicks:
         self._last_ns = 0
         self._reference: Reference | None = None
         self._zero_ns = 0
+        self._refuse("")
 
     def clear(self) -> None:
         """Drop the states that wait."""
@@ -159,19 +167,28 @@ class ControllerTicks:
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        self._follow(lambda t: references.trajectory(self.controller, message, t))
+        make = partial(references.trajectory, self.controller, message)
+        self._follow(_TRAJECTORY, message.header, make)
 
     def _on_tip(self, message: PoseStamped) -> None:
-        self._follow(lambda t: references.tip(self.controller, self.state, message))
+        self._follow(
+            _TIP, message.header, lambda _: references.tip(self.controller, self.state, message, self._world)
+        )
 
-    def _follow(self, make: Callable[[float], Reference]) -> None:
+    def _follow(self, topic: str, header: Header, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
+        stamp_ns = messages.to_ns(header.stamp)
         try:
-            self._take(make(self._time_s()))
+            if not self.enabled:  # `~/enable` begins without it
+                raise ConfigError(
+                    topic, "controller", "not in control", "a controller in control: soro enable"
+                )
+            reference = make(self._time_s())
         except SoroError as error:
-            self._refuse(str(error))
+            self.motions.refuse(topic, stamp_ns, str(error))
             return
-        self.motions.cancel(REPLACED, "by another reference")
+        self._take(reference)
+        self.motions.given(topic, stamp_ns, reference)
         self._refuse("")
 
     def _time_s(self) -> float:
@@ -184,6 +201,7 @@ class ControllerTicks:
     def _refuse(self, reason: str) -> None:
         """Report why a reference is refused; an empty reason ends the report of the last refusal."""
         refused = f"reference refused: {reason}" if reason else ""
+        self.refusals += bool(refused)
         is_new, self._refused = refused != self._refused, refused
         if refused:
             self._ports.refuse(refused, not is_new)

@@ -10,6 +10,8 @@ from rclpy.node import Node
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 # Begin of the message of a node that drives valves, while its latch is closed.
 VENTED = "vented"
+# Where nothing is known of the hardware.
+NONE = "unknown"
 
 
 class Diagnostics:
@@ -19,12 +21,27 @@ class Diagnostics:
     ----------
     node : Node
         Its fully qualified name becomes the name of the status.
+    hardware_id : str
+        What the status is about: devices, a robot, a bag.
+
+    Attributes
+    ----------
+    level : bytes
+        OK, WARN or ERROR, as the node has set it.
+    message : str
+        One line, as the node has set it.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, hardware_id: str = "") -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._status = DiagnosticStatus(level=OK, name=node.get_fully_qualified_name(), message="starting")
+        self.level, self.message, self._refused = OK, "starting", ""
+        self._status = DiagnosticStatus(
+            level=OK,
+            name=node.get_fully_qualified_name(),
+            message="starting",
+            hardware_id=hardware_id or NONE,
+        )
         self._values: dict[str, object] = {}
         self._lifecycle = "unconfigured"
 
@@ -32,6 +49,15 @@ class Diagnostics:
     def status(self) -> DiagnosticStatus:
         """The latest status."""
         return self._status
+
+    @property
+    def hardware_id(self) -> str:
+        """What the status is about."""
+        return str(self._status.hardware_id)
+
+    @hardware_id.setter
+    def hardware_id(self, name: str) -> None:
+        self._status.hardware_id = name or NONE
 
     def update(self, level: bytes, message: str, values: dict[str, object] | None = None) -> None:
         """Set the status; publish at once if its level or message is new.
@@ -45,11 +71,22 @@ class Diagnostics:
         values : dict, optional
             Values of the status; the last ones by default.
         """
-        changed = (level, message) != (self._status.level, self._status.message)
-        self._status.level, self._status.message = level, message
+        self.level, self.message = level, message
         if values is not None:
             self._values = values
-        if changed:
+        self._renew()
+
+    def refuse(self, text: str) -> None:
+        """Warn, beside the status, of inputs that are refused now; an empty text ends the warning."""
+        self._refused = text
+        self._renew()
+
+    def _renew(self) -> None:
+        status, level, message = self._status, self.level, self.message
+        if self._refused:
+            level, message = (WARN if level == OK else level), f"{message}; {self._refused}"
+        if (level, message) != (status.level, status.message):
+            status.level, status.message = level, message
             self.publish()
 
     def lifecycle(self, state: str) -> None:

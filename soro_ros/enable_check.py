@@ -16,6 +16,7 @@ from soro_core.control import Controller
 from soro_core.control.enabling import Seen, pressure_findings, resting_arm
 from soro_core.scene import ControllerNodeConfig
 from soro_ros import messages, qos
+from soro_ros.frame_check import FrameCheck
 
 _KINDS = {"pose": PoseStamped, "imu": Imu}
 
@@ -36,7 +37,7 @@ class EnableCheck:
         self._node, self._controller = node, controller
         self._mode = "off" if config.mode == "lockstep" else config.control.check_at_enable
         self._bounds = config.control.enable
-        self._names = controller.robot.chamber_names
+        self._names, self._frames = controller.robot.chamber_names, config.frames
         self._arrived: dict[str, float] = {}  # monotonic time of the latest sample, by topic
         self._pressure_pa = np.zeros(len(self._names))
         self._raw: dict[str, bytes] = {}
@@ -77,7 +78,7 @@ class EnableCheck:
         Parameters
         ----------
         anyway : bool
-            Only samples that are not fresh refuse.
+            Only samples that are not fresh, or that nothing can be done with, refuse.
         between : callable
             Called again and again: the check takes longer than a tick.
         """
@@ -85,11 +86,15 @@ class EnableCheck:
             return [], []
         # A sensor from which nothing has ever come is none, although a node may offer its topic.
         sensors = [topic for topic in self._places if topic in self._raw]
-        stale = self._stale(("chambers/state", "arm/state", *sensors))
-        if stale:
-            return stale, []
+        unusable = self._stale(("chambers/state", "arm/state", *sensors))
+        if silent := messages.without_reading(self._pressure_pa, self._names):
+            unusable.append(f"no reading of {silent}")
+        frames = FrameCheck(self._frames)
+        seen = [one for topic in sensors if (one := self._seen(topic, frames)) is not None]
+        unusable += [frames.trouble] if frames.trouble else []
+        if unusable:
+            return unusable, []
         found = pressure_findings(self._names, self._pressure_pa, self._bounds)
-        seen = [self._seen(topic) for topic in sensors]
         if seen:
             found += self._rest.findings(seen, self._bounds, between)
         beside = self._without_place()
@@ -117,9 +122,11 @@ class EnableCheck:
                 lines.append(f"{topic} is not checked: {kind}_locations does not say where it is")
         return lines
 
-    def _seen(self, topic: str) -> Seen:
+    def _seen(self, topic: str, frames: FrameCheck) -> Seen | None:
         kind, s = self._places[topic]
         message = deserialize_message(self._raw[topic], _KINDS[kind])
+        if not frames.takes_sample(topic, message.header.frame_id):
+            return None
         if kind == "pose":
             position, quaternion = messages.pose_arrays(message.pose)
             return Seen(topic, s, position, quaternion)

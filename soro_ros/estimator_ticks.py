@@ -18,6 +18,7 @@ from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix
 from soro_core.scene import EstimatorNodeConfig
 from soro_ros import learning, messages, qos
+from soro_ros.frame_check import FrameCheck
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.sample_inputs import SampleInputs
 
@@ -29,6 +30,8 @@ class EstimatorTicks:
     ----------
     config : EstimatorNodeConfig
     ports : Ports
+    frames : FrameCheck, optional
+        Refuses samples in another frame than the configured one; one that tells nobody by default.
 
     Attributes
     ----------
@@ -39,6 +42,8 @@ class EstimatorTicks:
         What it takes, by the name of the topic.
     malformed : int
         Refused messages on chambers/state.
+    estimated_ns : int or None
+        Time of the estimate of the last tick [ns]; None if that gave none.
     """
 
     outputs: ClassVar[dict[str, type[Any]]] = {
@@ -47,17 +52,19 @@ class EstimatorTicks:
         "arm/tip": PoseWithCovarianceStamped,
     }
 
-    def __init__(self, config: EstimatorNodeConfig, ports: Ports) -> None:
+    def __init__(self, config: EstimatorNodeConfig, ports: Ports, frames: FrameCheck | None = None) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep, self._ports = config, config.mode == "lockstep", ports
         self.estimator = estimator_of(config, robot)
         self._names, self._coordinates = robot.chamber_names, self.estimator.arm.robot.coordinate_names
         self.state: EstimatorState | None = None
         self.epoch_ns, self.malformed = 0, 0
+        self.estimated_ns: int | None = None
+        frames = frames or FrameCheck(config.frames)
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
         self._learned: Learned | None = None
         self._awaited_ns: int | None = None  # in lockstep: the tick whose learned model has not come yet
-        self._samples = SampleInputs(config, self.estimator.length, self._seconds, self._process)
+        self._samples = SampleInputs(config, self.estimator.length, self._seconds, self._process, frames)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_pressures, qos.sensor),
             "arm/learned": Input(Float64MultiArray, self._on_learned, qos.loop),
@@ -105,6 +112,11 @@ class EstimatorTicks:
             if self._lockstep and (self._awaited_ns is not None or not self._samples.complete(tick)):
                 return
             self._pressures.popleft()
+            if silent := messages.without_reading(pressure, self._names):
+                # As without a message, which is what comes where no chamber is read; samples wait.
+                self._ports.report(f"no estimate: no reading of {silent}")
+                self._without_estimate(stamp_ns)
+                continue
             due = [sample for found in self._samples.due(tick).values() for sample in found]
             poses = [sample for sample in due if isinstance(sample, PoseSample)]
             imus = [sample for sample in due if isinstance(sample, ImuSample)]
@@ -117,9 +129,7 @@ class EstimatorTicks:
         if self.state is None:
             self.epoch_ns = 0 if self._lockstep else stamp_ns
             self.state = self.estimator.initial_state(self._seconds(stamp_ns), pressure_pa=pressure)
-            self._await(stamp_ns)
-            publish("arm/covariance", learning.covariance(None, stamp_ns))
-            self._publish_nothing(stamp_ns)
+            self._without_estimate(stamp_ns)
             return
         dt = self._seconds(stamp_ns) - self.state.t_s
         learned, self._learned = self._learned, None
@@ -130,10 +140,19 @@ class EstimatorTicks:
         if not estimate.status.ok:
             self._publish_nothing(stamp_ns)
             return
+        self.estimated_ns = stamp_ns
         state = messages.arm_state(self._coordinates, estimate.q, estimate.qd, estimate.force, stamp_ns)
         publish("arm/state", state)
-        tip = messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, "world")
+        tip = messages.tip_estimate(
+            estimate.tip_pose, estimate.tip_covariance, stamp_ns, self._config.frames.world
+        )
         publish("arm/tip", tip)
+
+    def _without_estimate(self, stamp_ns: int) -> None:
+        """Answer a tick at which the filter takes no step."""
+        self._await(stamp_ns)
+        self._ports.publish("arm/covariance", learning.covariance(None, stamp_ns))
+        self._publish_nothing(stamp_ns)
 
     def _await(self, stamp_ns: int) -> None:
         """Wait in lockstep for what the controller has learned from this tick, before the next."""
@@ -142,6 +161,7 @@ class EstimatorTicks:
 
     def _publish_nothing(self, stamp_ns: int) -> None:
         """Report that there is no estimate: in lockstep by an empty message, in real time by none."""
+        self.estimated_ns = None
         if self._lockstep:
             nothing = JointState()
             nothing.header.stamp = messages.to_time(stamp_ns)

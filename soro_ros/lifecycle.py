@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock, ClockType
@@ -13,6 +14,7 @@ from rclpy.timer import Timer
 
 from soro_core.config import Strict
 from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
+from soro_ros.clock_watch import ClockWatch
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.parameters import NodeWithParameters, declare, overrides, read
 
@@ -31,14 +33,18 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
     # Parameters, or beginnings of their names, that `take` takes over while the node is configured.
     live: ClassVar[tuple[str, ...]] = ()
     node_name: ClassVar[str]
+    # Parameter that names what the diagnostics are about.
+    hardware: ClassVar[str] = "robot"
 
     def __init__(self) -> None:
         super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
         self._used: Config | None = None  # the configuration in force, of a configured node
         declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.diagnostics = Diagnostics(self)
-        self.create_timer(1.0, self._publish_diagnostics, clock=self.steady_clock)
+        named = self.get_parameter_or(self.hardware).value
+        self.diagnostics = Diagnostics(self, Path(named).name.removesuffix(".yaml") if named else "")
+        self.clock_watch = ClockWatch(self)
+        self.create_timer(1.0, self._each_second, clock=self.steady_clock)
         self.failure: SoroError | None = None
         self.finished = False
         self.stopping: list[int] = []  # signals that interrupt the start
@@ -168,8 +174,11 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.get_logger().error(str(error) if known else traceback.format_exc())
             self.diagnostics.update(ERROR, str(self.failure))
             return TransitionCallbackReturn.FAILURE
+        said, failure = self.diagnostics, self.failure
         self.failure = None
-        if self.diagnostics.status.level == OK:
+        # An earlier failure is over, unless this is the end of the node.
+        recovered = failure is not None and said.message == str(failure) and name != "finalized"
+        if recovered or said.level == OK:
             self.diagnostics.update(OK, name)
         self.diagnostics.lifecycle(name)
         return TransitionCallbackReturn.SUCCESS
@@ -210,7 +219,8 @@ class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
             self.destroy_timer(timer)
         self._timers_active.clear()
 
-    def _publish_diagnostics(self) -> None:
+    def _each_second(self) -> None:
+        self.clock_watch.check()
         if self._configured:
             self.diagnose()
         self.diagnostics.publish()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -60,6 +61,35 @@ def pressures(message: JointState, names: Sequence[str]) -> Array:
     if set(given) != set(names) or len(given) != len(message.name):
         raise ValueError(f"chambers {sorted(message.name)}; expected {sorted(names)}")
     return np.array([given[name] for name in names], dtype=np.float64)
+
+
+def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:
+    """Return the chambers without a finite reading; empty if there is none.
+
+    Parameters
+    ----------
+    pressure_pa : ndarray (n_u,)
+        Readings [Pa gauge]; NaN for the chambers of a silent device.
+    names : sequence of str
+        Names of the chambers.
+    """
+    if math.isfinite(float(pressure_pa.sum())):
+        return ""
+    return ", ".join(name for name, known in zip(names, np.isfinite(pressure_pa), strict=True) if not known)
+
+
+def readings(message: JointState, names: Sequence[str]) -> Array:
+    """Readings (n_u,) [Pa gauge] of a message on chambers/state, in the order of `names`.
+
+    Raises
+    ------
+    ValueError
+        As `pressures`, and if a chamber has no finite reading.
+    """
+    found = pressures(message, names)
+    if silent := without_reading(found, names):
+        raise ValueError(f"no reading of {silent}")
+    return found
 
 
 def arm_state(names: Sequence[str], q: Array, qd: Array, force: Array, stamp_ns: int) -> JointState:
@@ -137,17 +167,35 @@ def tip_estimate(transform: Array, covariance: Array, stamp_ns: int, frame: str)
     return message
 
 
-def pose_sample(sample: PoseSample, stamp_ns: int) -> PoseStamped:
-    """Pose sample as a PoseStamped in the world frame."""
+def pose_sample(sample: PoseSample, stamp_ns: int, frame: str) -> PoseStamped:
+    """Return a pose sample as a PoseStamped.
+
+    Parameters
+    ----------
+    sample : PoseSample
+    stamp_ns : int
+        Time of the message [ns].
+    frame : str
+        Name of the frame.
+    """
     message = PoseStamped(pose=pose(sample.position, sample.quaternion))
-    message.header.stamp, message.header.frame_id = to_time(stamp_ns), "world"
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), frame
     return message
 
 
-def imu_sample(sample: ImuSample, stamp_ns: int) -> Imu:
-    """IMU sample as an Imu message; one without orientation marks it by its covariance (REP 145)."""
+def imu_sample(sample: ImuSample, stamp_ns: int, frame: str) -> Imu:
+    """Return an IMU sample as an Imu message; one without orientation marks it by its covariance (REP 145).
+
+    Parameters
+    ----------
+    sample : ImuSample
+    stamp_ns : int
+        Time of the message [ns].
+    frame : str
+        Name of the frame.
+    """
     message = Imu()
-    message.header.stamp, message.header.frame_id = to_time(stamp_ns), "imu0"
+    message.header.stamp, message.header.frame_id = to_time(stamp_ns), frame
     g, a, o = message.angular_velocity, message.linear_acceleration, message.orientation
     g.x, g.y, g.z = (float(v) for v in sample.angular_velocity)
     a.x, a.y, a.z = (float(v) for v in sample.linear_acceleration)

@@ -1,4 +1,4 @@
-"""Motions along paths: arm/reference/path is planned between ticks, and arm/motion reports how it goes.
+"""Motions to references that came by topic: arm/motion reports how they go. Paths are planned between ticks.
 
 A plan takes some tenths of a second. It is made in slices after each command, while the node would wait for
 the next state; in lockstep, which has no deadlines, it is made at once.
@@ -10,55 +10,53 @@ import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Path
 
 from soro_core.config import changed
 from soro_core.control import Controller, ControllerState, Reference
-from soro_core.control.following import Following, reference_ahead
+from soro_core.control.following import STREAM_S, Following, at_rest, reference_ahead
 from soro_core.control.motion import finished
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motion_parts import Motion
 from soro_core.control.path_coordinates import Planning
 from soro_core.control.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
+from soro_core.frames import Frames
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 from soro_ros import messages, qos
-from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_ros.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
 from soro_ros.ports import Input, Inputs
 
-TOPIC, STATUS = "arm/reference/path", "arm/motion"
-# States of a motion; the last ones are its end.
-PLANNING, MOVING = "planning", "moving"
-REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replaced", "vented"
+TOPIC = "arm/reference/path"
 # Part of a period, after a tick has begun, until which a plan is continued.
 _SHARE = 0.5
 # A motion that begins under way does so that long after its message [s]; twice as long each time that the
 # plan was not ready.
 _AHEAD_S, _LONGEST_S = 0.5, 8.0
-# Time between two reports of progress [s].
-_REPORT_S = 0.1
 
 
 @dataclass
-class _Job:
-    """A motion from its message to its end."""
+class _Path(Job):
+    """A motion along a path."""
 
-    stamp_ns: int
-    positions: np.ndarray
-    orientations: np.ndarray | None
-    config: MotionConfig
-    state: str = PLANNING
     steps: Planning[Motion] | None = None
     motion: Motion | None = None
-    reported_s: float = -np.inf
+
+    def times(self, t: float) -> dict[str, object]:
+        if self.motion is None:
+            return {}
+        return {
+            "factor": f"{self.motion.factor:.3f}",
+            "passed_s": f"{t - self.motion.start_s:.2f}",
+            "duration_s": f"{self.motion.end_s - self.motion.start_s:.2f}",
+        }
 
 
 class MotionTopic:
-    """The topics of motions of a controller node.
+    """The motions of a controller node, and the topic of paths.
 
     Parameters
     ----------
@@ -67,6 +65,8 @@ class MotionTopic:
         Plan at once.
     period_s : float
         Period of the loop [s].
+    frames : Frames
+        Names of the frames that a path may state.
     follow : callable
         Called with the motion at its begin.
     refuse : callable
@@ -81,22 +81,24 @@ class MotionTopic:
     inputs : mapping of str to Input
     """
 
-    outputs: ClassVar[dict[str, type[Any]]] = {STATUS: DiagnosticStatus}
+    outputs = MotionReports.outputs
 
     def __init__(
         self,
         controller: Controller,
         lockstep: bool,
         period_s: float,
+        frames: Frames,
         follow: Callable[[Reference], None],
         refuse: Callable[[str], None],
         settings: Callable[[], MotionConfig],
         publish: Callable[[str, Any], None],
     ) -> None:
-        self._controller, self._lockstep, self._settings, self._send = controller, lockstep, settings, publish
-        self._period_s, self._follow, self._refuse = period_s, follow, refuse
-        self._job: _Job | None = None
-        self._replaced: _Job | None = None  # the one under way, while the next is planned
+        self._controller, self._lockstep, self._settings = controller, lockstep, settings
+        self._reports = MotionReports(publish)
+        self._period_s, self._frames, self._follow, self._refuse = period_s, frames, follow, refuse
+        self._job: Job | None = None
+        self._replaced: Job | None = None  # the one under way, while the next is planned
         self._message: Path | None = None
         self._now: tuple[ControllerState, float] | None = None  # state and time of the last tick
         self.inputs: Inputs = {TOPIC: Input(Path, self._on_path, qos.reference)}
@@ -115,14 +117,39 @@ class MotionTopic:
     def cancel(self, state: str, text: str) -> None:
         """End the motion, if there is one, because of something else."""
         for job in (self._replaced, self._job):
-            if job is not None and job.state in (PLANNING, MOVING):
-                self._end(job, state, text)
+            if job is not None and job.is_under_way:
+                self._reports.end(job, state, text)
         self._replaced = None
 
     def forget(self, state: str, text: str) -> None:
         """End the motion, if there is one, and wait for the next tick."""
         self.cancel(state, text)
         self._now = None
+
+    def given(self, topic: str, stamp_ns: int, reference: Reference) -> None:
+        """Report the motion to a reference that came by another topic and is followed from now on.
+
+        A repeated one changes nothing, and in a stream the newest message counts for all.
+        """
+        state, t = (None, 0.0) if self._now is None else self._now
+        following = None if state is None else state.following
+        goal, job = self._tip(reference, reference.end_s), self._job
+        if job is not None and job.topic == topic:
+            if job.state in (MOVING, REACHED) and following and following.wanted.is_repeated_by(reference, t):
+                job.stamp_ns = stamp_ns
+                self._reports.report(job, job.note)
+                return
+            if job.state == MOVING and t - job.given_s <= STREAM_S:
+                job.stamp_ns, job.goal, job.given_s, job.is_stream = stamp_ns, goal, t, True
+                return
+        self.cancel(REPLACED, "by another reference")
+        self._job = job = Job(topic, stamp_ns, self._settings(), MOVING, goal, given_s=t)
+        self._reports.report(job, "")
+
+    def refuse(self, topic: str, stamp_ns: int, reason: str) -> None:
+        """Report that a message is refused."""
+        self._refuse(reason)
+        self._reports.refuse(topic, stamp_ns, reason)
 
     def tick(self, state: ControllerState, t: float, tip: np.ndarray, begun_s: float) -> None:
         """Continue after a tick.
@@ -142,50 +169,51 @@ class MotionTopic:
         job = self._job
         if job is None:
             return
-        if job.state == PLANNING:
+        if isinstance(job, _Path) and job.state == PLANNING:
             self._plan(job, begun_s + _SHARE * self._period_s)
             self._begin(job, t)
-        elif job.state == MOVING and job.motion is not None:
-            self._judge(job, job.motion, t, tip)
+        elif job.state == MOVING and job.goal is not None and state.following is not None:
+            ended = not job.is_stream or t - job.given_s > STREAM_S
+            rests = ended and at_rest(self._controller.bounds, state.following)
+            self._reports.judge(job, job.goal, t, tip, rests)
 
     def _on_path(self, message: Path) -> None:
-        active = self._job is not None and self._job.state in (PLANNING, MOVING, REACHED)
-        if active and message == self._message:
+        job = self._job
+        if isinstance(job, _Path) and job.state in (PLANNING, MOVING, REACHED) and message == self._message:
             return  # a repeated message changes nothing
         stamp_ns = messages.to_ns(message.header.stamp)
         try:
             positions, orientations = self._poses(message)
             self._reached()
-            job = _Job(stamp_ns, positions, orientations, self._settings())
-            job.steps = self._steps(job)
+            path = _Path(TOPIC, stamp_ns, self._settings())
+            path.steps = self._steps(path.config, positions, orientations)
         except SoroError as error:
-            self._report_refusal(stamp_ns, error)
+            self.refuse(TOPIC, stamp_ns, str(error))
             return
         self._message = message
-        if (
-            self._job is not None and self._job.state == PLANNING
-        ):  # one under way goes on until this one begins
-            self._end(self._job, REPLACED, "by another path")
-        if self._job is not None and self._job.state == MOVING:
-            self._replaced = self._job
-        self._job = job
-        self._report(job, OK, "")
+        if job is not None and job.state == PLANNING:  # one under way goes on until this one begins
+            self._reports.end(job, REPLACED, "by another path")
+        if job is not None and job.state == MOVING:
+            self._replaced = job
+        self._job = path
+        self._reports.report(path, "")
         if self._lockstep:
-            self._plan(job, np.inf)
+            self._plan(path, np.inf)
 
     def _poses(self, message: Path) -> tuple[np.ndarray, np.ndarray | None]:
         """Positions and orientations in the world."""
-        frame = message.header.frame_id
+        frame, names = message.header.frame_id, self._frames
         for k, pose in enumerate(message.poses):
             if pose.header.frame_id not in ("", frame):
                 allowed = f"{frame or 'none'}, as the path, or none"
-                raise ConfigError("path", f"poses[{k}].header.frame_id", pose.header.frame_id, allowed)
-        if frame not in ("", "base", "world"):
-            raise ConfigError("path", "header.frame_id", frame, "base (or none), or world")
+                raise ConfigError(TOPIC, f"poses[{k}].header.frame_id", pose.header.frame_id, allowed)
+        if frame not in ("", names.base, names.world):
+            allowed = f"{names.base} (frames.base), or none, or {names.world} (frames.world)"
+            raise ConfigError(TOPIC, "header.frame_id", frame, allowed)
         arrays = [messages.pose_arrays(pose.pose) for pose in message.poses]
         positions = np.array([position for position, _ in arrays]).reshape(-1, 3)
         orientations = np.array([orientation for _, orientation in arrays]).reshape(-1, 4)
-        if frame != "world" and len(positions):
+        if frame != names.world and len(positions):
             robot = self._controller.robot
             base = matrix_from_quaternion(np.asarray(robot.base_quaternion, dtype=np.float64))
             positions = positions @ base.T + np.asarray(robot.base_position)
@@ -193,13 +221,15 @@ class MotionTopic:
         # An orientation of zeros is one that was not stated.
         return positions, orientations if np.any(orientations) else None
 
-    def _steps(self, job: _Job) -> Planning[Motion]:
+    def _steps(
+        self, config: MotionConfig, positions: np.ndarray, orientations: np.ndarray | None
+    ) -> Planning[Motion]:
         """Plan the path, then the way to it from the reference at the time of the motion's begin."""
         controller, (state, _, following) = self._controller, self._reached()
         planner = controller.planner(state, self._period_s)
-        planner = replace(planner, config=changed(planner.config, motion=job.config))
+        planner = replace(planner, config=changed(planner.config, motion=config))
         near = reference_ahead(controller.bounds, following, 0.0).q
-        route = yield from planner.route(near, job.positions, job.orientations)
+        route = yield from planner.route(near, positions, orientations)
         ahead_s = _AHEAD_S
         while True:
             _, t, following = self._reached()
@@ -220,7 +250,7 @@ class MotionTopic:
             raise ConfigError("path", "controller", "not in control", "a controller in control: soro enable")
         return *self._now, self._now[0].following
 
-    def _plan(self, job: _Job, until_s: float) -> None:
+    def _plan(self, job: _Path, until_s: float) -> None:
         """Continue the plan until a monotonic time [s]."""
         try:
             while job.steps is not None:
@@ -233,59 +263,24 @@ class MotionTopic:
         except SoroError as error:
             job.steps = None
             self._job, self._replaced = self._replaced, None
-            self._report_refusal(job.stamp_ns, error)
+            self.refuse(TOPIC, job.stamp_ns, str(error))
 
-    def _begin(self, job: _Job, t: float) -> None:
+    def _begin(self, job: _Path, t: float) -> None:
         """Begin the planned motion when it is due."""
         if job.motion is None or t < job.motion.start_s:
             return
         if self._replaced is not None:
-            self._end(self._replaced, REPLACED, "by another path")
+            self._reports.end(self._replaced, REPLACED, "by another path")
             self._replaced = None
-        job.state = MOVING
+        job.state, job.note, job.goal = MOVING, job.motion.note, self._tip(job.motion, job.motion.end_s)
         self._follow(job.motion)
         self._refuse("")
-        self._report(job, OK, job.motion.note, t)
+        self._reports.report(job, job.note, t)
 
-    def _judge(self, job: _Job, motion: Motion, t: float, tip: np.ndarray) -> None:
-        """Report progress, and whether the tip has come to the end."""
-        goal = self._controller.arm.pose(motion.sample(motion.end_s).q, self._controller.robot.length)[:3, 3]
-        off_m = float(np.linalg.norm(tip - goal))
-        if t >= motion.end_s and off_m <= job.config.reached_m:
-            self._end(job, REACHED, motion.note, t, off_m)
-        elif t > motion.end_s + job.config.settle_s:
-            text = f"the tip is {1e3 * off_m:.1f} mm from the end of the path, allowed: "
-            self._end(job, LOST, f"{text}{1e3 * job.config.reached_m:g} mm (motion.reached_m)", t, off_m)
-        elif t >= job.reported_s + _REPORT_S:
-            self._report(job, OK, motion.note, t, off_m)
-
-    def _end(
-        self, job: _Job, state: str, text: str, t: float | None = None, off_m: float | None = None
-    ) -> None:
-        job.state, job.steps = state, None
-        self._report(job, OK if state == REACHED else WARN, text, t, off_m)
-
-    def _report_refusal(self, stamp_ns: int, error: SoroError) -> None:
-        self._refuse(str(error))
-        self._publish(REFUSED, ERROR, str(error), {"stamp_ns": stamp_ns})
-
-    def _report(
-        self, job: _Job, level: bytes, text: str, t: float | None = None, off_m: float | None = None
-    ) -> None:
-        values: dict[str, object] = {"stamp_ns": job.stamp_ns}
-        if job.motion is not None:
-            values |= {"factor": f"{job.motion.factor:.3f}"}
-            if t is not None:
-                job.reported_s = t
-                values["passed_s"] = f"{t - job.motion.start_s:.2f}"
-                values["duration_s"] = f"{job.motion.end_s - job.motion.start_s:.2f}"
-        if off_m is not None:
-            values["from_the_end_m"] = f"{off_m:.6f}"
-        self._publish(job.state, level, text, values)
-
-    def _publish(self, state: str, level: bytes, text: str, values: dict[str, object]) -> None:
-        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-        self._send(STATUS, DiagnosticStatus(level=level, name=state, message=text, values=pairs))
+    def _tip(self, reference: Reference, t: float) -> np.ndarray:
+        """Position of the tip (3,) where a reference is at a time [s]."""
+        q = reference.sample(t).q
+        return np.asarray(self._controller.arm.pose(q, self._controller.robot.length)[:3, 3])
 
 
 def _rests(point: Point) -> bool:

@@ -13,8 +13,10 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from soro_core.errors import ConfigError
+from soro_core.frames import Frames
 from soro_ros import messages, qos
-from soro_ros.motion_topic import MOVING, PLANNING, REACHED, REFUSED, STATUS, TOPIC
+from soro_ros.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS
+from soro_ros.motion_topic import TOPIC
 from soro_ros.services import ServiceCaller
 
 _DESIRED = "arm/desired/tip"
@@ -48,6 +50,7 @@ class Mover:
         self._limit_s, self._say = limit_s, say
         self._namespace = controller.rpartition("/")[0]
         self._tip: np.ndarray | None = None
+        self._world = Frames().world
         self._reports: list[DiagnosticStatus] = []
         node, names = caller.node, self._namespace
         self._path = node.create_publisher(Path, f"{names}/{TOPIC}", qos.RELIABLE)
@@ -88,7 +91,7 @@ class Mover:
         """Send a path (n, 3) [m] and wait for its end; return the exit status 0, 1 or 2."""
         node, path = self._caller.node, Path()
         stamp_ns = node.get_clock().now().nanoseconds
-        path.header.frame_id, path.header.stamp = "world", messages.to_time(stamp_ns)
+        path.header.frame_id, path.header.stamp = self._world, messages.to_time(stamp_ns)
         path.poses = [PoseStamped(pose=messages.pose(row, np.array([0.0, 0, 0, 1]))) for row in positions]
         self._reports.clear()
         self._path.publish(path)
@@ -134,7 +137,8 @@ class Mover:
         return ""
 
     def _on_desired(self, message: PoseStamped) -> None:
-        self._tip = messages.pose_arrays(message.pose)[0]
+        # In the frame in which the controller states its own poses, whatever its name.
+        self._tip, self._world = messages.pose_arrays(message.pose)[0], message.header.frame_id
 
 
 def _line(state: str, text: str, values: Mapping[str, str]) -> str:

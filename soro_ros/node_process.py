@@ -1,4 +1,4 @@
-"""A node as a process: command line, signals, real-time priority, and an end that vents first."""
+"""Nodes as a process: command line, signals, real-time priority, and an end that vents first."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import contextlib
 import signal
 import sys
 import traceback
+from collections.abc import Sequence
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import InvalidParameterValueException
@@ -14,6 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from soro_core.errors import ConfigError, SoroError
 from soro_ros import command_line, middleware, signals, timing
+from soro_ros.command_line import Program
 from soro_ros.lifecycle import Config, SoroNode
 
 RCLError = rclpy_implementation.RCLError
@@ -25,58 +28,79 @@ LEAVE_S = 10
 
 
 def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) -> None:
-    """Run one node as a process: exit 0 after a clean end, 2 on a wrong configuration, 1 on a failure.
+    """Run one node as a process, see `run_nodes`."""
+    run_nodes([node_class], command_line.of_node(node_class), args)
 
+
+def run_nodes(
+    node_classes: Sequence[type[SoroNode[Any]]], program: Program, args: list[str] | None = None
+) -> None:
+    """Run nodes as one process: exit 0 after a clean end, 2 on a wrong configuration, 1 on a failure.
+
+    A wrong command line ends it at once, a start that fails only with the parameter `end_on_failed_start`.
     SIGINT and SIGTERM are handled here and not by rclpy, whose handler shuts the context down before
     Python runs, so that a safe state could no longer be announced.
+
+    Parameters
+    ----------
+    node_classes : sequence of type
+        Classes of the nodes. The last one drives the valves: it is configured last and made safe first.
+    program : Program
+        What its command line says of itself.
+    args : list of str, optional
+        Arguments; default: those of the process.
     """
     with signals.noted() as stopping:
-        status = run_until_end(node_class, args, stopping)
+        status = run_until_end(node_classes, program, args, stopping)
     # The middleware ends after Python. If it hangs then, at real-time priority, the kernel ends the process.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(LEAVE_S)
     raise SystemExit(status)
 
 
-def run_until_end(node_class: type[SoroNode[Config]], args: list[str] | None, stopping: list[int]) -> int:
-    """Run one node until it finishes, fails or a signal ends it.
+def run_until_end(
+    node_classes: Sequence[type[SoroNode[Any]]],
+    program: Program,
+    args: list[str] | None,
+    stopping: list[int],
+) -> int:
+    """Run nodes until one of them finishes or fails, or a signal ends them.
 
     Parameters
     ----------
-    node_class : type
-        Class of the node.
+    node_classes : sequence of type
+    program : Program
     args : list of str or None
-        ROS arguments; None for those of the process.
+        As in `run_nodes`.
     stopping : list of int
-        Signals that end the node, see `signals.noted`.
+        Signals that end the nodes, see `signals.noted`.
 
     Returns
     -------
     int
-        Exit status, see `run_node`.
+        Exit status, see `run_nodes`.
     """
-    node, status = None, 0
+    nodes: list[SoroNode[Any]] = []
+    status = 0
     try:
-        command_line.initialise(node_class, args)
-        node = _make(node_class)
+        command_line.initialise(program, args)
+        for node_class in node_classes:
+            nodes.append(_make(node_class))
         with signals.raised(stopping):
-            _start(node, stopping)
-        _spin(node, stopping)
-        status = 0 if node.failure is None else 2 if isinstance(node.failure, ConfigError) else 1
+            _start(nodes, stopping)
+        _spin(nodes, stopping)
+        status = 2 if _refused(nodes) else 1 if any(node.failure for node in nodes) else 0
     except ConfigError as error:
-        print(f"{node_class.node_name}: {error}", file=sys.stderr)
+        print(f"{program.name}: {error}", file=sys.stderr)
         status = 2
     except (ExternalShutdownException, KeyboardInterrupt):
-        # A supervisor that reads the failure in /diagnostics may interrupt before the node ends by itself.
-        if node is not None and isinstance(node.failure, ConfigError):
-            status = 2
+        # A supervisor that reads the failure in /diagnostics may interrupt before the end.
+        status = 2 if _refused(nodes) else 0
     finally:
-        if node is not None:
-            try:
-                node.make_safe()
-            except Exception:  # the steps after it are still necessary
-                node.get_logger().error(traceback.format_exc())
+        for node in reversed(nodes):
+            if not _made_safe(node):
                 status = status or 1
+        for node in reversed(nodes):
             with contextlib.suppress(RCLError):  # an interrupted transition permits no other one
                 node.trigger_shutdown()
             node.diagnostics.publish()
@@ -86,7 +110,21 @@ def run_until_end(node_class: type[SoroNode[Config]], args: list[str] | None, st
     return status
 
 
-def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:
+def _refused(nodes: Sequence[SoroNode[Any]]) -> bool:
+    """Whether a node has refused its configuration."""
+    return any(isinstance(node.failure, ConfigError) for node in nodes)
+
+
+def _made_safe(node: SoroNode[Any]) -> bool:
+    try:
+        node.make_safe()
+    except Exception:  # the steps after it are still necessary
+        node.get_logger().error(traceback.format_exc())
+        return False
+    return True
+
+
+def _make(node_class: type[SoroNode[Any]]) -> SoroNode[Any]:
     try:
         return node_class()
     except (InvalidParameterValueException, ValueError) as error:
@@ -95,35 +133,53 @@ def _make(node_class: type[SoroNode[Config]]) -> SoroNode[Config]:
         ) from None
 
 
-def _start(node: SoroNode[Config], stopping: list[int]) -> None:
-    """Configure and activate the node, if `autostart` is true."""
-    node.stopping = stopping
+def _start(nodes: Sequence[SoroNode[Any]], stopping: list[int]) -> None:
+    """Configure all nodes whose `autostart` is true, which may compile, and activate them then.
+
+    If one fails they stay, as others in ROS, unless it is to end then.
+    """
+    wanted = [node for node in nodes if node.get_parameter_or("autostart").value]
+    for node in nodes:
+        node.stopping = stopping
     try:
-        if node.get_parameter_or("autostart").value:
-            node.trigger_configure()
-            if node.failure is None:
-                node.trigger_activate()
+        for step in ("configure", "activate"):
+            for node in wanted:
+                if not any(one.failure for one in wanted):
+                    getattr(node, f"trigger_{step}")()
+                    if node.failure is not None:
+                        _stay_or_end(node, step)
     finally:
-        node.stopping = []  # later errors are no interrupts
+        for node in nodes:
+            node.stopping = []  # later errors are no interrupts
 
 
-def _spin(node: SoroNode[Config], stopping: list[int]) -> None:
+def _stay_or_end(node: SoroNode[Any], step: str) -> None:
+    """Say how to try a step of the start again, or end the process."""
+    if node.get_parameter_or("end_on_failed_start").value:
+        node.finish()
+    elif not node.finished:
+        again = f"ros2 lifecycle set {node.get_fully_qualified_name()} {step}"
+        node.get_logger().info(f"waiting for another try: {again}")
+
+
+def _spin(nodes: Sequence[SoroNode[Any]], stopping: list[int]) -> None:
     from rclpy.experimental.events_executor import EventsExecutor
 
-    if node.failure is not None:
+    if any(node.finished for node in nodes):
         return
     executor = EventsExecutor()
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
     timing.shorten_pauses()
-    _prioritise(node)
+    _prioritise(max(nodes, key=lambda node: node.priority))
     try:
-        while not stopping and not node.finished:
+        while not stopping and not any(node.finished for node in nodes):
             executor.spin_once(timeout_sec=SPIN_WAIT_S)
     except SoroError as error:  # raised in a callback
-        node.fail(error)
+        nodes[-1].fail(error)
 
 
-def _prioritise(node: SoroNode[Config]) -> None:
-    """Request the node's real-time priority; without the right to it the node logs a warning and runs on."""
+def _prioritise(node: SoroNode[Any]) -> None:
+    """Request a node's priority for the process; without the right to it a warning is logged."""
     if node.priority > 0 and (trouble := timing.prioritise(node.priority)):
         node.get_logger().warning(f"no real-time priority ({trouble}): see docs/real_time.md")

@@ -24,7 +24,7 @@ _BOUNDS = {
 # What tools write for a parameter that is not set.
 _NOTHING = ("None", "null", "~")
 # Only the start of a process reads them.
-READ_ONLY = ("autostart", "priority")
+READ_ONLY = ("autostart", "end_on_failed_start", "priority")
 
 
 def described_field(field: FieldInfo) -> str:

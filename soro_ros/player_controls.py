@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from soro_core.errors import ConfigError
 from soro_ros.keyboard import Keyboard
 from soro_ros.lifecycle import SoroNode
 from soro_ros.playback import Playback
+from soro_ros.triggers import create_triggers
 
 _SEEK_S = 5.0
 _FASTEST = 1000.0
@@ -38,12 +37,8 @@ class PlayerControls:
     def __init__(self, node: SoroNode[Any], playback: Playback[Any], start_s: float) -> None:
         self._node, self.playback, self._start_s = node, playback, start_s
         self._keyboard: Keyboard | None = None
-        for name, action in (
-            ("pause", self._pause),
-            ("resume", self._resume),
-            ("toggle_paused", self._toggle),
-        ):
-            node.create_service(Trigger, f"~/{name}", self._answering(action))
+        actions = {"pause": self._pause, "resume": self._resume, "toggle_paused": self._toggle}
+        create_triggers(node, actions)
         node.add_post_set_parameters_callback(self._apply)
 
     def listen(self) -> None:
@@ -62,13 +57,6 @@ class PlayerControls:
         """Take no parameters and keys any more."""
         self.leave_terminal()
         self._node.remove_post_set_parameters_callback(self._apply)
-
-    def _answering(self, action: Callable[[], str]) -> Callable[..., Trigger.Response]:
-        def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            response.success, response.message = True, action()
-            return response
-
-        return answer
 
     def _pause(self) -> str:
         self.playback.pause()

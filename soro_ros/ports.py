@@ -32,8 +32,8 @@ class Input(NamedTuple):
 Inputs: TypeAlias = Mapping[str, Input]
 
 
-def _ignore(*_: object) -> None:
-    pass
+def ignore(*_: object) -> None:
+    """Take anything, and do nothing."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ class Ports:
 
     publish: Callable[[str, Any], None]
     now_ns: Callable[[], int] = time.time_ns
-    warn: Callable[[str], None] = _ignore
-    report: Callable[[str], None] = _ignore
-    refuse: Callable[[str, bool], None] = _ignore
+    warn: Callable[[str], None] = ignore
+    report: Callable[[str], None] = ignore
+    refuse: Callable[[str, bool], None] = ignore
 
 
 def subscribe(node: Node, inputs: Inputs, lockstep: bool) -> None:

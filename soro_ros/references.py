@@ -11,7 +11,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.errors import ConfigError
 from soro_ros import messages
-from soro_ros.control_report import FRAME
 
 _ROWS = ("positions", "velocities", "accelerations")
 
@@ -48,7 +47,7 @@ def trajectory(controller: Controller, message: JointTrajectory, t: float) -> Re
     )
 
 
-def tip(controller: Controller, state: ControllerState, message: PoseStamped) -> Reference:
+def tip(controller: Controller, state: ControllerState, message: PoseStamped, world: str) -> Reference:
     """Return the reference that holds the tip at a pose.
 
     Parameters
@@ -57,14 +56,17 @@ def tip(controller: Controller, state: ControllerState, message: PoseStamped) ->
     state : ControllerState
         After the last tick.
     message : PoseStamped
+    world : str
+        Name of the frame that the pose must state, where it states one.
 
     Raises
     ------
     SoroError
-        If the pose is in an unknown frame, or out of reach.
+        If the pose is in another frame, or out of reach.
     """
-    if message.header.frame_id not in ("", FRAME):
-        raise ConfigError("tip reference", "header.frame_id", message.header.frame_id, f"{FRAME}, or none")
+    if message.header.frame_id not in ("", world):
+        allowed = f"{world} (frames.world), or none"
+        raise ConfigError("arm/reference/tip", "header.frame_id", message.header.frame_id, allowed)
     return controller.tip(state, *messages.pose_arrays(message.pose))
 
 

@@ -74,6 +74,7 @@ def summarise(bag: Path, scene: Scene) -> Summary | None:
     low, high = pressure_bounds(scene)
     at_bound = (command <= low + 1.0) | (command >= high - 1.0)
     reading = _during(recording.reading, scene.duration_s)
+    reading = reading[np.isfinite(reading)]  # none of the chambers of a silent device
     settled = settling_time(t, error, SETTLED_PART_OF_LENGTH * length)
     return Summary(
         duration_s=float(t[-1]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+from typing import Any, TypeAlias
 
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Imu
@@ -14,7 +15,10 @@ from soro_core.scene import EstimatorNodeConfig, ExciterNodeConfig
 from soro_core.twin import SensorConfig
 from soro_core.twin.sensors import SensorClock
 from soro_ros import messages, qos
+from soro_ros.frame_check import FrameCheck
 from soro_ros.ports import Input, Inputs
+
+_Read: TypeAlias = Callable[[float, Any, float], Sample]
 
 
 class SampleInputs:
@@ -30,6 +34,8 @@ class SampleInputs:
         Function that returns the time [s] of a stamp [ns].
     on_sample : callable
         Called after each sample.
+    frames : FrameCheck
+        Refuses samples in another frame than the configured one.
 
     Attributes
     ----------
@@ -43,21 +49,24 @@ class SampleInputs:
         length: float,
         seconds: Callable[[int], float],
         on_sample: Callable[[], None],
+        frames: FrameCheck,
     ) -> None:
         self._lockstep = config.mode == "lockstep"
         self._seconds, self._on_sample = seconds, on_sample
+        self._frames = frames
         pose = _clock(config.pose_rate_hz, config.pose_delay_s, config.rate_hz)
         imu = _clock(config.imu_rate_hz, config.imu_delay_s, config.rate_hz)
         poses = [f"pose{k}" for k in range(len(config.pose_locations))]
         imus = [f"imu{k}" for k in range(len(config.imu_locations))]
         self._expected = dict.fromkeys(poses, pose) | dict.fromkeys(imus, imu)
-        self._samples: dict[str, deque[Sample]] = {name: deque(maxlen=1000) for name in self._expected}
+        # None: a refused sample, which a tick in lockstep does not wait for any longer.
+        self._samples: dict[str, deque[Sample | None]] = {name: deque(maxlen=1000) for name in self._expected}
         self._taken, self._received = (dict.fromkeys(self._samples, 0) for _ in range(2))
         self.inputs: Inputs = {
-            f"sensors/{name}": Input(kind, partial(callback, name, place * length), qos.sensor)
-            for kind, names, places, callback in (
-                (PoseStamped, poses, config.pose_locations, self._on_pose),
-                (Imu, imus, config.imu_locations, self._on_imu),
+            f"sensors/{name}": Input(kind, partial(self._on_message, read, name, place * length), qos.sensor)
+            for kind, names, places, read in (
+                (PoseStamped, poses, config.pose_locations, _pose),
+                (Imu, imus, config.imu_locations, _imu),
             )
             for name, place in zip(names, places, strict=True)
         }
@@ -73,19 +82,11 @@ class SampleInputs:
         """Return the samples of a tick; in lockstep the twin may already have sent those of the next."""
         return {name: self._due(name, tick) for name in self._samples}
 
-    def _on_pose(self, name: str, s: float, message: PoseStamped) -> None:
-        position, quaternion = messages.pose_arrays(message.pose)
-        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
-        self._take(name, PoseSample(stamp_s, position, quaternion, s))
-
-    def _on_imu(self, name: str, s: float, message: Imu) -> None:
-        omega, force, quaternion = messages.imu_arrays(message)
-        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
-        self._take(name, ImuSample(stamp_s, omega, force, quaternion, s))
-
-    def _take(self, name: str, sample: Sample) -> None:
+    def _on_message(self, read: _Read, name: str, s: float, message: PoseStamped | Imu) -> None:
         self._received[name] += 1
-        self._samples[name].append(sample)
+        is_used = self._frames.takes_sample(f"sensors/{name}", message.header.frame_id)
+        stamp_s = self._seconds(messages.to_ns(message.header.stamp))
+        self._samples[name].append(read(stamp_s, message, s) if is_used else None)
         self._on_sample()
 
     def _due(self, name: str, tick: int) -> list[Sample]:
@@ -94,7 +95,18 @@ class SampleInputs:
         if self._lockstep and clock is not None:
             n = min(n, clock.published_by(tick) - self._taken[name])
         self._taken[name] += n
-        return [queue.popleft() for _ in range(n)]
+        taken = [queue.popleft() for _ in range(n)]
+        return [sample for sample in taken if sample is not None]
+
+
+def _pose(stamp_s: float, message: PoseStamped, s: float) -> PoseSample:
+    position, quaternion = messages.pose_arrays(message.pose)
+    return PoseSample(stamp_s, position, quaternion, s)
+
+
+def _imu(stamp_s: float, message: Imu, s: float) -> ImuSample:
+    omega, force, quaternion = messages.imu_arrays(message)
+    return ImuSample(stamp_s, omega, force, quaternion, s)
 
 
 def _clock(sensor_rate_hz: float, delay_s: float, rate_hz: float) -> SensorClock | None:

@@ -36,6 +36,11 @@ class TwinTopics:
     def __init__(self, node: Node, robot: Robot, twin: Twin, profile: QoSProfile, lockstep: bool) -> None:
         self._chamber_names = robot.chamber_names
         self._coordinate_names = twin.plant.arm.robot.coordinate_names
+        self._frames = frames = twin.config.frames
+        self._imu_frames = {
+            place * twin.length: frames.of_imu(k) or f"imu{k}"
+            for k, place in enumerate(twin.config.imu.locations)
+        }
         self._poses, self._imus = (
             {
                 place * twin.length: node.create_publisher(kind, f"sensors/{name}{k}", profile)
@@ -66,9 +71,11 @@ class TwinTopics:
         if self._clock is not None:
             self._clock.publish(Clock(clock=messages.to_time(stamp_ns)))
         for pose in seen.poses:
-            self._poses[pose.s].publish(messages.pose_sample(pose, sample_ns(pose.stamp_s)))
+            message = messages.pose_sample(pose, sample_ns(pose.stamp_s), self._frames.of_poses)
+            self._poses[pose.s].publish(message)
         for imu in seen.imus:
-            self._imus[imu.s].publish(messages.imu_sample(imu, sample_ns(imu.stamp_s)))
+            frame = self._imu_frames[imu.s]
+            self._imus[imu.s].publish(messages.imu_sample(imu, sample_ns(imu.stamp_s), frame))
 
     def publish_truth(self, state: TwinState, tip: np.ndarray, stamp_ns: int) -> None:
         """Publish the true state of arm and air.
@@ -83,6 +90,6 @@ class TwinTopics:
         """
         arm, pressure = state.arm, state.air.pressure_pa
         force = np.zeros_like(arm.q)
-        self._true_tip.publish(messages.pose_stamped(tip, stamp_ns, "world"))
+        self._true_tip.publish(messages.pose_stamped(tip, stamp_ns, self._frames.world))
         self._true_state.publish(messages.arm_state(self._coordinate_names, arm.q, arm.qd, force, stamp_ns))
         self._true_air.publish(messages.chambers(self._chamber_names, pressure, stamp_ns))

@@ -40,7 +40,7 @@ class BackgroundWriter:
         self._buffer_bytes = buffer_bytes
         # Less the round in which a message waits, and the one that writes it.
         self._flush_s = max(0.0, flush_s - 2 * _GATHER_S)
-        self._waiting: deque[Topic | tuple[str, bytes, int]] = deque()
+        self._waiting: deque[Topic | tuple[str, bytes, int] | None] = deque()
         self._stop = threading.Event()
         self._taken_bytes = self._done_bytes = 0
         self.dropped = 0
@@ -66,6 +66,10 @@ class BackgroundWriter:
     def add_topic(self, topic: Topic) -> None:
         """Register a topic before its first message."""
         self._waiting.append(topic)
+
+    def split(self) -> None:
+        """Begin a new file of the bag after the messages accepted so far."""
+        self._waiting.append(None)
 
     def write(self, topic: str, data: bytes, log_time_ns: int) -> None:
         """Accept one message, or drop it if the disk is too slow or has failed.
@@ -122,14 +126,16 @@ class BackgroundWriter:
                 self.failure = (
                     error if isinstance(error, SoroError) else BagError(repr(error), self._writer.folder)
                 )
-                self.dropped += sum(1 for item in self._waiting if not isinstance(item, Topic))
+                self.dropped += sum(isinstance(item, tuple) for item in self._waiting)
                 self._waiting.clear()
                 return
 
     def _drain(self) -> None:
         while self._waiting:
             item = self._waiting[0]
-            if isinstance(item, Topic):
+            if item is None:
+                self._writer.split()
+            elif isinstance(item, Topic):
                 self._writer.add_topic(item)
             else:
                 self._writer.write(*item)

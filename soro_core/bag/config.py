@@ -6,13 +6,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from soro_core.config import Strict, Strings
+from soro_core.config import Strings
+from soro_core.start_keys import StartKeys
 
 
-class RecorderConfig(Strict):
+class RecorderConfig(StartKeys):
     """Parameters of the recorder."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     folder: str = Field(
         "", description="folder of the new bag; empty: bag-<date>-<time> in the current folder"
     )
@@ -41,13 +41,13 @@ class RecorderConfig(Strict):
     buffer_bytes: int = Field(
         2**28, ge=2**16, description="messages are dropped when more waits for the disk [B]"
     )
+    paused: bool = Field(False, description="begin paused: ~/resume starts it")
     notes: Strings = Field((), description="'key=value' texts kept in the metadata of the bag")
 
 
-class PlayerConfig(Strict):
+class PlayerConfig(StartKeys):
     """Parameters of the player."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     bag: str = Field("", description="folder of the bag, or an .mcap file")
     rate: float = Field(
         1.0,

@@ -146,6 +146,18 @@ class BagWriter:
         self._start_ns = log_time_ns if self._start_ns is None else min(self._start_ns, log_time_ns)
         self._end_ns = max(self._end_ns, log_time_ns)
 
+    def split(self) -> None:
+        """Close the file and begin the next one; nothing changes while the file has no message.
+
+        Raises
+        ------
+        BagError
+            If the disk refuses.
+        """
+        self._check_open()
+        if self._file.start_ns is not None:
+            self._split()
+
     def flush(self) -> None:
         """End the chunk and pass all data to the operating system; data written since is lost in a crash."""
         self._check_open()

@@ -14,6 +14,8 @@ from soro_core.control.trajectory import Circle, Hold, Point, Reference
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Part of the limit of a strain within which a passage has arrived.
+_ARRIVED = 1e-3
 # References that arrive within this time [s] of each other form a stream.
 STREAM_S = 1.0
 
@@ -113,3 +115,10 @@ def reference_ahead(bounds: Bounds, state: Following, time_s: float) -> Point:
     """
     passage = state.passage
     return point(bounds, advance(bounds, passage, passage.t_s + time_s, time_s) if time_s > 0.0 else passage)
+
+
+def at_rest(bounds: Bounds, state: Following) -> bool:
+    """Whether the reference in force has come to the end of the wanted one, where that rests."""
+    passage = state.passage
+    has_arrived = bool(np.all(np.abs(passage.gap) <= _ARRIVED * bounds.strain))
+    return has_arrived and passage.t_s >= passage.target.end_s

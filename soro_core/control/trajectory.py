@@ -37,6 +37,11 @@ class Reference(ABC):
     def sample(self, t: float) -> Point:
         """Return the reference at time `t` [s]."""
 
+    @property
+    def end_s(self) -> float:
+        """Time from which on it rests [s]; infinite if it never does."""
+        return math.inf
+
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other`, given at time `t` [s] while this reference is in force, is the same motion."""
         return other is self
@@ -47,6 +52,11 @@ class Hold(Reference):
     """A set point."""
 
     q: Array
+
+    @property
+    def end_s(self) -> float:
+        """It always rests."""
+        return -math.inf
 
     def sample(self, t: float) -> Point:
         """Return the set point at rest."""
@@ -66,6 +76,11 @@ class Blend(Reference):
     second: Reference
     start_s: float
     duration_s: float
+
+    @property
+    def end_s(self) -> float:
+        """Time of the end of both [s]."""
+        return max(self.start_s + self.duration_s, self.second.end_s)
 
     def sample(self, t: float) -> Point:
         """Return the blend; after the passage, the second reference alone."""
@@ -190,6 +205,11 @@ class Waypoints(Reference):
                 parts = [q, qd] if qdd is None else [q, qd, qdd]
                 curve = BPoly.from_derivatives(start_s + times, np.stack(parts, axis=1))
             self._curves = (curve, curve.derivative(1), curve.derivative(2))
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last point [s]; a single one is a set point."""
+        return -math.inf if self._curves is None else self._last
 
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other` has the same points, and does not start an ended trajectory again."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from soro_core import safety
 from soro_core.errors import HardwareError
 from soro_core.hardware.platform import IN_TURN, PlatformBase, watched
-from soro_core.hardware.port import Array, Exchange, Regulator
+from soro_core.hardware.port import Array, Exchange, Flags, Regulator
 
 
 class LimitedRegulator(safety.Limiter):
@@ -72,10 +74,41 @@ class LimitedRegulator(safety.Limiter):
             self.regulator.vent()
         return result
 
-    def known_pa(self, exchange: Exchange) -> Array:
-        """Return readings (n,) [Pa gauge] of the last cycle, extrapolated for chambers served in turn."""
+    def readings_pa(self, exchange: Exchange, now_ns: int, every_cycle: bool = False) -> Array | None:
+        """Return what is known of the pressures after a cycle, or None if it has brought nothing new.
+
+        Parameters
+        ----------
+        exchange : Exchange
+            What the cycle returned.
+        now_ns : int
+            Its time [ns].
+        every_cycle : bool
+            Whether readings count that are not of this cycle, for loops that need some at each tick.
+
+        Returns
+        -------
+        ndarray (n,) or None
+            Readings [Pa gauge], extrapolated for chambers served in turn. NaN for a chamber without a
+            reading for so long that the limiter has latched, or whose sensor gives no number. None if all
+            chambers are like that, or one of the others was not sampled in this cycle: an old reading with
+            a new stamp would be wrong in an estimator.
+        """
+        no_number = ~np.isfinite(exchange.pressure_pa)
+        silent = self._silent(now_ns) | (exchange.fresh & no_number)
+        sampled = exchange.fresh | (self.in_turn or every_cycle)
+        if np.any(~silent & (no_number | ~sampled)) or (silent.all() and not every_cycle):
+            return None
         known = exchange.known_pa
-        return safety.interpolated(self.state, known, exchange.fresh) if self.in_turn else known
+        if self.in_turn:
+            known = safety.interpolated(self.state, known, exchange.fresh)
+        return np.where(silent, np.nan, known)
+
+    def _silent(self, now_ns: int) -> Flags:
+        """Return the chambers (n,) whose last reading is older than a reading may be."""
+        if self.state.reading_ns is None:
+            return np.zeros(len(self.names), dtype=np.bool_)
+        return np.asarray((now_ns - self.state.reading_ns) * 1e-9 > self.limits.reading_age_s)
 
     def vent(self, cause: str) -> None:
         """Latch, and send zeros at once."""

@@ -93,8 +93,11 @@ class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):
     """Parameters of the estimator node."""
 
     priority: Priority = 20
-    backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone; 0 for none")
+    backbone_rate_hz: float = Field(20.0, ge=0, le=30, description="rate of arm/backbone and /tf; 0 for none")
     backbone_points: int = Field(21, ge=2, le=200, description="poses along the arm in arm/backbone")
+    publish_tf: bool = Field(
+        True, description="publish base and tip on /tf_static and /tf, where tf2_msgs is installed"
+    )
     learned: bool = Field(
         False, description="lockstep: the law learns, so each tick waits for arm/learned of the one before"
     )

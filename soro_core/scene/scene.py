@@ -18,7 +18,7 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.robot import Discretisation, Robot, load_robot
-from soro_core.run_keys import SHARED, ClockKeys, LimitKeys, RobotKeys, SeedKeys
+from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
 from soro_core.safety import Rating, check_rating
 from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import (
@@ -34,7 +34,7 @@ from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinS
 _FILES = ("robot", "platform", "controller")
 
 
-class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys):
+class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     """A run: its robot, platform, duration, and the keys of each node."""
 
     name: str = Field("", pattern=r"^[a-z0-9_]*$", description="name of the run; the file's name if empty")

@@ -86,6 +86,7 @@ def play(
         "wait_for_subscribers": wait,
         "paused": paused,
         "keyboard": True,
+        "end_on_failed_start": True,
     }
     try:
         config = parse(options, PlayerConfig, where="soro play")

@@ -1,11 +1,13 @@
 """One arm: emulated, or with real valves; `ros2 launch soro_ros arm.launch.py --show-args` explains it.
 
-The nodes are configured and activated by lifecycle events, the driver of the valves after the controller.
+The nodes are configured and activated by lifecycle events, the driver of the valves after the controller;
+those of a composed arm, in one process, start by themselves.
 """
 
 import tempfile
 from pathlib import Path
 
+import yaml
 from launch import LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
@@ -46,10 +48,11 @@ def generate_launch_description():
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, default, text in arguments
     ]
-    rviz = DeclareLaunchArgument(
-        "use_rviz", default_value="false", choices=["true", "false"], description="start RViz"
-    )
-    return LaunchDescription([*declared, rviz, OpaqueFunction(function=_arm)])
+    switches = [
+        DeclareLaunchArgument(name, default_value="false", choices=["true", "false"], description=text)
+        for name, text in (("composed", "all nodes in one process"), ("use_rviz", "start RViz"))
+    ]
+    return LaunchDescription([*declared, *switches, OpaqueFunction(function=_arm)])
 
 
 def _arm(context):
@@ -57,28 +60,8 @@ def _arm(context):
     given = context.launch_configurations
     robot, platform, device = given["robot"], given["platform"], given["device"]
     folder = Path(tempfile.mkdtemp(prefix="soro-"))
-    nodes = {
-        name: LifecycleNode(
-            name=name,
-            namespace=given["namespace"],
-            package=PACKAGE,
-            executable=name,
-            parameters=[given["params"], {"autostart": False, **_as_text(parameters)}],
-            output="screen",
-            sigterm_timeout=END_S,
-            on_exit=Shutdown(reason=f"{name} ended"),
-        )
-        for name, parameters in parameters_of(robot, platform, device, folder).items()
-    }
-    started = [action for name, node in nodes.items() for action in _start(node, configure=name != LAST)]
-    if LAST in nodes:
-        commands = OnStateTransition(
-            target_lifecycle_node=nodes["controller"],
-            start_state="activating",
-            goal_state="active",
-            entities=[_change(nodes[LAST], Transition.TRANSITION_CONFIGURE)],
-        )
-        started.insert(0, RegisterEventHandler(commands))
+    parameters = parameters_of(robot, platform, device, folder)
+    started = (_composed if given["composed"] == "true" else _separate)(given, parameters, folder)
     if given["use_rviz"] == "true":
         started.append(
             Node(
@@ -89,6 +72,54 @@ def _arm(context):
             )
         )
     return _after_valves(platform, folder, started) if platform and not device else started
+
+
+def _composed(given, parameters, folder):
+    """Return the action that starts all nodes in one process, which ends if one of them fails."""
+    file = folder / "parameters.yaml"
+    sections = {
+        f"/**/{name}": {"ros__parameters": {"end_on_failed_start": True, **own}}
+        for name, own in parameters.items()
+    }
+    file.write_text(yaml.safe_dump(sections), encoding="utf-8")
+    arm = Node(
+        package=PACKAGE,
+        executable="arm",
+        namespace=given["namespace"],
+        arguments=list(parameters),
+        parameters=[given["params"], str(file)],
+        output="screen",
+        sigterm_timeout=END_S,
+        on_exit=Shutdown(reason="the arm ended"),
+    )
+    return [arm]
+
+
+def _separate(given, parameters, folder):
+    """Return the actions that start each node as a process."""
+    nodes = {
+        name: LifecycleNode(
+            name=name,
+            namespace=given["namespace"],
+            package=PACKAGE,
+            executable=name,
+            parameters=[given["params"], {"autostart": False, **_as_text(own)}],
+            output="screen",
+            sigterm_timeout=END_S,
+            on_exit=Shutdown(reason=f"{name} ended"),
+        )
+        for name, own in parameters.items()
+    }
+    started = [action for name, node in nodes.items() for action in _start(node, configure=name != LAST)]
+    if LAST in nodes:
+        commands = OnStateTransition(
+            target_lifecycle_node=nodes["controller"],
+            start_state="activating",
+            goal_state="active",
+            entities=[_change(nodes[LAST], Transition.TRANSITION_CONFIGURE)],
+        )
+        started.insert(0, RegisterEventHandler(commands))
+    return started
 
 
 def _as_text(parameters):
@@ -104,13 +135,17 @@ def _start(node, configure):
         goal_state="inactive",
         entities=[_change(node, Transition.TRANSITION_ACTIVATE)],
     )
-    refused = OnStateTransition(
-        target_lifecycle_node=node,
-        start_state="configuring",
-        goal_state="unconfigured",
-        entities=[Shutdown(reason="a node refused its configuration")],
-    )
-    actions = [RegisterEventHandler(activate), RegisterEventHandler(refused), node]
+    refused = [
+        OnStateTransition(
+            target_lifecycle_node=node,
+            start_state=begin,
+            goal_state=end,
+            entities=[Shutdown(reason="a node refused its configuration or its start")],
+        )
+        for begin, end in (("configuring", "unconfigured"), ("activating", "inactive"))
+    ]
+    actions = [RegisterEventHandler(handler) for handler in (activate, *refused)]
+    actions.append(node)
     return [*actions, _change(node, Transition.TRANSITION_CONFIGURE)] if configure else actions
 
 

@@ -16,7 +16,7 @@ from soro_ros.controller_ticks import ControllerTicks
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
-from soro_ros.motion_topic import REPLACED, STATUS, VENTED
+from soro_ros.motion_job import REPLACED, STATUS, VENTED
 from soro_ros.node_process import run_node
 from soro_ros.ports import Input, Ports, publisher, subscribe
 
@@ -111,8 +111,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.diagnostics.update(WARN if problems else OK, problems or "active")
 
     def diagnose(self) -> None:
-        counts = {"refused": self.state.watch.refused, **self.controller.law.counts(self.state.law)}
-        self.diagnostics.update(self.diagnostics.status.level, self.diagnostics.status.message, counts)
+        counts: dict[str, object] = {"refused": self.state.watch.refused}
+        counts |= {"refused references": self._ticks.refusals, **self.controller.law.counts(self.state.law)}
+        self.diagnostics.update(self.diagnostics.level, self.diagnostics.message, counts)
 
     # Services --------------------------------------------------------------------------------------
     def _enable(self, request: Trigger.Request, response: Trigger.Response, anyway: bool) -> Trigger.Response:

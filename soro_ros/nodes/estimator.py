@@ -14,9 +14,11 @@ from soro_core.scene import EstimatorNodeConfig
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.estimator_ticks import EstimatorTicks
+from soro_ros.frame_check import FrameCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
 from soro_ros.ports import Ports, publisher, subscribe
+from soro_ros.transforms import ArmTransforms
 
 
 class EstimatorNode(SoroNode[EstimatorNodeConfig]):
@@ -30,13 +32,16 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         loop = qos.loop(lockstep)
         outputs = {topic: (kind, loop) for topic, kind in EstimatorTicks.outputs.items()}
         ports = Ports(publisher(self, outputs), warn=self._warn, report=self._report)
-        self._ticks = EstimatorTicks(config, ports)
+        self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
+        self._ticks = EstimatorTicks(config, ports, self._frames)
         length = self.estimator.length
         places = ((pose_sensor, "pose", config.pose_locations), (imu_sensor, "imu", config.imu_locations))
         self._sensors = {
             f"{name}{k}": sensor(at * length) for sensor, name, ats in places for k, at in enumerate(ats)
         }
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
+        self._transforms = ArmTransforms(self, self.estimator.arm.robot, config.frames, config.publish_tf)
+        self._drawn_ns: int | None = None
         subscribe(self, self._ticks.inputs, lockstep)
         self.compile(self._ticks.warm_up)
 
@@ -52,42 +57,41 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
 
     def start(self) -> None:
         if self._config.backbone_rate_hz > 0:
-            self.every(1.0 / self._config.backbone_rate_hz, self._publish_backbone)
+            self.every(1.0 / self._config.backbone_rate_hz, self._draw)
 
-    def _publish_backbone(self) -> None:
-        if self.state is None:
+    def _draw(self) -> None:
+        """Publish the shape of the newest estimate, once; without a new one nothing."""
+        stamp_ns = self._ticks.estimated_ns
+        if self.state is None or stamp_ns in (None, self._drawn_ns):
             return
-        arm, q = self.estimator.arm, self.state.belief.q
-        message = PoseArray(
-            poses=[
-                messages.pose_of(arm.pose(q, s))
-                for s in np.linspace(0.0, self.estimator.length, self._config.backbone_points)
-            ]
-        )
-        message.header.frame_id = "world"
-        message.header.stamp = messages.to_time(self._ticks.epoch_ns + round(self.state.t_s * 1e9))
+        self._drawn_ns, arm, q = stamp_ns, self.estimator.arm, self.state.belief.q
+        places = np.linspace(0.0, self.estimator.length, self._config.backbone_points)
+        shape = [arm.pose(q, s) for s in places]
+        message = PoseArray(poses=[messages.pose_of(pose) for pose in shape])
+        message.header.frame_id = self._config.frames.world
+        message.header.stamp = messages.to_time(stamp_ns)
         self._backbone.publish(message)
+        self._transforms.publish(shape[-1], stamp_ns)
 
     def _warn(self, line: str) -> None:
         self.get_logger().warning(line, throttle_duration_sec=1.0)
 
     def _report(self, trouble: str) -> None:
         """Report at once what is new; where only its numbers change, once a second is enough."""
-        warns = self.diagnostics.status.level == WARN
+        warns = self.diagnostics.level == WARN
         is_new = bool(trouble) != warns or _without_numbers(trouble) != _without_numbers(self._trouble)
         self._trouble = trouble
         if is_new:
             self.diagnostics.update(WARN if trouble else OK, trouble or "active")
 
     def diagnose(self) -> None:
-        if self.state is None:
-            return
-        values = {**self.state.counts._asdict(), "malformed": self._ticks.malformed}
-        for name, sensor in self._sensors.items():
-            values |= _values_of(name, self.state.monitors.get(sensor))
-        status = self.diagnostics.status
-        text = self._trouble if status.level == WARN and self._trouble else status.message
-        self.diagnostics.update(status.level, text, values)
+        values: dict[str, object] = {"malformed": self._ticks.malformed, **self._frames.values}
+        if self.state is not None:
+            values |= self.state.counts._asdict()
+            for name, sensor in self._sensors.items():
+                values |= _values_of(name, self.state.monitors.get(sensor))
+        level, text = self.diagnostics.level, self.diagnostics.message
+        self.diagnostics.update(level, self._trouble if level == WARN and self._trouble else text, values)
 
 
 def _without_numbers(text: str) -> str:

@@ -16,6 +16,7 @@ from soro_core.scene import ExciterNodeConfig
 from soro_core.scene.excitation import excitation_of
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
+from soro_ros.frame_check import FrameCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
 from soro_ros.ports import subscribe
@@ -52,7 +53,8 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         loop, sensor = qos.loop(self._lockstep), qos.sensor(self._lockstep)
         self._command = self.create_publisher(JointState, "chambers/command", loop)
         self._section = self.create_publisher(JointState, "exciter/section", loop)
-        self._inputs = SampleInputs(config, robot.length, self._seconds, self._process)
+        self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
+        self._inputs = SampleInputs(config, robot.length, self._seconds, self._process, self._frames)
         subscribe(self, self._inputs.inputs, self._lockstep)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
         self.create_service(Trigger, "~/enable", self._on_enable)
@@ -61,6 +63,9 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
 
     # One tick --------------------------------------------------------------------------------------
     def _on_reading(self, message: JointState) -> None:
+        # A chamber without a reading is as no message in real time; in lockstep each tick has its answer.
+        if not (self._lockstep or np.all(np.isfinite(message.effort))):
+            return
         self._readings.append(messages.to_ns(message.header.stamp))
         self._process(is_reading=True)
 
@@ -131,18 +136,18 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
             "left_s": left_s(self._excitation, state, self._t_s),
             "not_still": state.restless,
             "samples": self._samples_seen,
+            **self._frames.values,
         }
 
     def diagnose(self) -> None:
-        self.diagnostics.update(
-            self.diagnostics.status.level, self.diagnostics.status.message, self._values()
-        )
+        self.diagnostics.update(self.diagnostics.level, self.diagnostics.message, self._values())
 
     # Services --------------------------------------------------------------------------------------
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin; in real time only with samples of the arm."""
         response.success = self._lockstep or self._samples_seen > 0
-        response.message = "enabled" if response.success else "no sample of a sensor on the arm has come"
+        without = "; ".join(filter(None, ("no sample of a sensor on the arm has come", self._frames.trouble)))
+        response.message = "enabled" if response.success else without
         self._enabled = self._enabled or response.success
         return response
 

@@ -43,6 +43,7 @@ class Player(SoroNode[PlayerConfig]):
 
     config_model = PlayerConfig
     node_name = "player"
+    hardware = "bag"
     live = ("rate", "loop", "start_s")
     _reader: BagReader | None = None
     _thread: threading.Thread | None = None

@@ -9,6 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 
 from soro_core.bag import BackgroundWriter, BagWriter, Qos, Topic
@@ -19,6 +20,7 @@ from soro_ros.interfaces import definition, message_class, offered, request, top
 from soro_ros.lifecycle import SoroNode
 from soro_ros.lost_messages import LossCounter
 from soro_ros.node_process import run_node
+from soro_ros.recorder_controls import RecorderControls
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
 REST = 5000
@@ -38,10 +40,14 @@ class _Stream:
 
 
 class Recorder(SoroNode[RecorderConfig]):
-    """Subscribes raw, with the offered quality of service, and records the ROS time of reception."""
+    """Subscribes raw, with the offered quality of service, and records the ROS time of reception.
+
+    With simulated time it records from the first time on: what came before has no time.
+    """
 
     config_model = RecorderConfig
     node_name = "recorder"
+    hardware = "folder"
     _bag: BackgroundWriter | None = None
 
     def setup(self, config: RecorderConfig) -> None:
@@ -50,6 +56,7 @@ class Recorder(SoroNode[RecorderConfig]):
         wanted = [_split_topic(entry) for entry in config.topics]
         self._wanted = {topic_pattern(self, name, "topics"): first for name, *first in wanted}
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
+        self._controls = RecorderControls(self)
 
     def start(self) -> None:
         self._last_ns = 0
@@ -66,12 +73,15 @@ class Recorder(SoroNode[RecorderConfig]):
         )
         self._bag = BackgroundWriter(writer, self._config.flush_s, self._config.buffer_bytes)
         self._folder = folder
+        self._controls.begin(self._bag, self._config.paused)
         for name, (type_name, latched) in self._wanted.items():
             if type_name and self._is_wanted(name):
                 self._subscribe(name, type_name, (LATCHED,) if latched else ())
         self._discover()
         self.every(self._config.discovery_s, self._discover)
-        self.get_logger().info(f"recording in {folder}")
+        later = ", paused" if self._controls.paused else ""
+        later += "" if self.clock_watch.has_time else ", from the first time on /clock on"
+        self.get_logger().info(f"recording in {folder}{later}")
 
     def stop(self) -> None:
         self._take_the_rest()
@@ -110,14 +120,17 @@ class Recorder(SoroNode[RecorderConfig]):
             self.diagnostics.update(ERROR, str(bag.failure), values)
         elif bag.dropped or self._lost:
             self.diagnostics.update(WARN, "messages were lost", values)
+        elif not self.clock_watch.has_time:
+            self.diagnostics.update(OK, "waiting for /clock", values)
         else:
-            self.diagnostics.update(OK, "recording", values)
+            self.diagnostics.update(OK, "paused" if self._controls.paused else "recording", values)
 
     def _close(self) -> None:
         bag = self._bag
         if bag is None:
             return
         self._bag = None
+        self._controls.end()
         bag.close()
         lost = f", {bag.dropped} lost" if bag.dropped else ""
         lost += "".join(f", {name}: {count} lost on the way" for name, count in self._losses().items())
@@ -169,6 +182,8 @@ class Recorder(SoroNode[RecorderConfig]):
         if message_class(type_name) is None:
             self._refuse(name, f"type {type_name} is not installed")
             return
+        if not self.clock_watch.has_time and request(offers).durability is DurabilityPolicy.TRANSIENT_LOCAL:
+            return  # `_discover` subscribes when there is time, and its publishers send their messages again
         subscription, qos = self._subscription(name, type_name, offers)
         self._streams[name] = _Stream(type_name, subscription, qos)
 
@@ -225,10 +240,13 @@ class Recorder(SoroNode[RecorderConfig]):
         if bag is None:
             return
         self._streams[name].loss.receive(number)
+        now_ns = self.get_clock().now().nanoseconds
+        if self._controls.paused or not now_ns:  # no simulated time yet
+            return
         if not self._streams[name].known_to_bag:
             self._introduce(name, self.get_publishers_info_by_topic(name))
         # Times that never run backwards keep the order of arrival when the bag is read by time.
-        self._last_ns = max(self._last_ns, self.get_clock().now().nanoseconds)
+        self._last_ns = max(self._last_ns, now_ns)
         bag.write(name, data, self._last_ns)
 
     def _take_the_rest(self) -> None:

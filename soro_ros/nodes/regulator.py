@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 
-import numpy as np
 from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import ConfigError
@@ -32,6 +31,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
 
     config_model = RegulatorNodeConfig
     node_name = "regulator"
+    hardware = "device"
     live = ("limits.",)
 
     def __init__(self) -> None:
@@ -49,6 +49,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             allowed = f"the path or address of the devices, or the one that {emulator} prints"
             raise ConfigError("parameters of regulator", "device", "", allowed)
         self._config, self._lockstep = config, config.mode == "lockstep"
+        self.diagnostics.hardware_id = config.device or str(platform.device)
         self._period_ns = round(1e9 / config.rate_hz)
         self._limited, self._latch_file, self._tick_ns = None, None, None
         self._last_tick_wall = time.monotonic()
@@ -70,6 +71,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._lockstep,
             self.diagnose,
             config.follow_shared_name,
+            self.diagnostics.hardware_id,
         )
         if self._lockstep:
             self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
@@ -159,16 +161,14 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         if self._limited is None:
             return
         self._timer.tick()
-        stamp_ns = self._stamp_ns()
-        exchange = self._limited.cycle(self._now_ns())
+        stamp_ns, now_ns = self._stamp_ns(), self._now_ns()
+        exchange = self._limited.cycle(now_ns)
         self._chambers.report_latch()
         if exchange is None:
             return
-        # An old reading with a new stamp would be wrong in the estimator; lockstep needs one at every tick.
-        # Readings of chambers that are served in turn are extrapolated, so that each cycle has a reading.
-        is_due = self._limited.in_turn or self._lockstep or bool(exchange.fresh.all())
-        if is_due and np.all(np.isfinite(exchange.pressure_pa)):
-            self._chambers.publish(self._limited.known_pa(exchange), stamp_ns)
+        readings = self._limited.readings_pa(exchange, now_ns, every_cycle=self._lockstep)
+        if readings is not None:
+            self._chambers.publish(readings, stamp_ns)
 
     def _note(self, cause: str | None) -> None:
         """Write the cause of a vent for the next process; None removes the note."""

@@ -14,6 +14,7 @@ from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
 from soro_ros import messages, qos
 from soro_ros.diagnostics import OK, WARN
+from soro_ros.frame_check import FrameCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
 
@@ -37,6 +38,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
         self._waiting: deque[PoseStamped] = deque(maxlen=100)
         self._recent: deque[tuple[float, Difference]] = deque()
         self._poses = self._compared = 0
+        self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._pose_s = -np.inf
         self._tip = self.create_publisher(PoseStamped, "arm/shadow/tip", qos.RELIABLE)
         self._arm = self.create_publisher(JointState, "arm/shadow/state", qos.RELIABLE)
@@ -52,7 +54,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
 
     def _on_pressures(self, message: JointState) -> None:
         try:
-            pressure = messages.pressures(message, self._names)
+            pressure = messages.readings(message, self._names)
         except ValueError as error:
             self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
             return
@@ -68,6 +70,8 @@ class ShadowNode(SoroNode[ShadowConfig]):
             self._compare(self._waiting.popleft())
 
     def _on_pose(self, message: PoseStamped) -> None:
+        if not self._frames.takes_sample("sensors/pose0", message.header.frame_id):
+            return
         self._poses += 1
         self._pose_s = time.monotonic()
         self._waiting.append(message)
@@ -80,7 +84,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
         self._compared += 1
         found = self._shadow.compare(simulated, *messages.pose_arrays(message.pose))
         self._recent.append((time.monotonic(), found))
-        self._tip.publish(messages.pose_stamped(simulated, stamp_ns, "world"))
+        self._tip.publish(messages.pose_stamped(simulated, stamp_ns, self._config.frames.world))
         difference = JointState(name=list(DIFFERENCES), position=found.values.tolist())
         difference.header.stamp = message.header.stamp
         self._difference.publish(difference)
@@ -90,6 +94,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
         while self._recent and self._recent[0][0] < now - WINDOW_S:
             self._recent.popleft()
         values = {"poses": self._poses, "compared": self._compared, "restarts": self._state.restarts}
+        values |= self._frames.values
         if not self._recent:
             silent = now - self._pose_s > SILENT_S
             why = "no pose on sensors/pose0" if silent else "no pressures at the time of the poses"

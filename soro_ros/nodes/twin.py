@@ -75,6 +75,7 @@ class TwinNode(SoroNode[TwinConfig]):
                 self._lockstep,
                 self.diagnose,
                 config.follow_shared_name,
+                f"twin of {self.diagnostics.hardware_id}",
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)
@@ -207,7 +208,7 @@ class TwinNode(SoroNode[TwinConfig]):
         if not self._running:
             return
         try:
-            pressure = messages.pressures(message, self._names)
+            pressure = messages.readings(message, self._names)
         except ValueError as error:
             self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
             return

@@ -10,6 +10,7 @@ from soro_core import safety
 from soro_core.emulation.vocabulary import read_injection
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.limited import LimitedRegulator
+from soro_core.hardware.port import Exchange
 from soro_core.testing.hub_bus import HubBus
 
 
@@ -162,3 +163,54 @@ def test_a_device_over_its_limit_is_taken_through_its_start_up_too():
     assert it.reset() == "a measured pressure is still above the limit"
     assert len(started) == 1
     assert it.loop.cause is not None
+
+
+def read(it: Guarded, seconds: float) -> list[np.ndarray | None]:
+    """What is told of the pressures after each cycle, while 30 kPa are commanded."""
+    told = []
+    for _ in range(round(seconds * it.platform.cycle_hz)):
+        it.loop.offer(np.full(3, 30e3), it.now_ns, it.now_ns)
+        exchange = it.loop.cycle(it.now_ns)
+        told.append(it.loop.readings_pa(exchange, it.now_ns))
+        it.now_ns += round(1e9 / it.platform.cycle_hz)
+    return told
+
+
+def test_while_a_device_is_silent_the_readings_of_the_others_go_on():
+    it = Guarded()
+    assert all(np.isfinite(one).all() for one in read(it, 0.5)[5:])
+    it.inject("mute, chamber: link0/chamber1")
+    told = read(it, 1.0)
+    begin = next(k for k, one in enumerate(told) if one is not None and np.isnan(one).any())
+    assert begin / it.platform.cycle_hz == pytest.approx(it.loop.limits.reading_age_s, abs=0.02)
+    assert all(one is None for one in told[1:begin]), "old readings are not told as new ones"
+    assert it.loop.cause.startswith("stale_reading: link0/chamber1"), "the arm is vented before"
+    known = np.array(told[begin:], dtype=float)
+    assert np.isnan(known[:, 1]).all()
+    assert np.isfinite(known[:, [0, 2]]).all()
+    assert known[0, 0] > 5e3
+    assert known[-1, [0, 2]] == pytest.approx(0.0, abs=1e3), "seen to become empty"
+    it.bus.world.faults.clear()
+    assert np.isfinite(read(it, 0.05)[-1]).all()
+
+
+def test_where_no_device_answers_nothing_is_told_but_to_a_loop_that_needs_every_tick():
+    it = Guarded()
+    read(it, 0.1)
+    for chamber in range(3):
+        it.inject(f"mute, chamber: link0/chamber{chamber}")
+    assert read(it, 0.3)[-1] is None
+    exchange = it.loop.cycle(it.now_ns)
+    assert np.isnan(it.loop.readings_pa(exchange, it.now_ns, every_cycle=True)).all()
+
+
+@pytest.mark.parametrize("in_turn", [False, True])
+def test_a_sensor_without_a_number_does_not_hide_the_others(in_turn):
+    it = Guarded()
+    read(it, 0.1)
+    it.loop.in_turn = in_turn
+    pressure, fresh = np.array([1e3, np.nan, 2e3]), np.array([True, True, not in_turn])
+    it.driver.exchange = lambda sent, _: Exchange(sent, pressure, fresh)
+    exchange = it.loop.cycle(it.now_ns)
+    assert it.loop.cause.startswith("reading not finite: link0/chamber1")
+    np.testing.assert_array_equal(it.loop.readings_pa(exchange, it.now_ns), pressure)

@@ -138,7 +138,10 @@ def soro(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> 
 def node_main(
     domain: int, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> Callable[..., Ended]:
-    """Run the process of a node in this one until it ends by itself, which saves its start."""
+    """Run the process of a node in this one until it ends by itself, which saves its start.
+
+    A node whose start fails ends, as in `soro run`.
+    """
     # Else the alarm that ends a process that hangs when it leaves would end this one.
     alarm = SimpleNamespace(signal=lambda *_: None, alarm=lambda _: None, SIGALRM=None, SIG_DFL=None)
     monkeypatch.setattr(node_process, "signal", alarm)
@@ -146,7 +149,8 @@ def node_main(
     def run(node: str | Callable[[], None], *arguments: str) -> Ended:
         capfd.readouterr()
         main = node if callable(node) else importlib.import_module(f"soro_ros.nodes.{node}").main
-        monkeypatch.setattr(sys, "argv", ["node", *arguments])
+        ends = () if "--help" in arguments else ("--ros-args", "-p", "end_on_failed_start:=true")
+        monkeypatch.setattr(sys, "argv", ["node", *arguments, *ends])
         with pytest.raises(SystemExit) as end:
             main()
         return Ended(int(end.value.code or 0), *capfd.readouterr())

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import rclpy.node
+
+
+@contextlib.contextmanager
+def active(node_class: type[Any], *settings: str) -> Iterator[Any]:
+    """Give an active node of a class, with parameters as ``name:=value``, in this process."""
+    rclpy.init(args=["--ros-args", *(part for one in settings for part in ("-p", one))])
+    try:
+        node = node_class()
+        assert node.trigger_configure().name == "SUCCESS", node.failure
+        node.trigger_activate()
+        yield node
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
 
 
 def receive(node: rclpy.node.Node, topic: str, message: Any, *information: Any) -> None:

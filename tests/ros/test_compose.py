@@ -76,6 +76,14 @@ def test_a_run_that_meets_another_ends_before_it_takes_its_nodes_for_its_own(sta
     assert [list(own) for own in supervisor.own] == [["recorder"]]
 
 
+def test_the_nodes_of_a_run_end_if_their_start_fails(start, monkeypatch):
+    configs = []
+    monkeypatch.setattr(processes, "node_command", lambda name, config, *of: configs.append(config) or WAITS)
+    run, _ = start({"platform": ""})
+    run.start(Ready())
+    assert [config.end_on_failed_start for config in configs] == [True] * 4
+
+
 @pytest.mark.parametrize(("compiled", "lines"), [(lambda: 5, 0), (iter(range(100)).__next__, 1)])
 def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
     run, reported = start({"platform": ""})

@@ -14,7 +14,7 @@ import pytest
 import typer
 
 import soro_ros
-from soro_ros import cli, node_process, processes, signals
+from soro_ros import cli, command_line, node_process, processes, signals
 from soro_ros.nodes.regulator import RegulatorNode
 from tests.patience import LIMIT_S, patient_platform
 from tests.ros.running import end, only_run, start_run, summary, wait_until
@@ -239,6 +239,7 @@ def test_an_end_that_fails_after_ctrl_c_is_reported_and_goes_on(domain, capfd):
             destroyed.append(self.failure)
             super().destroy_node()
 
-    node_process.run_until_end(Full, ["--ros-args", "-p", "autostart:=false"], stopping)
+    program = command_line.of_node(Full)
+    node_process.run_until_end([Full], program, ["--ros-args", "-p", "autostart:=false"], stopping)
     assert ["disk full" in str(failure) for failure in destroyed] == [True]
     assert "disk full" in capfd.readouterr().err

@@ -10,6 +10,7 @@ from lifecycle_msgs.msg import Transition
 
 from soro_ros import middleware, parameters
 from soro_ros.arm_nodes import parameters_of
+from soro_ros.nodes import arm
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.regulator import RegulatorNode
@@ -18,6 +19,7 @@ from tests.ros import launch_api as api
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "soro_ros/launch/arm.launch.py"
+SHIPPED = ROOT / "params/arm.yaml"
 NODES = {node.node_name: node for node in (TwinNode, EstimatorNode, ControllerNode, RegulatorNode)}
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -59,7 +61,7 @@ class Launched:
 
 def test_emulated_valves_come_first_and_their_driver_last():
     arm = Launched()
-    assert arm.arguments == {"robot", "platform", "device", "namespace", "params", "use_rviz"}
+    assert arm.arguments == {"robot", "platform", "device", "namespace", "params", "composed", "use_rviz"}
     (valves,) = arm.others
     assert valves.cmd[:2] == [api.ExecutableInPackage("emulate", "soro_ros"), "emulated_canopen"]
     arm.prints(b"soro emulate: no real-time priority\n")
@@ -76,7 +78,8 @@ def test_emulated_valves_come_first_and_their_driver_last():
     assert len(arm.asked) == 6
     assert not arm.ended
     arm.reaches("estimator", "configuring", "unconfigured")
-    assert arm.ended
+    arm.reaches("regulator", "activating", "inactive")
+    assert len(arm.ended) == 2
 
 
 def test_the_links_of_emulated_valves_are_those_of_driver_and_twin():
@@ -100,6 +103,29 @@ def test_without_emulated_valves_the_nodes_start_at_once(arguments, names):
     assert list(arm.nodes) == names
     assert {node.namespace for node in arm.nodes.values()} == {"left"}
     assert [one.package for one in arm.others] == ["rviz2"]
+
+
+@pytest.mark.parametrize("platform", ["emulated_canopen", ""])
+def test_a_composed_arm_is_one_process_whose_nodes_have_their_parameters(domain, platform):
+    launched = Launched(composed="true", platform=platform, namespace="left", params=str(SHIPPED))
+    launched.prints(b"ready: x")
+    one = launched.others[-1]
+    assert (one.executable, one.namespace, bool(launched.nodes)) == ("arm", "left", False)
+    assert one.on_exit is not None
+    classes, rest = arm.chosen(one.arguments)
+    assert (sorted(node.node_name for node in classes), rest) == (sorted(one.arguments), [])
+    files = [word for file in one.parameters for word in ("--params-file", str(file))]
+    middleware.init(["--ros-args", *files, "-r", "__ns:=/left"])
+    try:
+        configs = {node.node_name: parameters.read(node(), node.config_model) for node in classes}
+    finally:
+        rclpy.shutdown()
+    assert all(config.end_on_failed_start for config in configs.values())
+    assert configs["controller"].platform == platform
+    assert configs["controller"].control.law == "composite"
+    assert configs["twin"].payload_kg == 0.02
+    assert bool(configs["twin"].plant_link) is bool(platform)
+    assert ("regulator" in configs) is bool(platform)
 
 
 @pytest.mark.parametrize("file", sorted((ROOT / "params").glob("*.yaml")), ids=lambda file: file.stem)
@@ -133,4 +159,6 @@ def test_the_launch_file_suits_an_installed_launch():
     for name in ("robot", "platform", "device", "namespace", "params"):
         context.launch_configurations[name] = ""
     context.launch_configurations["use_rviz"] = "true"
-    assert description.entities[-1].execute(context)
+    for composed in ("false", "true"):
+        context.launch_configurations["composed"] = composed
+        assert description.entities[-1].execute(context)

@@ -1,7 +1,5 @@
 """arm/covariance and arm/learned: what they carry, and who waits for them in lockstep."""
 
-import contextlib
-
 import numpy as np
 import pytest
 import rclpy
@@ -14,7 +12,7 @@ from soro_ros import learning, messages
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
-from tests.ros.direct import captured, fire, receive, request, values
+from tests.ros.direct import active, captured, fire, receive, request, values
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
@@ -22,19 +20,6 @@ TICK_NS = 5_000_000
 LATE_NS = 1_800_000_000_123_456_789  # more digits than a float has
 THETA = np.concatenate([[0.02], 0.01 * np.arange(12)])
 P = np.diag([1e-3, 0.1, 0.1, 1.0, 10.0, 10.0]) ** 2
-
-
-@contextlib.contextmanager
-def active(node_class, *settings):
-    rclpy.init(args=["--ros-args", *(part for one in settings for part in ("-p", one))])
-    try:
-        node = node_class()
-        assert node.trigger_configure().name == "SUCCESS"
-        node.trigger_activate()
-        yield node
-        node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 def reading(stamp_ns):

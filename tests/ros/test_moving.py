@@ -66,6 +66,15 @@ def test_the_exit_status_is_that_of_the_end(node, state, status):
     assert [messages.pose_arrays(pose.pose)[0].tolist() for pose in path.poses] == LINE.tolist()
 
 
+def test_the_path_is_in_the_frame_in_which_the_controller_states_its_poses(node):
+    caller = Scripted(node, ("reached", ""))
+    mover = moving.Mover(caller, "/arm/controller", 0.2, lambda line: None)
+    caller.sent = captured(node, "/arm/arm/reference/path")
+    receive(node, "/arm/arm/desired/tip", messages.pose_stamped(np.eye(4), 0, "map"))
+    assert mover.move(LINE) == 0
+    assert caller.sent[0].header.frame_id == "map"
+
+
 @pytest.mark.parametrize(
     ("states", "vented", "end"),
     [

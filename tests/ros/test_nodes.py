@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import signal
 import subprocess
 import sys
 import time
@@ -19,7 +20,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_core.errors import HardwareError
+from soro_core.errors import ConfigError, HardwareError
 from soro_core.hardware.port import BusStatistics, Exchange, Fault
 from soro_core.scene import (
     ControllerNodeConfig,
@@ -29,12 +30,13 @@ from soro_core.scene import (
     load_scene,
 )
 from soro_core.twin import TwinConfig
-from soro_ros import messages, middleware, parameters, qos, services
+from soro_ros import command_line, messages, middleware, node_process, parameters, qos, services
 from soro_ros import supervisor as supervisor_module
-from soro_ros.diagnostics import Diagnostics
+from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.latch_file import LatchFile
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
+from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.processes import NodeError
 from soro_ros.supervisor import Supervisor
@@ -114,6 +116,51 @@ def test_a_node_that_is_interrupted_after_it_has_refused_ends_with_status_2(doma
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=2 * LIMIT_S
     )
     assert done.returncode == 2, done.stderr
+
+
+class Unready(Recorder):
+    """Refuses its first configuration; a person asks for the second one, and ends the process."""
+
+    def __init__(self, stopping: list[int]) -> None:
+        super().__init__()
+        self._tries, self._stopping, self.seen = 0, stopping, []
+        self.create_timer(0.01, self._try_again)
+
+    def setup(self, config):
+        self._tries += 1
+        if self._tries == 1:
+            raise ConfigError("here", "key", 1, "2")
+        super().setup(config)
+
+    def _try_again(self):
+        status = self.diagnostics.status
+        self.seen.append((status.level, status.message))
+        if len(self.seen) == 1:
+            self.trigger_configure()
+        else:
+            self._stopping.append(signal.SIGINT)
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_node_that_refuses_its_configuration_stays_unless_it_is_to_end(domain, tmp_path, capfd, ends):
+    stopping, made = [], []
+    words = (f"end_on_failed_start:={str(ends).lower()}", f"folder:={tmp_path / 'bag'}")
+    arguments = ["--ros-args", *(part for word in words for part in ("-p", word))]
+
+    def noted():
+        made.append(Unready(stopping))
+        return made[0]
+
+    program = command_line.of_node(Unready)
+    status = node_process.run_until_end([noted], program, arguments, stopping)
+    said = capfd.readouterr().err
+    assert refused_keys(said) == ["key"]
+    if ends:
+        assert (status, made[0].seen) == (2, [])
+        return
+    assert status == 0
+    assert made[0].seen == [(ERROR, "here: key: got 1; allowed: 2"), (OK, "inactive")]
+    assert "ros2 lifecycle set /recorder configure" in said
 
 
 def test_a_node_explains_its_parameters(node_main):

@@ -15,6 +15,7 @@ NODE = textwrap.dedent(
     """
     from pydantic import Field
     from soro_core.config import Floats, Strict
+    from soro_core.start_keys import StartKeys
     from soro_ros.lifecycle import SoroNode
     from soro_ros.node_process import run_node
 
@@ -23,8 +24,7 @@ NODE = textwrap.dedent(
         free: float | None = Field(None, description="free")
         list: Floats = Field((1.0, 2.0), description="list")
 
-    class Config(Strict):
-        autostart: bool = True
+    class Config(StartKeys):
         rate_hz: float = Field(200.0, gt=0, le=1000, description="rate")
         inner: Inner = Inner()
 

@@ -3,6 +3,7 @@
 import pytest
 
 from soro_core.config import changed
+from soro_core.frames import Frames
 from soro_core.run_keys import SHARED
 from soro_core.safety import Limits
 from soro_core.scene import Scene
@@ -27,6 +28,7 @@ def test_every_shared_key_reaches_every_node_that_has_it():
         "rate_hz": 100.0,
         "seed": 7,
         "limits": Limits(maximum_pa=50e3),
+        "frames": Frames(world="map", pose="optitrack"),
     }
     assert set(stated) == {name for keys in SHARED for name in keys.model_fields}
     scene = Scene(**stated, platform="emulated_canopen")

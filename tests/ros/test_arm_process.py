@@ -1,0 +1,79 @@
+"""The nodes of an arm in one process: which, how they start together, how the loop runs and ends."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from soro_core.errors import ConfigError
+from soro_ros.nodes import arm
+from soro_ros.supervisor import Supervisor
+from tests.patience import COMPILED_S
+from tests.refused import refused_keys
+from tests.ros.running import ClockListener, end
+
+END_S = 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names", "rest"),
+    [
+        ([], ["estimator", "controller", "twin"], []),
+        (["regulator", "estimator"], ["estimator", "regulator"], []),
+        (["twin", "--ros-args", "-p", "x:=1"], ["twin"], ["--ros-args", "-p", "x:=1"]),
+        (["--help"], ["estimator", "controller", "twin"], ["--help"]),
+    ],
+)
+def test_nodes_start_in_one_order_whatever_the_order_of_their_names(arguments, names, rest):
+    nodes, found = arm.chosen(arguments)
+    assert ([node.node_name for node in nodes], found) == (names, rest)
+
+
+def test_a_name_that_is_no_node_is_refused():
+    with pytest.raises(ConfigError, match=r"got 'recorder'; allowed: estimator, controller, twin, regulator"):
+        arm.chosen(["twin", "recorder"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [(("nothing",), "arm"), (("twin", "--ros-args", "-p", "twin:refine:=0"), "refine")],
+)
+def test_what_one_node_refuses_ends_the_process_in_one_line(node_main, arguments, key):
+    ended = node_main("arm", *arguments)
+    assert ended.status == 2, ended.err
+    assert set(refused_keys(ended.err)) == {key}
+    assert "Traceback" not in ended.out + ended.err
+
+
+def test_help_names_the_nodes(node_main):
+    ended = node_main("arm", "--help")
+    assert ended.status == 0
+    assert "soro_arm [estimator|controller|twin|regulator]..." in ended.out
+
+
+def test_the_loop_runs_in_one_process_and_ends_by_ctrl_c(domain):
+    """In lockstep: the twin goes on only while the others answer."""
+    settings = (
+        "mode:=lockstep",
+        f"twin:duration_s:={END_S}",
+        "controller:platform:=''",
+        "controller:enabled:=true",
+    )
+    options = [part for one in settings for part in ("-p", one)]
+    command = [sys.executable, "-m", "soro_ros.nodes.arm", "--ros-args", "-r", "__ns:=/one", *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    clock = ClockListener()
+    try:
+        clock.wait(END_S, COMPILED_S)
+        clock.close()
+        with Supervisor("one") as supervisor:
+            names = ("estimator", "controller", "twin")
+            supervisor.wait("nodes", lambda: all(map(supervisor.active, names)), lambda: None, COMPILED_S)
+            assert {supervisor.values(name)["pid"] for name in names} == {str(process.pid)}
+    finally:
+        status, _, err = end(process, signal.SIGINT)
+    assert status == 0, err
+    assert "Traceback" not in err

@@ -49,10 +49,19 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
         if axis.get_legend_handles_labels()[0]:  # below, where it lies over no data
             axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize="small")
     adaptation = "on" if scene.controller.adapt else "off"
-    what = "real arm" if scene.arm == "real" else f"payload {scene.twin.payload_kg * 1e3:g} g"
+    what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
     figure.suptitle(f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}")
     figure.savefig(file, dpi=110)
     plt.close(figure)
+
+
+def _payload(scene: Scene) -> str:
+    """Return the payload, and each later one with its time."""
+    changes = scene.twin.payload_changes
+    later = zip(changes.payload_kg, changes.at_s, strict=True)
+    return ", ".join(
+        [f"{scene.twin.payload_kg * 1e3:g} g", *(f"{mass * 1e3:g} g from {t:g} s" for mass, t in later)]
+    )
 
 
 def _draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:

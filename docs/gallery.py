@@ -9,16 +9,22 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
 from PIL import Image
 
 from soro_core.scene import Scene
 from soro_core.scene.listing import scenes_in, shipped_folder
-from soro_ros import film
+from soro_ros import film, picture, report
 
 HERE = Path(__file__).parent
 PICTURES = HERE / "images" / "gallery"
 PAGE = HERE / "gallery.md"
-WIDTH_PX, COLOURS = 640, 48
+WIDTH_PX, COLOURS = 1080, 200
+# Part of the width of a film that shows the arm.
+ARM_PART = 0.56
 MOST_BYTES = 60_000
 
 HEADER = """# Scene gallery
@@ -31,9 +37,10 @@ Each scene below is a file that you can run, read and change:
     soro scenes set_points > my_scene.yaml           # a copy to change
     soro scenes --folder my_scenes                   # lists your own scenes too
 
-The pictures show the arm at the end of its run: colours and bars are pressures, grey is the reference of the
-tip, red its path in the last seconds. Tip errors are those of the true tip of the simulated arm. All of this
-page is made from the scenes, in lockstep, by
+The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
+its path in the last seconds), the path of its tip from above, and the distance of the tip from its reference,
+or the pressures. The tip is the true one of the simulated arm. All of this page is made from the scenes, in
+lockstep, by
 
     make gallery
 
@@ -64,11 +71,28 @@ def run(scene: Scene, folder: Path) -> tuple[Path, dict[str, Any]]:
 
 
 def draw(scene: Scene, run_folder: Path) -> None:
-    """Draw one picture of a run, small enough for a page."""
-    file = PICTURES / f"{scene.name}.png"
-    shown = film.take(run_folder / "bag", scene, 0.0, scene.duration_s, 10.0)
-    film.still(shown, file, WIDTH_PX)
-    Image.open(file).quantize(COLOURS, dither=Image.Dither.NONE).save(file, optimize=True)
+    """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
+    file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
+    shown = film.take(bag, scene, 0.0, scene.duration_s, 10.0)
+    arm = film.Picture(shown, 800).at(len(shown.t) - 1)
+    figure = plt.figure(figsize=(12.0, 3.8), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
+    drawn, axes = left.add_axes((0.0, 0.0, 1.0, 1.0)), right.subplots(1, 2)
+    drawn.imshow(arm[:, : int(ARM_PART * arm.shape[1])])
+    drawn.axis("off")
+    picture.draw_path(axes[0], shown.recording, scene.duration_s, "true")
+    if scene.verdict.expected == "vented":
+        picture.draw_pressures(axes[1], shown.recording, scene)
+    else:
+        t, error = report.tip_error(shown.recording, scene.duration_s)
+        picture.draw_error(axes[1], t, error, shown.recording, "true")
+    axes[1].set(xlabel="time [s]", xlim=(0.0, scene.duration_s))
+    axes[1].grid(alpha=0.3)
+    for axis in axes:
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, fontsize="small")
+    figure.savefig(file, dpi=WIDTH_PX / 12.0)
+    plt.close(figure)
+    Image.open(file).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(file, optimize=True)
     if file.stat().st_size > MOST_BYTES:
         sys.exit(f"{file}: {file.stat().st_size} bytes, more than {MOST_BYTES}")
 

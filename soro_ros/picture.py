@@ -35,9 +35,9 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     beside = recording.shadow.t.size > 0
     rows = 3 if beside else 2
     figure, axes = plt.subplots(rows, 2, figsize=(12, 5 * rows), layout="constrained")
-    _draw_path(axes[0, 0], recording, scene.duration_s, kind)
-    _draw_error(axes[0, 1], t, error, recording, kind)
-    _draw_pressures(axes[1, 0], recording, scene)
+    draw_path(axes[0, 0], recording, scene.duration_s, kind)
+    draw_error(axes[0, 1], t, error, recording, kind)
+    draw_pressures(axes[1, 0], recording, scene)
     draw_estimates(axes[1, 1], recording)
     if beside:
         shadow_report.draw(axes[2], recording.shadow, scene.shadow.tolerance_m)
@@ -64,7 +64,8 @@ def _payload(scene: Scene) -> str:
     )
 
 
-def _draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
+def draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
+    """Draw the path of the tip and its reference from above; `kind` names the tip, true or measured."""
     true, wanted = within(recording.true_tip, duration_s), within(recording.wanted_tip, duration_s)
     axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
     axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{kind} tip")
@@ -76,7 +77,8 @@ def _draw_path(axis: object, recording: Recording, duration_s: float, kind: str)
     axis.grid(alpha=0.3)
 
 
-def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
+def draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
+    """Draw tip errors (n,) [m] at times (n,) [s], and those of the estimate."""
     axis.plot(t, error * 1e3, color="C0", lw=0.8, label=f"{kind} tip to reference")
     if recording.estimated_tip.t.size:
         off = np.linalg.norm(recording.estimated_tip.at(t) - recording.true_tip.at(t), axis=1)
@@ -84,7 +86,8 @@ def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind
     axis.set(ylabel="distance [mm]", title="tip error", ylim=(0, None))
 
 
-def _draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
+def draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
+    """Draw readings, set points and limits."""
     for k, name in enumerate(recording.reading.names):
         axis.plot(
             recording.reading.t,

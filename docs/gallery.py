@@ -13,6 +13,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 from PIL import Image
 
 from soro_core.scene import Scene
@@ -26,6 +27,8 @@ WIDTH_PX, COLOURS = 1080, 200
 # Part of the width of a film that shows the arm.
 ARM_PART = 0.56
 MOST_BYTES = 60_000
+# A path whose width is a smaller part of its length is a line from above: pressures are drawn in its place.
+FLAT = 0.1
 
 HEADER = """# Scene gallery
 
@@ -38,8 +41,8 @@ Each scene below is a file that you can run, read and change:
     soro scenes --folder my_scenes                   # lists your own scenes too
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
-its path in the last seconds), the path of its tip from above, and the distance of the tip from its reference,
-or the pressures. The tip is the true one of the simulated arm. All of this page is made from the scenes, in
+its path in the last seconds), the path of its tip from above or the pressures, and the distance of the tip
+from its reference. The tip is the true one of the simulated arm. All of this page is made from the scenes, in
 lockstep, by
 
     make gallery
@@ -70,6 +73,22 @@ def run(scene: Scene, folder: Path) -> tuple[Path, dict[str, Any]]:
     return found, figures
 
 
+def draw_pressures(axis: Any, shown: film.Take) -> None:
+    """Draw readings and set points over time."""
+    picture.draw_pressures(axis, shown.recording, shown.scene)
+    axis.set(xlabel="time [s]", xlim=(0.0, shown.scene.duration_s))
+    axis.grid(alpha=0.3)
+
+
+def draw_error(axis: Any, shown: film.Take) -> None:
+    """Draw the distance of the tip from its reference over time."""
+    t, error = report.tip_error(shown.recording, shown.scene.duration_s)
+    axis.plot(t, 1e3 * error, color="C3", lw=1.0, label="true tip to reference")
+    axis.set(xlabel="time [s]", ylabel="distance [mm]", title="tip error", ylim=(0.0, None))
+    axis.set_xlim(0.0, shown.scene.duration_s)
+    axis.grid(alpha=0.3)
+
+
 def draw(scene: Scene, run_folder: Path) -> None:
     """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
     file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
@@ -80,14 +99,16 @@ def draw(scene: Scene, run_folder: Path) -> None:
     drawn, axes = left.add_axes((0.0, 0.0, 1.0, 1.0)), right.subplots(1, 2)
     drawn.imshow(arm[:, : int(ARM_PART * arm.shape[1])])
     drawn.axis("off")
-    picture.draw_path(axes[0], shown.recording, scene.duration_s, "true")
-    if scene.verdict.expected == "vented":
-        picture.draw_pressures(axes[1], shown.recording, scene)
+    wanted = report.within(shown.recording.wanted_tip, scene.duration_s).value
+    across = np.ptp(wanted[:, :2], axis=0)
+    if across[1] > FLAT * across[0]:
+        picture.draw_path(axes[0], shown.recording, scene.duration_s, "true")
     else:
-        t, error = report.tip_error(shown.recording, scene.duration_s)
-        picture.draw_error(axes[1], t, error, shown.recording, "true")
-    axes[1].set(xlabel="time [s]", xlim=(0.0, scene.duration_s))
-    axes[1].grid(alpha=0.3)
+        draw_pressures(axes[0], shown)
+    if scene.verdict.expected == "vented":
+        draw_pressures(axes[1], shown)
+    else:
+        draw_error(axes[1], shown)
     for axis in axes:
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, fontsize="small")
     figure.savefig(file, dpi=WIDTH_PX / 12.0)

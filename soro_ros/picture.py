@@ -36,7 +36,7 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     rows = 3 if beside else 2
     figure, axes = plt.subplots(rows, 2, figsize=(12, 5 * rows), layout="constrained")
     draw_path(axes[0, 0], recording, scene.duration_s, kind)
-    draw_error(axes[0, 1], t, error, recording, kind)
+    _draw_error(axes[0, 1], t, error, recording, kind)
     draw_pressures(axes[1, 0], recording, scene)
     draw_estimates(axes[1, 1], recording)
     if beside:
@@ -65,7 +65,19 @@ def _payload(scene: Scene) -> str:
 
 
 def draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
-    """Draw the path of the tip and its reference from above; `kind` names the tip, true or measured."""
+    """Draw the path of the tip and its reference from above.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        Where it is drawn.
+    recording : Recording
+        The run.
+    duration_s : float
+        Time under control [s].
+    kind : str
+        Of the tip: true or measured.
+    """
     true, wanted = within(recording.true_tip, duration_s), within(recording.wanted_tip, duration_s)
     axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
     axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{kind} tip")
@@ -77,8 +89,7 @@ def draw_path(axis: object, recording: Recording, duration_s: float, kind: str) 
     axis.grid(alpha=0.3)
 
 
-def draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
-    """Draw tip errors (n,) [m] at times (n,) [s], and those of the estimate."""
+def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
     axis.plot(t, error * 1e3, color="C0", lw=0.8, label=f"{kind} tip to reference")
     if recording.estimated_tip.t.size:
         off = np.linalg.norm(recording.estimated_tip.at(t) - recording.true_tip.at(t), axis=1)
@@ -87,7 +98,17 @@ def draw_error(axis: object, t: Array, error: Array, recording: Recording, kind:
 
 
 def draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
-    """Draw readings, set points and limits."""
+    """Draw readings, set points and limits.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        Where it is drawn.
+    recording : Recording
+        The run.
+    scene : Scene
+        Its limits.
+    """
     for k, name in enumerate(recording.reading.names):
         axis.plot(
             recording.reading.t,

@@ -3,11 +3,15 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run identify test pytest alicatlib colcon lint bench newest-numba clean
+.PHONY: run gallery identify test pytest alicatlib colcon lint bench newest-numba clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
 	@$(BIN)/soro run config/scenes/track_circle.yaml
+
+# Runs every scene in lockstep, and makes the page and the pictures of docs/gallery.md; some ten minutes.
+gallery: $(VENV)/.installed
+	$(BIN)/python -m docs.gallery
 
 # Three arms that no file states, from a description to a controlled tip; some half an hour.
 identify: $(VENV)/.installed-test

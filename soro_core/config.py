@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from soro_core.errors import ConfigError
 
@@ -63,6 +63,16 @@ class InnerError(ValueError):
 
 # A YAML list for a frozen tuple; the elements stay strict.
 Floats = Annotated[tuple[float, ...], Field(strict=False)]
+
+
+def _flat(value: Any) -> Any:
+    if isinstance(value, list | tuple) and value and all(isinstance(row, list | tuple) for row in value):
+        return [number for row in value for number in row]
+    return value
+
+
+# A list of numbers that a file may divide into rows; a node's parameter cannot.
+Rows = Annotated[Floats, BeforeValidator(_flat)]
 Strings = Annotated[tuple[str, ...], Field(strict=False)]
 
 Model = TypeVar("Model", bound=Strict)

@@ -75,6 +75,29 @@ def chambers(robot: Robot) -> list[Chamber]:
     return found
 
 
+def walls(robot: Robot, body: Array) -> list[Array]:
+    """Return the corners (4, 3) of a square on each plane that an arm can touch, as large as the arm.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm with its contacts.
+    body : ndarray (n, 3)
+        Points on its backbone [m].
+    """
+    middle, half = 0.5 * (body.min(axis=0) + body.max(axis=0)), 0.5 * np.ptp(body, axis=0).max()
+    found = []
+    for plane in robot.contacts.planes if robot.contacts else ():
+        normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
+        centre = middle - normal * (normal @ (middle - np.array(plane.point)))
+        # The first direction in the plane is level, unless all of them are.
+        level = np.cross((0.0, 0.0, 1.0) if abs(normal[2]) < 0.999 else (0.0, 1.0, 0.0), normal)
+        first = half * level / np.linalg.norm(level)
+        second = np.cross(normal, first)
+        found.append(centre + np.array([first + second, first - second, -first - second, second - first]))
+    return found
+
+
 def places(robot: Robot) -> Array:
     """Return the arc lengths [m] at which the folds of the bellows need the backbone."""
     length = sum(link.length for link in robot.links)

@@ -43,6 +43,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.reach import reach
     from soro_ros.commands.replay import replay
     from soro_ros.commands.run import run
+    from soro_ros.commands.scenes import scenes
     from soro_ros.commands.trade import trade
 
     app = typer.Typer(
@@ -54,6 +55,7 @@ def application() -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     app.command()(run)
+    app.command()(scenes)
     app.command()(excite)
     app.command()(play)
     app.command()(replay)

@@ -186,14 +186,14 @@ class Run:
             supervisor.check_clock()
 
     def begin(self, supervisor: Supervisor) -> None:
-        """Inject the scene's faults, enable the controller and, in lockstep, start the clock."""
+        """Inject the scene's faults, enable the controller, and start the clock and what the twin plans."""
         self._begun = True
         if self.scene.faults:
             with contextlib.closing(ControlClient(self._faults)) as client:
                 for fault in self.scene.faults:
                     client.inject(fault)
         supervisor.call(f"{self._loop.commander}/enable")
-        if self.scene.mode == "lockstep":
+        if self.scene.arm == "simulated":
             supervisor.call("twin/start")
 
     def check(self) -> None:
@@ -207,7 +207,7 @@ class Run:
     def end(self) -> dict[str, str]:
         """End every process in order; return a line for each that did not end cleanly, by name."""
         unclean = {}
-        for name in END_ORDER:
+        for name in sorted(END_ORDER, key=lambda name: name != self._driver):
             child = self._children.pop(name, None)
             if child is None:
                 continue

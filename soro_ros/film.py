@@ -14,8 +14,9 @@ from soro_core.errors import BagError
 from soro_core.model.discretised import discretised
 from soro_core.robot import Robot, load_robot
 from soro_core.scene import Scene
+from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
-from soro_ros.arm_shape import COLOURS, Camera, chambers, places, surface
+from soro_ros.arm_shape import COLOURS, Camera, chambers, places, surface, walls
 from soro_ros.recording import Recording
 from soro_ros.report import pressure_bounds, read_run, tip_error
 
@@ -43,10 +44,9 @@ class Take:
     command: Array
     most_pa: float
 
-    @property
-    def payload_kg(self) -> float:
-        """Payload [kg] of a simulated arm; 0 for a real one, whose payload is not known."""
-        return self.scene.twin.payload_kg if self.scene.arm == "simulated" else 0.0
+    def payload_kg(self, k: int) -> float:
+        """Payload [kg] of a simulated arm at picture `k`; 0 for a real one, whose payload is not known."""
+        return self.scene.twin.payload_at(float(self.t[k])) if self.scene.arm == "simulated" else 0.0
 
 
 def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) -> Take:
@@ -126,12 +126,15 @@ class Picture:
         body = shown.poses[..., :3, 3].reshape(-1, 3)
         self._floor = float(body[:, 2].min()) - 0.02 * radius
         seen = self._camera.project(np.concatenate([body, self._fallen(body), self._wanted]))
+        if shown.scene.arm == "simulated":
+            plant = described_plant(shown.robot, shown.scene.twin_node())
+            seen_walls = [self._camera.project(corners)[:, :2] for corners in walls(plant, body)]
+            axis.add_collection(PolyCollection(seen_walls, facecolors="#e8dcc4", edgecolors="#a08c63"))
         low, high = seen[:, :2].min(axis=0) - 1.1 * radius, seen[:, :2].max(axis=0) + 2.2 * radius
         axis.set_aspect("equal")
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         axis.axis("off")
-        carries = f" carries {shown.payload_kg * 1e3:g} g" if shown.payload_kg else ""
-        self._figure.text(0.03, 0.93, f"{shown.scene.robot}{carries}", color=_TEXT, size=11, weight="bold")
+        self._title = self._figure.text(0.03, 0.93, "", color=_TEXT, size=11, weight="bold")
         self._time = self._figure.text(0.03, 0.87, "", color=_TEXT, size=10)
         for x, colour, text in ((0.03, _PALE, "reference of the tip"), (0.27, _RED, "path of the tip")):
             self._figure.add_artist(Line2D((x, x + 0.03), (0.05, 0.05), color=colour, lw=2.5))
@@ -145,9 +148,8 @@ class Picture:
         shown = self._take
         names = shown.recording.reading.names
         part = np.clip(shown.pressure[k] / shown.most_pa, 0.0, 1.0)
-        faces = surface(
-            shown.robot, shown.s, shown.poses[k], dict(zip(names, part, strict=True)), shown.payload_kg
-        )
+        payload_kg = shown.payload_kg(k)
+        faces = surface(shown.robot, shown.s, shown.poses[k], dict(zip(names, part, strict=True)), payload_kg)
         self._shadow.set_verts(self._camera.project(self._fallen(faces.corners))[..., :2])
         width = 0.045 * shown.robot.links[0].radius
         true = shown.recording.true_tip
@@ -165,6 +167,8 @@ class Picture:
         self._faces.set_facecolor(colours)
         self._faces.set_edgecolor(colours)
         self._time.set_text(f"{shown.t[k]:.1f} s")
+        carries = f" carries {payload_kg * 1e3:g} g" if payload_kg else ""
+        self._title.set_text(f"{shown.robot.name}{carries}")
 
     def _fallen(self, points: Array) -> Array:
         """The shadow of points on the floor."""

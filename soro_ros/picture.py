@@ -35,9 +35,9 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     beside = recording.shadow.t.size > 0
     rows = 3 if beside else 2
     figure, axes = plt.subplots(rows, 2, figsize=(12, 5 * rows), layout="constrained")
-    _draw_path(axes[0, 0], recording, scene.duration_s, kind)
+    draw_path(axes[0, 0], recording, scene.duration_s, kind)
     _draw_error(axes[0, 1], t, error, recording, kind)
-    _draw_pressures(axes[1, 0], recording, scene)
+    draw_pressures(axes[1, 0], recording, scene)
     draw_estimates(axes[1, 1], recording)
     if beside:
         shadow_report.draw(axes[2], recording.shadow, scene.shadow.tolerance_m)
@@ -49,13 +49,35 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
         if axis.get_legend_handles_labels()[0]:  # below, where it lies over no data
             axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize="small")
     adaptation = "on" if scene.controller.adapt else "off"
-    what = "real arm" if scene.arm == "real" else f"payload {scene.twin.payload_kg * 1e3:g} g"
+    what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
     figure.suptitle(f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}")
     figure.savefig(file, dpi=110)
     plt.close(figure)
 
 
-def _draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
+def _payload(scene: Scene) -> str:
+    """Return the payload, and each later one with its time."""
+    changes = scene.twin.payload_changes
+    later = zip(changes.payload_kg, changes.at_s, strict=True)
+    return ", ".join(
+        [f"{scene.twin.payload_kg * 1e3:g} g", *(f"{mass * 1e3:g} g from {t:g} s" for mass, t in later)]
+    )
+
+
+def draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
+    """Draw the path of the tip and its reference from above.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        Where it is drawn.
+    recording : Recording
+        The run.
+    duration_s : float
+        Time under control [s].
+    kind : str
+        Of the tip: true or measured.
+    """
     true, wanted = within(recording.true_tip, duration_s), within(recording.wanted_tip, duration_s)
     axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
     axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{kind} tip")
@@ -75,7 +97,18 @@ def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind
     axis.set(ylabel="distance [mm]", title="tip error", ylim=(0, None))
 
 
-def _draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
+def draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
+    """Draw readings, set points and limits.
+
+    Parameters
+    ----------
+    axis : matplotlib.axes.Axes
+        Where it is drawn.
+    recording : Recording
+        The run.
+    scene : Scene
+        Its limits.
+    """
     for k, name in enumerate(recording.reading.names):
         axis.plot(
             recording.reading.t,

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from soro_core.config import Floats, InnerError, Strict
+from soro_core.config import Floats, InnerError, Rows, Strict
 from soro_core.control.adaptation_config import Adaptation
 from soro_core.control.laws.registry import find_law
 from soro_core.control.motion_config import EnableBounds, MotionConfig
@@ -125,8 +125,9 @@ class Pressures(Strict):
 class ReferenceConfig(Strict):
     """The reference that is followed until a topic gives another one."""
 
-    kind: Literal["circle", "set_point", "hold"] = Field(
-        "circle", description="circle of the tip, a set point, or hold where the arm is found"
+    kind: Literal["circle", "set_point", "path", "hold"] = Field(
+        "circle",
+        description="circle of the tip, a set point, a path of the tip, or hold where the arm is found",
     )
     start_s: float = Field(
         3.0,
@@ -147,6 +148,12 @@ class ReferenceConfig(Strict):
         (0.0, 0.0, 0.0),
         description="for kind set_point: one value a strain of a link, uniform along it, or the coordinates",
     )
+    path_m: Rows = Field(
+        (),
+        description="for kind path: points of the tip in the world, x, y and z of each, in rows or not; the "
+        "tip goes straight from one to the next, as fast as `motion` says, and rests at each",
+    )
+    pause_s: float = Field(0.0, ge=0, le=1e4, description="for kind path: length of the rest at each point")
     rotation_weight_m: float = Field(
         0.0,
         ge=0,
@@ -179,6 +186,12 @@ class ReferenceConfig(Strict):
         description="time constant of each of the two lags that smooth passages and streams; accelerations "
         "are at most 2 / smoothing_s times the fastest rates",
     )
+
+    @model_validator(mode="after")
+    def _in_threes(self) -> ReferenceConfig:
+        if len(self.path_m) % 3 or (self.kind == "path" and not self.path_m):
+            raise ValueError(f"x, y and z of one point or more as path_m, not {len(self.path_m)} numbers")
+        return self
 
 
 class ControllerConfig(Strict):

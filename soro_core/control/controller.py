@@ -80,8 +80,8 @@ class Controller(GivenReferences):
         )
         self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
         self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
-        self.configured = configured_reference(self.arm, self.fields, self.config)
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
+        self.configured = configured_reference(self.arm, self.bounds, self.config)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
         self.undriven = Undriven(self.arm, self.fields, self.limit, model.links)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.passage import Bounds, Passage, advance, begin, point, redirect
-from soro_core.control.trajectory import Circle, Hold, Point, Reference
+from soro_core.control.trajectory import Hold, Point, Reference
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -84,8 +84,7 @@ def follow(
     """
     if state is None:
         rest = bounds.fields.within(q, bounds.strain)
-        own = Hold(rest) if configured is None else configured
-        own = replace(own, start_s=t) if isinstance(own, Circle) else own
+        own = Hold(rest) if configured is None else configured.begun(t)
         wanted = own if reference is None else reference
         changed_s = -math.inf if reference is None else t
         return Following(own, reference, wanted, changed_s, begin(bounds, rest, wanted, t, start_s))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
@@ -167,6 +167,10 @@ class Motion(Reference):
     def end_s(self) -> float:
         """Time of the end [s]."""
         return self._begins[-1]
+
+    def begun(self, t: float) -> Reference:
+        """Return the motion with its begin at time `t` [s]."""
+        return replace(self, start_s=t)
 
     def sample(self, t: float) -> Point:
         """Return the reference at time `t` [s]; at rest before the begin and after the end."""

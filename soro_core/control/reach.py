@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.allocation import balanced_weight
+from soro_core.control.config import ReferenceConfig
 from soro_core.control.controller import Controller
-from soro_core.control.trajectory import Circle
+from soro_core.control.motion_parts import Motion
+from soro_core.control.trajectory import Circle, Reference
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.model.rest_forces import RestForces
@@ -19,6 +21,8 @@ Array: TypeAlias = NDArray[np.float64]
 
 # Points of a circle that are checked.
 POINTS = 16
+# Points of a path that are checked, for each of its parts.
+PATH_POINTS = 4
 # Part of the load that the pressures may miss and still count as exact.
 _EXACT = 1e-3
 
@@ -41,12 +45,11 @@ def check_reach(controller: Controller, part: float) -> None:
     reference, settings = controller.configured, controller.config.reference
     if reference is None:  # hold: the arm stays where it is
         return
-    times = np.arange(POINTS) / POINTS * settings.period_s if isinstance(reference, Circle) else (0.0,)
+    key, times = _checked(reference, settings)
     length = controller.robot.length
     distance = max(tip_distance(controller, reference.sample(float(t)).q) for t in times)
     if distance > part * length:
         name, most = controller.robot.name, 1e3 * part * length
-        key = "curvature_per_m" if isinstance(reference, Circle) else "set_point"
         low, high = 1e-3 * controller.minimum_pa[0], 1e-3 * controller.maximum_pa[0]
         raise ConfigError(
             "controller",
@@ -55,6 +58,15 @@ def check_reach(controller: Controller, part: float) -> None:
             f"what {low:g} to {high:g} kPa can hold: the best of them leave the tip of "
             f"{name} {1e3 * distance:.0f} mm away; {part:.0%} of the length is {most:.0f} mm",
         )
+
+
+def _checked(reference: Reference, settings: ReferenceConfig) -> tuple[str, Array]:
+    """Return the key of a reference, and the times [s] at which it is checked."""
+    if isinstance(reference, Circle):
+        return "curvature_per_m", np.arange(POINTS) / POINTS * settings.period_s
+    if isinstance(reference, Motion):
+        return "path_m", np.linspace(0.0, reference.end_s, PATH_POINTS * len(reference.parts))
+    return "set_point", np.zeros(1)
 
 
 def tip_distance(controller: Controller, q: Array) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig, ReferenceConfig
+from soro_core.control.configured_path import configured_path
 from soro_core.control.kinematics import elongation_for_pressure, inverse_kinematics
 from soro_core.control.passage import Bounds
 from soro_core.control.spread import per_coordinate
@@ -54,8 +55,8 @@ def _worst_beyond(fields: StrainFields, limit: Array, rows: Array) -> tuple[Arra
     return None
 
 
-def configured_reference(arm: SoftArm, fields: StrainFields, config: ControllerConfig) -> Reference | None:
-    """Return the configured reference, a circle from time 0 on; None to hold the arm where it is.
+def configured_reference(arm: SoftArm, bounds: Bounds, config: ControllerConfig) -> Reference | None:
+    """Return the configured reference, a circle or a path from time 0 on; None to hold the arm where it is.
 
     Circles, and set points of strains, are uniform along each link: their coefficients are
     `StrainFields.uniform`.
@@ -64,8 +65,8 @@ def configured_reference(arm: SoftArm, fields: StrainFields, config: ControllerC
     ----------
     arm : SoftArm
         Model.
-    fields : StrainFields
-        Strains of the arm's robot.
+    bounds : Bounds
+        Limits of strain and rate.
     config : ControllerConfig
         Parameters of the controller.
 
@@ -76,11 +77,13 @@ def configured_reference(arm: SoftArm, fields: StrainFields, config: ControllerC
     Raises
     ------
     ConfigError
-        If the strains of the arm do not allow this kind of reference.
+        If the strains of the arm do not allow this reference.
     """
-    settings = config.reference
+    settings, fields = config.reference, bounds.fields
     if settings.kind == "hold":
         return None
+    if settings.kind == "path":
+        return configured_path(arm, bounds, config)
     if settings.kind == "set_point":
         values, of_strains = per_coordinate(fields, settings.set_point, "reference.set_point")
         return Hold(values * fields.uniform if of_strains else values)
@@ -89,7 +92,10 @@ def configured_reference(arm: SoftArm, fields: StrainFields, config: ControllerC
     )
     if not (across.any() and along.any()):
         raise ConfigError(
-            "controller", "reference.kind", "circle", "set_point or hold for an arm without two bendings"
+            "controller",
+            "reference.kind",
+            "circle",
+            "set_point, path or hold for an arm without two bendings",
         )
     elongation = settings.elongation
     if settings.choose_elongation:

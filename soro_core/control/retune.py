@@ -21,7 +21,7 @@ from soro_core.control.laws.registry import options_of
 from soro_core.control.reach import check_reach
 from soro_core.control.references import check_configured, configured_reference
 from soro_core.control.setpoints import SetpointMaker
-from soro_core.control.trajectory import Circle, Hold, Reference
+from soro_core.control.trajectory import Hold, Reference
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
 # Keys of the reference in force, without its limits: under a passage that is under way those do not change.
@@ -33,6 +33,8 @@ MOTION = (
     "choose_elongation",
     "mean_pressure_pa",
     "set_point",
+    "path_m",
+    "pause_s",
 )
 _LIVE = {
     "": ("adapt", "gains", "motion"),
@@ -103,7 +105,7 @@ def _with_keys(controller: Controller, config: ControllerConfig) -> Controller:
         ahead_s, factors = new.pressures.preview_s, new.law.feedback_factors
         new.gains = gains_of(new.arm, new.fields, config.gains, pieces, ahead_s, factors)
     if _moves_otherwise(before, config):
-        new.configured = configured_reference(new.arm, new.fields, config)
+        new.configured = configured_reference(new.arm, new.bounds, config)
         check_configured(new.bounds, new.configured)
     setting = replace(
         new.law.setting,
@@ -127,10 +129,7 @@ def _from_now(controller: Controller, state: ControllerState, t: float) -> Refer
     """
     if state.following is None or state.point is None:
         return None
-    begun = controller.configured
-    if begun is None:
-        return Hold(state.point.q)
-    return replace(begun, start_s=t) if isinstance(begun, Circle) else begun
+    return Hold(state.point.q) if controller.configured is None else controller.configured.begun(t)
 
 
 def _check_keys(controller: Controller, config: ControllerConfig) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -45,6 +45,10 @@ class Reference(ABC):
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other`, given at time `t` [s] while this reference is in force, is the same motion."""
         return other is self
+
+    def begun(self, t: float) -> Reference:
+        """Return the same motion with its begin at time `t` [s]; a set point has none."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,10 @@ class Circle(Reference):
         out = self.curvature_per_m * (math.cos(phase) * self.across + math.sin(phase) * self.along)
         side = self.curvature_per_m * (math.cos(phase) * self.along - math.sin(phase) * self.across)
         return Point(self.centre + out, w * side, -w * w * out)
+
+    def begun(self, t: float) -> Reference:
+        """Return the circle with its phase 0 at time `t` [s]."""
+        return replace(self, start_s=t)
 
 
 class Waypoints(Reference):

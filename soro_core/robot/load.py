@@ -18,11 +18,15 @@ _CASE_KEYS = frozenset(
     ("kind", "q", "qd", "inertia_matrix", "coriolis_force", "gravity_force", "elastic_force", "tip_pose")
 )
 
+# Key of a file that changes some keys of another one.
+BASED_ON = "based_on"
+
 
 def load_robot(name_or_path: str | Path) -> Robot:
     """Read a robot file, or a shipped robot by its name; log a range of pressures that can collapse a link.
 
-    Files of modes (basis pod) are read with it, relative to its folder.
+    Files of modes (basis pod) are read with it, relative to its folder. A file with the key `based_on`, which
+    names a robot file beside it or a shipped robot, has the keys of that robot; its own take precedence.
 
     Parameters
     ----------
@@ -35,9 +39,23 @@ def load_robot(name_or_path: str | Path) -> Robot:
         One line with file, key, what was found and what is allowed.
     """
     path = find_config(name_or_path, "robots")
-    data = read_yaml(path)
-    data = with_samples(data, path.parent, str(path))
-    return _warned(parse({"name": path.stem, **data}, Robot, where=str(path)), str(path))
+    return _warned(parse({"name": path.stem, **_keys_of(path)}, Robot, where=str(path)), str(path))
+
+
+def _keys_of(path: Path) -> dict[str, Any]:
+    """Return the keys of a robot file, with those of the robot that it is based on."""
+    own = with_samples(read_yaml(path), path.parent, str(path))
+    based_on = own.pop(BASED_ON, None)
+    if based_on is None:
+        return own
+    if not isinstance(based_on, str):
+        raise ConfigError(str(path), BASED_ON, based_on, "a robot file, or the name of a shipped one")
+    beside = path.parent / based_on
+    file = beside if beside.suffix and beside.is_file() else find_config(based_on, "robots")
+    others = with_samples(read_yaml(file), file.parent, str(file))
+    if BASED_ON in others:
+        raise ConfigError(str(path), BASED_ON, based_on, "a robot file that is not based on another one")
+    return {key: value for key, value in others.items() if key not in ("name", "description")} | own
 
 
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:

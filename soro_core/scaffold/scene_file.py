@@ -24,6 +24,12 @@ _SENSOR = SensorConfig()
 # Pieces of a link of the twin: the first swing is that of the link to 0.3 %. Longer arms need fewer.
 _PARTS = 8
 
+_SHOWS = {
+    "circle": "its tip follows a circle",
+    "set_point": "it moves to a bent shape and holds it",
+    "hold": "it holds the shape in which it is found",
+}
+
 
 def scene_tree(
     arm: NewArm, robot: Robot, reference: FirstReference, names: tuple[str, str]
@@ -43,6 +49,7 @@ def scene_tree(
     period = _period(robot)
     return {
         "name": Noted(arm.name, ""),
+        "description": Noted(f"{arm.name}: {_SHOWS[reference.kind]}", "of soro scenes"),
         "robot": Noted(names[0], "beside this file"),
         "platform": Noted(names[1], "beside this file"),
         "mode": Noted("real_time", "or lockstep: deterministic, as fast as possible (--set mode=lockstep)"),
@@ -60,14 +67,9 @@ def scene_tree(
 
 def scene_header(arm: NewArm, reference: FirstReference) -> str:
     """Return the comment at the top of the scene file."""
-    what = {
-        "circle": "its tip follows a circle",
-        "set_point": "it moves to a bent shape and holds it",
-        "hold": "it holds the shape in which it is found",
-    }[reference.kind]
     file = f"{arm.name}_scene.yaml"
     return (
-        f"{arm.name} on the emulated platform, written by `soro new`: {what}.\n"
+        f"{arm.name} on the emulated platform, written by `soro new`: {_SHOWS[reference.kind]}.\n"
         f"  soro run {file} --set mode=lockstep     on the twin\n"
         f"  soro gains {file}                       the automatic gains as numbers"
     )

@@ -38,6 +38,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     """A run: its robot, platform, duration, and the keys of each node."""
 
     name: str = Field("", pattern=r"^[a-z0-9_]*$", description="name of the run; the file's name if empty")
+    description: str = Field("", description="what the run shows, in one line (soro scenes)")
     platform: str = Field(
         "", description="platform file or name; empty: the twin takes the place of the regulator node"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -28,6 +28,9 @@ class VerdictSection(Strict):
         "the best pressures leave further away is refused",
     )
     at_bound_part: float = Field(0.5, gt=0, le=1, description="largest part of all set points at a bound")
+    expected: Literal["good", "vented"] = Field(
+        "good", description="how the run is meant to end (soro scenes); it does not change the verdict"
+    )
 
 
 def sample_keys(twin: TwinSection) -> dict[str, Any]:

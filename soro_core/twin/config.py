@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
@@ -13,6 +15,11 @@ from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.robot import Robot, load_robot
 from soro_core.robot.discretisation import Integrator
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys, check_places
+
+# Largest mass at the tip [kg].
+HEAVIEST_KG = 5.0
+# A time that is earlier by less [s] is the same tick.
+SAME_S = 1e-9
 
 
 class SensorConfig(Strict):
@@ -58,6 +65,29 @@ class SensorConfig(Strict):
         return check_places(values)
 
 
+class PayloadChanges(Strict):
+    """When the mass at the tip becomes another one: a time and a mass for each change."""
+
+    at_s: Floats = Field((), description="times after the begin of control, increasing")
+    payload_kg: Floats = Field(
+        (), description="mass at the tip from each of these times on, in place of the last"
+    )
+
+    @model_validator(mode="after")
+    def _pairs(self) -> PayloadChanges:
+        if len(self.at_s) != len(self.payload_kg):
+            raise ValueError(f"as many times as masses, not {len(self.at_s)} and {len(self.payload_kg)}")
+        if any(late <= early for early, late in pairwise((0.0, *self.at_s))):
+            raise ValueError("times above 0 that increase")
+        if any(not 0.0 <= mass <= HEAVIEST_KG for mass in self.payload_kg):
+            raise ValueError(f"masses from 0 to {HEAVIEST_KG:g} kg")
+        return self
+
+    def passed(self, t: float) -> int:
+        """Number of changes up to `t` seconds after the begin of control."""
+        return bisect_right(self.at_s, t + SAME_S)
+
+
 class TwinSection(Strict):
     """The simulated arm as a scene states it: what differs in truth, its air and its sensors."""
 
@@ -69,7 +99,12 @@ class TwinSection(Strict):
         "not know; default: that of the scene",
     )
     refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
-    payload_kg: float = Field(0.0, ge=0, le=5, description="mass at the tip beyond the robot's own")
+    payload_kg: float = Field(
+        0.0, ge=0, le=HEAVIEST_KG, description="mass at the tip beyond the robot's own, at the begin"
+    )
+    payload_changes: PayloadChanges = Field(
+        PayloadChanges(), description="other masses at the tip, each from some time on"
+    )
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
     damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
     gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")
@@ -92,6 +127,10 @@ class TwinSection(Strict):
         if info.data.get("air") == "lag" and value != ValveModel():
             raise ValueError("none beside air: lag, only beside air: states")
         return value
+
+    def payload_at(self, t: float) -> float:
+        """Mass at the tip beyond the robot's own [kg], `t` seconds after the begin of control."""
+        return (self.payload_kg, *self.payload_changes.payload_kg)[self.payload_changes.passed(t)]
 
 
 class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):

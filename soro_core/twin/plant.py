@@ -20,7 +20,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 def true_robot(robot: Robot, config: TwinConfig) -> Robot:
-    """Return the true robot: refined, loaded, and different from its file by the configured factors."""
+    """Return the true robot at the begin: refined, loaded, and different from its file as configured."""
     robot = described_plant(robot, config)
     real = robot.scaled(
         stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core import pneumatics
+from soro_core.config import changed
 from soro_core.errors import ModelError
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.tracker import Tracker
@@ -36,7 +37,10 @@ SHORTEST_S = 1e-9
 
 @dataclass(frozen=True)
 class TwinState:
-    """State of arm, air and sensors, these by place; `tick` counts from 0."""
+    """State of arm, air and sensors, these by place; `tick` counts from 0.
+
+    `begun` is the tick from which the times of the payload's changes count; None: they wait.
+    """
 
     tick: int
     arm: State
@@ -44,6 +48,7 @@ class TwinState:
     poses: tuple[SensorState[PoseSample], ...]
     imus: tuple[SensorState[ImuSample], ...]
     status: Status
+    begun: int | None = 0
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,9 @@ class Twin:
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
         self.plant = Plant(robot, config)
+        """The arm at the begin."""
+        later = config.payload_changes.payload_kg
+        self._plants = (self.plant, *(Plant(robot, changed(config, payload_kg=mass)) for mass in later))
         self.config = config
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
@@ -96,6 +104,12 @@ class Twin:
         """Undeformed length of the arm [m]."""
         return self._length
 
+    def _plant(self, state: TwinState) -> Plant:
+        """The arm with the payload that it carries in a state."""
+        if state.begun is None:
+            return self.plant
+        return self._plants[self.config.payload_changes.passed((state.tick - state.begun) * self.dt)]
+
     def initial(self, pressure_pa: Array | None = None) -> TwinState:
         """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""
         pressure = np.zeros(self.plant.arm.n_u) if pressure_pa is None else pressure_pa
@@ -107,7 +121,7 @@ class Twin:
 
     def observe(self, state: TwinState) -> tuple[TwinState, Observation]:
         """Sample every sensor at the tick of `state`; to be called once a tick."""
-        arm, config, t = self.plant.arm, self.config, state.tick * self.dt
+        arm, config, t = self._plant(state).arm, self.config, state.tick * self.dt
 
         def pose(at: float, rng: np.random.Generator) -> PoseSample:
             section = arm.pose(state.arm.q, at)
@@ -189,8 +203,9 @@ class Twin:
         return self._step(state, pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure))
 
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
-        arm, status = self.plant.advance(state.arm, state.air.pressure_pa, air.pressure_pa, self.dt)
-        return TwinState(state.tick + 1, arm, air, state.poses, state.imus, status)
+        start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
+        arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt)
+        return replace(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _breathe(
         self,
@@ -200,16 +215,16 @@ class Twin:
         condition: pneumatics.ValveCondition | None = None,
     ) -> TwinState:
         """Advance arm and air together; the valves move towards the targets of their regulators."""
-        arm, status = state.arm, OK
+        arm, status, plant = state.arm, OK, self._plant(state)
         for span, target in spans:
             if status.ok and span > SHORTEST_S:
-                arm, status = self.plant.advance(arm, target, target, span, condition)
+                arm, status = plant.advance(arm, target, target, span, condition)
         air = replace(air, pressure_pa=self.plant.pressures(arm))
-        return TwinState(state.tick + 1, arm, air, state.poses, state.imus, status)
+        return replace(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _motion(self, state: TwinState, s: float) -> Motion:
         """Pose, twist and acceleration of the cross-section at `s`."""
-        arm, q, qd = self.plant.arm, state.arm.q, state.arm.qd
+        arm, q, qd = self._plant(state).arm, state.arm.q, state.arm.qd
         # Behind the states of creep and hysteresis there may be those of the air.
         internal = state.arm.internal[: arm.n_internal]
         qdd = arm.forward_dynamics(q, qd, state.air.pressure_pa, internal=internal)

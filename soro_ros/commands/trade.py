@@ -145,13 +145,14 @@ def _requirement(name: str, error: str, budget_us: float, rate_hz: float) -> tup
 
 
 def _is_scene(name: str) -> bool:
-    """Whether it is a scene, not a robot: robots have links."""
+    """Whether it is a scene, not a robot: robots have links, or those of another one."""
     from soro_core.config import config_folder, read_yaml
     from soro_core.errors import ConfigError
+    from soro_core.robot.load import BASED_ON
 
     path = Path(name)
     if path.suffix:
-        return "links" not in read_yaml(path)
+        return not {"links", BASED_ON} & read_yaml(path).keys()
     scenes, robots = (
         sorted(file.stem for file in (config_folder() / kind).glob("*.yaml")) for kind in ("scenes", "robots")
     )

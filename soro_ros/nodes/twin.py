@@ -50,7 +50,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._moves_air = config.pressures == "valves" and config.air == "states"
         self._names = robot.chamber_names
         self.compile(self._warm_up)
-        self._state = self._twin.initial()
+        # Changes of the payload wait for ~/start, with which `soro run` begins control.
+        self._state = replace(self._twin.initial(), begun=None)
         self._period_ns = round(1e9 / config.rate_hz)
         self._epoch_ns = 0
         self._observed = -1
@@ -116,6 +117,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._link = self._faults = None
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._state.begun is None:
+            self._state = replace(self._state, begun=self._state.tick)
         if not self._running:
             self._begin()
         response.success, response.message = True, "running"

@@ -1,5 +1,6 @@
 """The pages: every link of one has its file and its heading, and the index names every page."""
 
+import itertools
 import re
 import subprocess
 from pathlib import Path
@@ -74,10 +75,11 @@ def test_pictures_of_the_pages_are_used_and_small():
     used = {
         name
         for page in pages()
-        for name in re.findall(r"images/([\w.]+)\)", page.read_text(encoding="utf-8"))
+        for name in re.findall(r"images/([\w./]+)\)", page.read_text(encoding="utf-8"))
     }
-    for picture in (ROOT / "docs" / "images").iterdir():
-        assert picture.name in used
+    folder = ROOT / "docs" / "images"
+    for picture in (path for path in folder.rglob("*") if path.is_file()):
+        assert str(picture.relative_to(folder)) in used
         assert picture.stat().st_size < 1.5e6, picture.name
 
 
@@ -92,3 +94,14 @@ def test_the_citation_can_be_read():
     assert {"cff-version", "message", "title", "authors", "references"} <= about.keys()
     assert about["cff-version"] == "1.2.0"
     assert f'version = "{about["version"]}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_the_gallery_shows_every_scene_as_its_file_describes_it():
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    scenes = sorted((ROOT / "config" / "scenes").glob("*.yaml"))
+    assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == [scene.stem for scene in scenes]
+    for scene in scenes:
+        lines = scene.read_text(encoding="utf-8").splitlines()
+        comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
+        assert "\n".join(line.removeprefix("#").strip() for line in comment) in page, "make gallery"
+        assert (ROOT / "docs" / "images" / "gallery" / f"{scene.stem}.png").stat().st_size <= 60_000

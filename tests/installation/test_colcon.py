@@ -39,6 +39,7 @@ def test_colcon_reads_the_attributes_back():
     # With --symlink-install, colcon builds in a folder of links to the packages and to these files.
     linked = {source for _, sources in found["data_files"] for source in sources}
     assert {"pyproject.toml", "README.md", "package.xml", "config/robots/tue_three_bellow.yaml"} <= linked
+    assert {str(file.relative_to(ROOT)) for file in (ROOT / "config/scenes").iterdir()} <= linked
 
 
 @pytest.fixture(scope="module")

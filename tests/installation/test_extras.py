@@ -17,7 +17,7 @@ BOARD = tomllib.loads((ROOT / "board/pyproject.toml").read_text())["project"]
 NODES = ("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player")
 
 # Commands that need no extra.
-ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "new"}
+ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "new", "scenes"}
 
 # What a module is to the import system where its package is not installed.
 HIDE = "import json, sys\nfor name in json.loads({hidden!r}):\n    sys.modules[name] = None\n"

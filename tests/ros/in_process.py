@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.config import changed
 from soro_core.loop import certainty_of, loop_of
 from soro_core.safety import Limiter
 from soro_core.scene import Scene
@@ -25,9 +26,20 @@ class Step:
     stamp_ns: int
     true_q: np.ndarray
     pressure_pa: np.ndarray
+    tip: np.ndarray
     q: np.ndarray | None = None
     qd: np.ndarray | None = None
     setpoint_pa: np.ndarray | None = None
+    wanted: np.ndarray | None = None  # position of the tip in the reference
+
+
+def without_valves(scene: Scene) -> Scene:
+    """The scene on the twin's own regulators, which are those that its platform emulates."""
+    platform = scene.loaded_platform
+    if platform is None:
+        return scene
+    twin = changed(scene.twin, regulator=platform.emulation.regulator)
+    return changed(scene, platform="", twin=twin, faults=())
 
 
 def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
@@ -40,7 +52,7 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
     estimator = loop.estimator.initial_state(0.0, pressure_pa=seen.reading_pa)
     controller = loop.controller.initial_state()
     learned = None
-    answer = Step(0, plant.arm.q, plant.air.pressure_pa)
+    answer = Step(0, plant.arm.q, plant.air.pressure_pa, seen.tip[:3, 3])
     yield answer
     for tick in range(1, ticks):
         # The command that answers tick k - 1 acts from tick k on, so that of tick 0 never acts before tick 2.
@@ -69,7 +81,14 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
         assert command.status.ok
         learned = command.learned
         answer = Step(
-            stamp_ns, plant.arm.q, plant.air.pressure_pa, estimate.q, estimate.qd, command.setpoint_pa
+            stamp_ns,
+            plant.arm.q,
+            plant.air.pressure_pa,
+            seen.tip[:3, 3],
+            estimate.q,
+            estimate.qd,
+            command.setpoint_pa,
+            command.tip_reference[:3, 3],
         )
         yield answer
 

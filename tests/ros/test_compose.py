@@ -153,3 +153,18 @@ def test_a_scene_of_emulated_valves_starts_them_first_and_the_driver_last(start,
     run.start(Ready())
     assert started == ["valves", "recorder", "twin", "estimator", "controller", "regulator"]
     assert set(started) <= set(compose.END_ORDER)
+
+
+def test_a_twin_that_drives_the_chambers_ends_first(start, monkeypatch):
+    """Its commands end on purpose then, and are not lost."""
+    run, _ = start({"platform": ""})
+    real, ended = processes.stop, []
+
+    def stop(child, limit_s):
+        ended.append(child.name)
+        return real(child, limit_s)
+
+    monkeypatch.setattr(processes, "stop", stop)
+    run.start(Ready())
+    run.end()
+    assert ended == ["twin", "controller", "estimator", "recorder"]

@@ -9,10 +9,11 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from soro_core.config import find_config
+from soro_core.config import changed, find_config
 from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
 from soro_core.scene import load_scene
+from soro_core.twin.config import PayloadChanges
 from soro_ros import arm_shape, film
 from soro_ros.cli import application
 from soro_ros.recording import EMPTY
@@ -95,3 +96,22 @@ def test_gif_and_png(tmp_path):
 def test_what_cannot_be_drawn_is_refused(options, error):
     result = CliRunner().invoke(application(), ["film", str(BAG), *options])
     assert isinstance(result.exception, error)
+
+
+def test_the_load_is_that_of_the_time(shown):
+    changes = PayloadChanges(at_s=(1.0,), payload_kg=(0.01,))
+    scene = changed(shown.scene, twin=changed(shown.scene.twin, payload_changes=changes))
+    loads = [replace(shown, scene=scene).payload_kg(k) for k in range(len(shown.t))]
+    assert loads == [0.02] * 5 + [0.01] * 6
+
+
+@pytest.mark.parametrize("normal", [(-1.0, 0.0, 0.0), (0.0, 0.0, 2.0), (0.3, -0.5, 0.1)])
+def test_a_wall_is_drawn_on_its_plane(normal):
+    plane = {"point": (0.03, 0.01, 0.02), "normal": normal, "stiffness": 100.0}
+    robot = load_robot("tue_three_bellow").replace(contacts={"planes": [plane]})
+    body = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.06]])
+    (corners,) = arm_shape.walls(robot, body)
+    assert (corners - plane["point"]) @ normal == pytest.approx(0.0, abs=1e-12)
+    sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    assert sides == pytest.approx(0.06)
+    assert arm_shape.walls(load_robot("tue_three_bellow"), body) == []

@@ -1,0 +1,149 @@
+"""`make gallery`: run every shipped scene in lockstep, draw it, and write gallery.md from the scenes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from PIL import Image
+
+from soro_core.scene import Scene
+from soro_core.scene.listing import scenes_in, shipped_folder
+from soro_ros import film, picture, report
+
+HERE = Path(__file__).parent
+PICTURES = HERE / "images" / "gallery"
+PAGE = HERE / "gallery.md"
+WIDTH_PX, COLOURS = 1080, 200
+# Part of the width of a film that shows the arm.
+ARM_PART = 0.56
+MOST_BYTES = 60_000
+# A path whose width is a smaller part of its length is a line from above: pressures are drawn in its place.
+FLAT = 0.1
+
+HEADER = """# Scene gallery
+
+Each scene below is a file that you can run, read and change:
+
+    soro scenes                                      # this list
+    soro run set_points                              # in real time; --set mode=lockstep: without deadlines
+    soro film runs/set_points-TIME                   # a film of your run
+    soro scenes set_points > my_scene.yaml           # a copy to change
+    soro scenes --folder my_scenes                   # lists your own scenes too
+
+The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
+its path in the last seconds), the path of its tip from above or the pressures, and the distance of the tip
+from its reference. The tip is the true one of the simulated arm. All of this page is made from the scenes, in
+lockstep, by
+
+    make gallery
+
+`tests/ros/test_scenes.py` runs the first seconds of each scene.
+"""
+
+
+def comment_of(scene: Scene) -> str:
+    """Return the comment at the top of a shipped scene."""
+    lines = (shipped_folder() / f"{scene.name}.yaml").read_text(encoding="utf-8").splitlines()
+    top = []
+    for line in lines:
+        if not line.startswith("#"):
+            break
+        top.append(line.removeprefix("#").strip())
+    return "\n".join(top)
+
+
+def run(scene: Scene, folder: Path) -> tuple[Path, dict[str, Any]]:
+    """Run a scene in lockstep; return the folder of the run, and its figures."""
+    command = [sys.executable, "-m", "soro_ros.cli", "run", scene.name, "--set", "mode=lockstep"]
+    subprocess.run([*command, "--folder", str(folder / scene.name)], check=False)
+    (found,) = (folder / scene.name).iterdir()
+    figures = json.loads((found / "summary.json").read_text())
+    if figures["verdict"] != scene.verdict.expected:
+        sys.exit(f"{scene.name}: {figures['verdict']}: {figures['reason']}")
+    return found, figures
+
+
+def draw_pressures(axis: Any, shown: film.Take) -> None:
+    """Draw readings and set points over time."""
+    picture.draw_pressures(axis, shown.recording, shown.scene)
+    axis.set(xlabel="time [s]", xlim=(0.0, shown.scene.duration_s))
+    axis.grid(alpha=0.3)
+
+
+def draw_error(axis: Any, shown: film.Take) -> None:
+    """Draw the distance of the tip from its reference over time."""
+    t, error = report.tip_error(shown.recording, shown.scene.duration_s)
+    axis.plot(t, 1e3 * error, color="C3", lw=1.0, label="true tip to reference")
+    axis.set(xlabel="time [s]", ylabel="distance [mm]", title="tip error", ylim=(0.0, None))
+    axis.set_xlim(0.0, shown.scene.duration_s)
+    axis.grid(alpha=0.3)
+
+
+def draw(scene: Scene, run_folder: Path) -> None:
+    """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
+    file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
+    shown = film.take(bag, scene, 0.0, scene.duration_s, 10.0)
+    arm = film.Picture(shown, 800).at(len(shown.t) - 1)
+    figure = plt.figure(figsize=(12.0, 3.8), layout="constrained")
+    left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
+    drawn, axes = left.add_axes((0.0, 0.0, 1.0, 1.0)), right.subplots(1, 2)
+    drawn.imshow(arm[:, : int(ARM_PART * arm.shape[1])])
+    drawn.axis("off")
+    wanted = report.within(shown.recording.wanted_tip, scene.duration_s).value
+    across = np.ptp(wanted[:, :2], axis=0)
+    if across[1] > FLAT * across[0]:
+        picture.draw_path(axes[0], shown.recording, scene.duration_s, "true")
+    else:
+        draw_pressures(axes[0], shown)
+    if scene.verdict.expected == "vented":
+        draw_pressures(axes[1], shown)
+    else:
+        draw_error(axes[1], shown)
+    for axis in axes:
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, fontsize="small")
+    figure.savefig(file, dpi=WIDTH_PX / 12.0)
+    plt.close(figure)
+    Image.open(file).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(file, optimize=True)
+    if file.stat().st_size > MOST_BYTES:
+        sys.exit(f"{file}: {file.stat().st_size} bytes, more than {MOST_BYTES}")
+
+
+def section(scene: Scene, figures: dict[str, Any]) -> str:
+    """Return the part of the page on one scene."""
+    what = f"{scene.description[0].upper()}{scene.description[1:]}."
+    result = f"Ends as `{figures['verdict']}`"
+    error = figures["tip_error_last_rms_m"]
+    if figures["verdict"] == "good" and error is not None:
+        part = error / scene.loaded_robot.length
+        result += f"; tip error in the last 5 s {1e3 * error:.2f} mm RMS, {part:.1%} of the length"
+    elif figures["reason"]:
+        result += f": {figures['reason']}"
+    picture = f"![{what}](images/gallery/{scene.name}.png)"
+    file = f"[config/scenes/{scene.name}.yaml](../config/scenes/{scene.name}.yaml)"
+    return f"## {scene.name}\n\n{what}\n\n{picture}\n\n{comment_of(scene)}\n\n{result}. {file}\n"
+
+
+def main() -> None:
+    """Run, draw and write."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    parts = [HEADER]
+    with tempfile.TemporaryDirectory() as folder:
+        for scene in scenes_in(shipped_folder()).scenes:
+            run_folder, figures = run(scene, Path(folder))
+            draw(scene, run_folder)
+            parts.append(section(scene, figures))
+    PAGE.write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

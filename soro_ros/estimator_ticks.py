@@ -132,8 +132,9 @@ class EstimatorTicks:
             return
         state = messages.arm_state(self._coordinates, estimate.q, estimate.qd, estimate.force, stamp_ns)
         publish("arm/state", state)
-        tip = messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, "world")
-        publish("arm/tip", tip)
+        if self._ports.is_read("arm/tip"):
+            tip = messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, "world")
+            publish("arm/tip", tip)
 
     def _await(self, stamp_ns: int) -> None:
         """Wait in lockstep for what the controller has learned from this tick, before the next."""

@@ -16,7 +16,7 @@ from soro_ros.diagnostics import OK, WARN
 from soro_ros.estimator_ticks import EstimatorTicks
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
-from soro_ros.ports import Ports, publisher, subscribe
+from soro_ros.ports import Ports, Publishers, subscribe
 
 
 class EstimatorNode(SoroNode[EstimatorNodeConfig]):
@@ -29,7 +29,8 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._config, lockstep, self._trouble = config, config.mode == "lockstep", ""
         loop = qos.loop(lockstep)
         outputs = {topic: (kind, loop) for topic, kind in EstimatorTicks.outputs.items()}
-        ports = Ports(publisher(self, outputs), warn=self._warn, report=self._report)
+        publishers = Publishers(self, outputs)
+        ports = Ports(publishers.publish, warn=self._warn, report=self._report, is_read=publishers.is_read)
         self._ticks = EstimatorTicks(config, ports)
         length = self.estimator.length
         places = ((pose_sensor, "pose", config.pose_locations), (imu_sensor, "imu", config.imu_locations))

@@ -13,6 +13,7 @@ from benchmarks import (
     arms,
     board,
     can_rates,
+    composed,
     control,
     derivatives,
     discovery,
@@ -63,6 +64,7 @@ SECTIONS = {
     "board": board,
     "kills": kills,
     "recording": recording,
+    "composed": composed,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -99,7 +99,7 @@ class ControllerTicks:
             motion or (lambda: config.control.motion),
             ports.publish,
         )
-        self._report = ControlReport(self._coordinates, self._world, ports.publish)
+        self._report = ControlReport(self._coordinates, self._world, ports.publish, ports.is_read)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
             "arm/covariance": Input(Float64MultiArray, self._on_covariance, qos.loop),

@@ -143,10 +143,10 @@ class EstimatorTicks:
         self.estimated_ns = stamp_ns
         state = messages.arm_state(self._coordinates, estimate.q, estimate.qd, estimate.force, stamp_ns)
         publish("arm/state", state)
-        tip = messages.tip_estimate(
-            estimate.tip_pose, estimate.tip_covariance, stamp_ns, self._config.frames.world
-        )
-        publish("arm/tip", tip)
+        if self._ports.is_read("arm/tip"):
+            world = self._config.frames.world
+            tip = messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, world)
+            publish("arm/tip", tip)
 
     def _without_estimate(self, stamp_ns: int) -> None:
         """Answer a tick at which the filter takes no step."""

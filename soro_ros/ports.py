@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 
 class Input(NamedTuple):
@@ -36,6 +37,10 @@ def ignore(*_: object) -> None:
     """Take anything, and do nothing."""
 
 
+def _always(topic: str) -> bool:
+    return True
+
+
 @dataclass(frozen=True)
 class Ports:
     """Where messages and reports go, and the time.
@@ -44,6 +49,8 @@ class Ports:
     ----------
     publish : callable
         Takes the name of a topic and a message.
+    is_read : callable
+        Takes the name of a topic and says whether anybody would have its message now.
     now_ns : callable
         Gives the time [ns] that ages of messages count from.
     warn : callable
@@ -59,6 +66,7 @@ class Ports:
     warn: Callable[[str], None] = ignore
     report: Callable[[str], None] = ignore
     refuse: Callable[[str, bool], None] = ignore
+    is_read: Callable[[str], bool] = _always
 
 
 def subscribe(node: Node, inputs: Inputs, lockstep: bool) -> None:
@@ -75,9 +83,32 @@ def subscribe(node: Node, inputs: Inputs, lockstep: bool) -> None:
         node.create_subscription(kind, topic, take, quality(lockstep))
 
 
-def publisher(node: Node, outputs: Mapping[str, tuple[type[Any], QoSProfile]]) -> Callable[[str, Any], None]:
-    """Create the publishers of a node; return the function that publishes a message on one of them."""
-    publishers = {
-        topic: node.create_publisher(kind, topic, quality) for topic, (kind, quality) in outputs.items()
-    }
-    return lambda topic, message: publishers[topic].publish(message)
+class Publishers:
+    """The publishers of a node, by topic.
+
+    Parameters
+    ----------
+    node : Node
+    outputs : mapping of str to tuple
+        Class of the messages and quality of service of each topic.
+    """
+
+    def __init__(self, node: Node, outputs: Mapping[str, tuple[type[Any], QoSProfile]]) -> None:
+        self._publishers = {
+            topic: node.create_publisher(kind, topic, quality) for topic, (kind, quality) in outputs.items()
+        }
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish a message on a topic."""
+        self._publishers[topic].publish(message)
+
+    def is_read(self, topic: str) -> bool:
+        """Whether the message of a topic would reach anybody, now or later."""
+        return is_read(self._publishers[topic])
+
+
+def is_read(publisher: Publisher) -> bool:
+    """Whether a message would reach anybody: a subscription of now, or one that comes later."""
+    if publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        return True
+    return bool(publisher.get_subscription_count())

@@ -14,6 +14,7 @@ from sensor_msgs.msg import Imu, JointState
 from soro_core.robot import Robot
 from soro_core.twin import Observation, Twin, TwinState
 from soro_ros import messages, qos
+from soro_ros.ports import is_read
 
 
 class TwinTopics:
@@ -90,6 +91,10 @@ class TwinTopics:
         """
         arm, pressure = state.arm, state.air.pressure_pa
         force = np.zeros_like(arm.q)
-        self._true_tip.publish(messages.pose_stamped(tip, stamp_ns, self._frames.world))
-        self._true_state.publish(messages.arm_state(self._coordinate_names, arm.q, arm.qd, force, stamp_ns))
-        self._true_air.publish(messages.chambers(self._chamber_names, pressure, stamp_ns))
+        if is_read(self._true_tip):
+            self._true_tip.publish(messages.pose_stamped(tip, stamp_ns, self._frames.world))
+        if is_read(self._true_state):
+            state_now = messages.arm_state(self._coordinate_names, arm.q, arm.qd, force, stamp_ns)
+            self._true_state.publish(state_now)
+        if is_read(self._true_air):
+            self._true_air.publish(messages.chambers(self._chamber_names, pressure, stamp_ns))

@@ -123,21 +123,20 @@ class Uneven:
         q, x = point.q, self.spread @ point.q + state.deviation
         moved_by = self.spread if state.moves is None else state.moves
         even_motion, motion = (point.qd, point.qdd), (moved_by @ point.qd, moved_by @ point.qdd)
-        load, even_load = varying.tip_mass_force(x, *motion), arm.tip_mass_force(q, *even_motion)
-        even = _without_load(arm, q, *even_motion) + mass_kg * even_load
+        even, even_load, here = arm.motion_forces(q, *even_motion)
+        now, load, there = varying.motion_forces(x, *motion)
+        even = even + mass_kg * even_load
         force = even if state.force is None else state.force
-        here, there = arm.actuation_matrix(q), varying.actuation_matrix(x)
         scaled = unit[:, None] * here
         # The least pressures by a force.
         to_pressure = scaled.T @ np.linalg.solve(scaled @ scaled.T, np.diag(unit))
         pressure = to_pressure @ force
 
         def missed(of: SoftArm, qd: Array, qdd: Array, at: Array) -> Array:
-            made = of.actuation_matrix(at) @ pressure
-            force = _without_load(of, at, qd, qdd) + mass_kg * of.tip_mass_force(at, qd, qdd)
-            return np.asarray(force - made)
+            force, by_mass, actuation = of.motion_forces(at, qd, qdd)
+            return np.asarray(force + mass_kg * by_mass - actuation @ pressure)
 
-        now = _without_load(varying, x, *motion) + mass_kg * load - there @ pressure
+        now = now + mass_kg * load - there @ pressure
         slope = _slope(
             state.slope, state.column, x, self.varying_unit, partial(missed, varying, *motion), now
         )
@@ -191,10 +190,6 @@ def _slope(
         moved[k] += _STEP * unit[k]
         slope[:, k] = (missed(moved) - now) / (_STEP * unit[k])
     return slope
-
-
-def _without_load(arm: SoftArm, q: Array, qd: Array, qdd: Array) -> Array:
-    return np.asarray(arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q))
 
 
 def _link_ends(robot: Robot) -> Array:

@@ -69,6 +69,27 @@ def inertial_forces(
 
 
 @entry
+def motion_forces(
+    box: Box, no_masses: Array, q: Array, qd: Array, a: Array, own: Array, by_mass: Array, gradients: Array
+) -> None:
+    """Forces of a motion: own <- M a + C qd + G + dU_e/dq, by_mass <- per kg at the tip, gradients <- H'.
+
+    The rows of `no_masses` (n_k, n_links) are zero: one, and a second one for point masses, which are in all.
+    """
+    arm = view(box)
+    t, w, none = arm.tables, arm.work, np.zeros(6)
+    part = np.empty(q.shape[0])
+    inertial_force(t, w, t.mass, t.tip_mass[0], t.gravity, none, q, qd, qd, a, own)
+    elasticity.elastic_force(t, q, part)
+    own += part
+    inertial_force(t, w, no_masses[0], 1.0, t.gravity, none, q, qd, qd, a, by_mass)
+    if no_masses.shape[0] == 2:
+        inertial_force(t, w, no_masses[1], 0.0, t.gravity, none, q, qd, qd, a, part)
+        by_mass -= part
+    chambers.actuation(t, q, gradients)
+
+
+@entry
 def external_forces(box: Box, q: Array, qd: Array, wrench: Array, tau: Array, force: Array) -> float:
     """tau <- generalised force, force <- that at each place (n_places, 3); gives the energy stored [J]."""
     arm = view(box)

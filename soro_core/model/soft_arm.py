@@ -68,6 +68,7 @@ class SoftArm(ForwardDynamics):
         self._no_wrench = flat_wrench(robot, None)
         self._no_internal = np.zeros(self.n_internal)
         self._no_velocity = np.zeros(self.n_q)
+        self._no_masses = np.zeros((2 if robot.point_masses else 1, len(robot.links)))
 
     def inertia_matrix(self, q: ArrayLike) -> Array:
         """Inertia matrix M (n_q, n_q), symmetric positive definite, docs/model.md (13)."""
@@ -279,14 +280,23 @@ class SoftArm(ForwardDynamics):
         a : (n_q,)
             Accelerations.
         """
+        return self.motion_forces(q, qd, a)[1]
+
+    def motion_forces(self, q: ArrayLike, qd: ArrayLike, a: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return M a + C qd + G + dU_e/dq (n_q,), `tip_mass_force` and `actuation_matrix`, found together.
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+            Coordinates and velocities.
+        a : (n_q,)
+            Accelerations.
+        """
         q, qd = self._state(q, qd)
         a = self._vector(a, self.n_q, "a")
-        count = 2 if self.robot.point_masses else 1  # point masses are in all rows, and alone in the last
-        rows, tips = np.empty((count, self.n_q)), np.eye(1, count)[0]
-        masses = np.zeros((count, len(self.robot.links)))
-        many = np.tile(qd, (count, 1)), np.tile(a, (count, 1))
-        entries.inertial_forces(self._box, masses, tips, self.tables.gravity, q, qd, *many, rows)
-        return np.asarray(rows[0] - rows[1] if count == 2 else rows[0])
+        own, by_mass, gradients = np.empty(self.n_q), np.empty(self.n_q), np.empty((self.n_u, self.n_q))
+        entries.motion_forces(self._box, self._no_masses, q, qd, a, own, by_mass, gradients)
+        return own, by_mass, np.ascontiguousarray(gradients.T)
 
     def elastic_regressor(self, q: ArrayLike) -> Array:
         """Columns of Y in docs/model.md (37): dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links).

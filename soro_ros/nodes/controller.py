@@ -18,7 +18,7 @@ from soro_ros.enable_check import EnableCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.motion_job import REPLACED, STATUS, VENTED
 from soro_ros.node_process import run_node
-from soro_ros.ports import Input, Ports, publisher, subscribe
+from soro_ros.ports import Input, Ports, Publishers, subscribe
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -37,12 +37,14 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             topic: (kind, qos.RELIABLE if topic == STATUS else loop)
             for topic, kind in ControllerTicks.outputs.items()
         }
+        publishers = Publishers(self, outputs)
         ports = Ports(
-            publisher(self, outputs),
+            publishers.publish,
             lambda: int(self.get_clock().now().nanoseconds),
             self.get_logger().warning,
             self._report,
             self._refuse,
+            publishers.is_read,
         )
         self._ticks = ControllerTicks(config, source, ports, self._motion)
         self._check = EnableCheck(self, self.controller, config)

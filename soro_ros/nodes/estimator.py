@@ -17,7 +17,7 @@ from soro_ros.estimator_ticks import EstimatorTicks
 from soro_ros.frame_check import FrameCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
-from soro_ros.ports import Ports, publisher, subscribe
+from soro_ros.ports import Ports, Publishers, subscribe
 from soro_ros.transforms import ArmTransforms
 
 
@@ -31,7 +31,8 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._config, lockstep, self._trouble = config, config.mode == "lockstep", ""
         loop = qos.loop(lockstep)
         outputs = {topic: (kind, loop) for topic, kind in EstimatorTicks.outputs.items()}
-        ports = Ports(publisher(self, outputs), warn=self._warn, report=self._report)
+        publishers = Publishers(self, outputs)
+        ports = Ports(publishers.publish, warn=self._warn, report=self._report, is_read=publishers.is_read)
         self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._ticks = EstimatorTicks(config, ports, self._frames)
         length = self.estimator.length

@@ -40,7 +40,8 @@ def request(node: rclpy.node.Node, service: str) -> Any:
 def captured(node: rclpy.node.Node, topic: str) -> list[Any]:
     """Return the list to which the messages of a topic go from now on; the node sends none of them."""
     found: list[Any] = []
-    _publisher(node, topic).publish = found.append
+    publisher = _publisher(node, topic)
+    publisher.publish, publisher.get_subscription_count = found.append, lambda: 1
     return found
 
 

@@ -13,6 +13,7 @@ import pytest
 from soro_ros import middleware
 from soro_ros.supervisor import Supervisor
 from tests.patience import COMPILED_S
+from tests.ros import two_hosts
 from tests.ros.running import SORO, end, wait_until
 
 CHAMBERS = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
@@ -74,48 +75,23 @@ node.create_timer(0.05, lambda: publisher.publish(String(data=name)))
 rclpy.spin(node)
 """
 
-# Two network namespaces with a cable between them; what runs in them ends with the first one.
-_HOSTS = """
-set -e
-ip link set lo up
-unshare -n sh -c 'while [ ! -e linked ]; do sleep 0.05; done; exec "$0" -c "$1" remote ours' \\
-    "$PYTHON" "$NODE" > remote.txt 2> remote.err &
-sleep 0.5
-ip link add cable0 type veth peer name cable1 netns $!
-ip addr add 10.11.0.1/24 dev cable0
-ip link set cable0 up
-nsenter -t $! -n ip link set lo up
-nsenter -t $! -n ip addr add 10.11.0.2/24 dev cable1
-nsenter -t $! -n ip link set cable1 up
-# The middleware leaves out an interface without carrier, which comes up to a second later.
-until ip link show cable0 | grep -q "state UP" &&
-    nsenter -t $! -n ip link show cable1 | grep -q "state UP"; do
-    sleep 0.05
-done
-touch linked
-env -u ROS_AUTOMATIC_DISCOVERY_RANGE "$PYTHON" -c "$NODE" alone ours > alone.txt 2> alone.err &
-exec "$PYTHON" -c "$NODE" far ours > far.txt 2> far.err
+_HOSTS = f"""{two_hosts.CABLED}
+env -u ROS_AUTOMATIC_DISCOVERY_RANGE "$PYTHON" node.py alone ours > alone.txt 2> alone.err &
+exec "$PYTHON" node.py far ours > far.txt 2> far.err
 """
-_ISOLATED = ["unshare", "--map-root-user", "--net", "--pid", "--fork", "--kill-child", "--mount-proc"]
-
-
-def _can_isolate() -> bool:
-    try:
-        probe = [*_ISOLATED, "sh", "-c", "ip link add cable0 type veth peer name cable1 && nsenter --version"]
-        return subprocess.run(probe, capture_output=True, timeout=10).returncode == 0
-    except (OSError, subprocess.TimeoutExpired):
-        return False
 
 
 def test_another_host_is_reached_by_choice_only(domain, tmp_path, monkeypatch):
     """`remote` on the other host and `far` on this one have chosen to; `alone` hears `far` alone."""
-    if not _can_isolate():
+    if not two_hosts.possible():
         pytest.skip("no network namespaces here (unshare, ip, nsenter)")
     for name in middleware.CHOICES:
         monkeypatch.delenv(name, raising=False)
     environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    environment |= {"PYTHON": sys.executable, "NODE": _NODE, "PYTHONPATH": str(Path(__file__).parents[2])}
-    hosts = subprocess.Popen([*_ISOLATED, "bash", "-c", _HOSTS], cwd=tmp_path, env=environment)
+    environment |= {"PYTHON": sys.executable, "PYTHONPATH": str(Path(__file__).parents[2])}
+    (tmp_path / "node.py").write_text(_NODE)
+    (tmp_path / "remote.sh").write_text('exec "$PYTHON" node.py remote ours')
+    hosts = subprocess.Popen([*two_hosts.ISOLATED, "bash", "-c", _HOSTS], cwd=tmp_path, env=environment)
 
     def heard(name: str) -> set[str]:
         file = tmp_path / f"{name}.txt"

@@ -32,7 +32,17 @@ LOOP_LIMIT_S = 30.0
 _END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
 _END_LIMIT_S = 5.0
 # Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
-END_ORDER = ("regulator", "exciter", "controller", "estimator", "shadow", "twin", "recorder", "valves")
+END_ORDER = (
+    "regulator",
+    "exciter",
+    "controller",
+    "estimator",
+    "shadow",
+    "twin",
+    "markers",
+    "recorder",
+    "valves",
+)
 
 # Topics of the control loop, with their types, so that the recorder subscribes before the first message.
 _TOPICS = (
@@ -170,6 +180,8 @@ class Run:
         elif self._loop.shadow:
             nodes["shadow"] = scene.shadow_node()
         nodes |= self._loop.nodes
+        if scene.markers:
+            nodes["markers"] = scene.markers_node()
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.

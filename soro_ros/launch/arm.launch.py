@@ -47,7 +47,10 @@ def generate_launch_description():
         for name, default, text in arguments
     ]
     rviz = DeclareLaunchArgument(
-        "use_rviz", default_value="false", choices=["true", "false"], description="start RViz"
+        "use_rviz",
+        default_value="false",
+        choices=["true", "false"],
+        description="start RViz, and the node that draws the arm",
     )
     return LaunchDescription([*declared, rviz, OpaqueFunction(function=_arm)])
 
@@ -80,15 +83,19 @@ def _arm(context):
         )
         started.insert(0, RegisterEventHandler(commands))
     if given["use_rviz"] == "true":
-        started.append(
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                namespace=given["namespace"],
-                arguments=["-f", "world"],
-            )
-        )
+        started += _pictures(robot, given)
     return _after_valves(platform, folder, started) if platform and not device else started
+
+
+def _pictures(robot, given):
+    """Return the actions that show the arm; the arm goes on without them."""
+    shown = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "rviz", "soro.rviz"])
+    # RViz in the namespace of the arm, because the topics of its configuration are relative.
+    namespace, parameters = given["namespace"], [given["params"], _as_text({"robot": robot})]
+    return [
+        Node(package=PACKAGE, executable="markers", namespace=namespace, parameters=parameters),
+        Node(package="rviz2", executable="rviz2", namespace=namespace, arguments=["-d", shown]),
+    ]
 
 
 def _as_text(parameters):

@@ -19,6 +19,7 @@ from soro_core.scene import Scene
 from soro_ros import kernels, processes
 from soro_ros.processes import Child, NodeError
 from soro_ros.supervisor import Supervisor
+from soro_ros.versions import versions
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0
@@ -172,7 +173,8 @@ class Run:
             self._start_valves()
         if scene.recorder.enabled:
             topics, exclude = _topics(scene), scene.recorder.exclude
-            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude)
+            notes = tuple(f"{name}={version}" for name, version in versions().items())
+            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude, notes=notes)
             self._start_nodes(supervisor, {"recorder": recorder})
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":

@@ -143,7 +143,7 @@ def draw_stretches(axis: Any, view: View) -> None:
 def draw_estimates(axis: Any, recording: Recording) -> None:
     """Draw the parameter estimates, each over its first value."""
     series = recording.estimates
-    weights = [k for k, name in enumerate(series.names) if any(mark in name for mark in _WEIGHTS)]
+    weights = [k for k, name in enumerate(series.names) if is_weight(name)]
     for k in weights:  # W of a learned force: too many for a legend
         label = "entries of W" if k == weights[0] else None
         axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
@@ -158,6 +158,11 @@ def draw_estimates(axis: Any, recording: Recording) -> None:
         label = f"{name} / {scale:.3g}{unit} ({what}), end {values[-1]:.3g}{unit}"
         axis.plot(series.t, values / scale, lw=1.0, label=label)
     axis.set(ylabel="estimate, scaled", ylim=(None if weights else 0, None))
+
+
+def is_weight(name: str) -> bool:
+    """Whether an estimate is an entry of the matrix W of a learned force."""
+    return any(part in name for part in _WEIGHTS)
 
 
 def mark(axis: Any, events: Sequence[Event], view: View) -> None:

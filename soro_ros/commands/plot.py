@@ -12,7 +12,7 @@ from soro_core.errors import BagError, ConfigError, SoroError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_ENDINGS = (".png", ".svg", ".pdf")
+_ENDINGS = (".png", ".svg", ".pdf", ".xml")
 Run: TypeAlias = Annotated[
     Path, typer.Argument(help="Folder of a run, of a bag, or an .mcap file.", show_default=False)
 ]
@@ -49,7 +49,9 @@ def plot(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="File to write: .png, .svg or .pdf. Default: plot.png in the folder of RUN."),
+        typer.Option(
+            help="File to write: .png, .svg, .pdf; .xml: a layout of PlotJuggler. Default: plot.png in RUN."
+        ),
     ] = None,
     start: Start = None,
     end: End = None,
@@ -67,6 +69,9 @@ def plot(
     try:
         if file.suffix not in _ENDINGS:
             raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")
+        if file.suffix == ".xml":
+            _write_layout(run, arm, scene, file)
+            return
         if topic or field:
             figure = _chosen(run, topic or [], field or [], start, end)
         else:
@@ -135,6 +140,15 @@ def _all(run: Path, start: float | None, end: float | None, arm: str | None, sce
     if not shown:
         raise BagError("nothing to draw: no topic of an arm has two messages", opened.bag, "missing")
     return picture(shown, opened.view, title_of(opened))
+
+
+def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) -> None:
+    from soro_ros.plotjuggler import layout
+    from soro_ros.run_view import open_run
+
+    opened = open_run(run, arm, scene, say=_say)
+    file.write_text(layout(opened.bag, opened.arm), encoding="utf-8")
+    typer.echo(str(file))
 
 
 def _say(line: str) -> None:

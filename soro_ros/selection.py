@@ -22,6 +22,8 @@ from soro_ros.units import unit_of
 
 # What a picture can show; more is a mistake.
 MOST_LINES = 400
+# A clock below this [ns] began at 0: it is simulated.
+_SIMULATED_NS = 10**15
 
 
 class Field(NamedTuple):
@@ -71,8 +73,13 @@ def fields_of(
             rows: dict[str, tuple[list[float], list[float]]] = {}
             for item in reader.messages([topic.name]):
                 message = deserialised(item.data, kind, bag, topic.name)
-                stamp = 0 if kind is DiagnosticArray else stamp_of(message)
-                at = (stamp - start_ns) * 1e-9 if stamp else time_of(item.log_time_ns)
+                stamp = stamp_of(message)
+                # Of simulated time 0 is a stamp; /diagnostics has the time of the wall always.
+                is_stamped = hasattr(message, "header") and (stamp or start_ns < _SIMULATED_NS)
+                if kind is not DiagnosticArray and (is_stamped or stamp):
+                    at = (stamp - start_ns) * 1e-9
+                else:
+                    at = time_of(item.log_time_ns)
                 for path, value in _numbers(message):
                     if _is_chosen(path, fields):
                         times, values = rows.setdefault(path, ([], []))

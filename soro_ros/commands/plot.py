@@ -65,6 +65,7 @@ def plot(
     """
     from matplotlib import pyplot
 
+    notes: list[str] = []
     file = (run if run.is_dir() else run.parent) / "plot.png" if out is None else out
     try:
         if file.suffix not in _ENDINGS:
@@ -73,11 +74,12 @@ def plot(
             _write_layout(run, arm, scene, file)
             return
         if topic or field:
-            figure = _chosen(run, topic or [], field or [], start, end)
+            figure = _chosen(run, topic or [], field or [], start, end, notes)
         else:
-            figure = _all(run, start, end, arm, scene)
+            figure = _all(run, start, end, arm, scene, notes)
     except (BagError, ConfigError) as error:
         _fail(error)
+    _say(notes)
     figure.savefig(file, dpi=110)
     pyplot.close(figure)
     typer.echo(str(file))
@@ -109,34 +111,40 @@ def report(
         text = page(open_run(run, arm, scene, start, end, notes.append), notes)
     except (BagError, ConfigError) as error:
         _fail(error)
-    for line in notes:
-        _say(line)
+    _say(notes)
     file.write_text(text, encoding="utf-8")
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")
 
 
 def _chosen(
-    run: Path, topics: list[str], fields: list[str], start: float | None, end: float | None
+    run: Path,
+    topics: list[str],
+    fields: list[str],
+    start: float | None,
+    end: float | None,
+    notes: list[str],
 ) -> Figure:
     from soro_ros.picture import picture_of_fields
     from soro_ros.run_folder import bag_of
     from soro_ros.selection import fields_of
 
-    return picture_of_fields(fields_of(bag_of(run), topics, fields, _say), start, end)
+    return picture_of_fields(fields_of(bag_of(run), topics, fields, notes.append), start, end)
 
 
-def _all(run: Path, start: float | None, end: float | None, arm: str | None, scene: Path | None) -> Figure:
+def _all(
+    run: Path, start: float | None, end: float | None, arm: str | None, scene: Path | None, notes: list[str]
+) -> Figure:
     from soro_ros import panels
     from soro_ros.picture import picture
     from soro_ros.run_view import open_run, title_of
 
-    opened = open_run(run, arm, scene, start, end, _say)
+    opened = open_run(run, arm, scene, start, end, notes.append)
     shown = []
     for panel in panels.ALL:
         if panel.known(opened.view):
             shown.append(panel)
         else:
-            _say(f"left out: {panel.title}: not recorded: {panel.topics}")
+            notes.append(f"left out: {panel.title}: not recorded: {panel.topics}")
     if not shown:
         raise BagError("nothing to draw: no topic of an arm has two messages", opened.bag, "missing")
     return picture(shown, opened.view, title_of(opened))
@@ -146,13 +154,14 @@ def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) ->
     from soro_ros.plotjuggler import layout
     from soro_ros.run_view import open_run
 
-    opened = open_run(run, arm, scene, say=_say)
+    opened = open_run(run, arm, scene)
     file.write_text(layout(opened.bag, opened.arm), encoding="utf-8")
     typer.echo(str(file))
 
 
-def _say(line: str) -> None:
-    typer.echo(line, err=True)
+def _say(notes: list[str]) -> None:
+    for line in notes:
+        typer.echo(line, err=True)
 
 
 def _fail(error: SoroError) -> NoReturn:

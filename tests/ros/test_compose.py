@@ -76,6 +76,13 @@ def test_a_run_that_meets_another_ends_before_it_takes_its_nodes_for_its_own(sta
     assert [list(own) for own in supervisor.own] == [["recorder"]]
 
 
+@pytest.mark.parametrize("wanted", [True, False])
+def test_markers_start_with_a_run_that_wants_them(start, wanted):
+    run, _ = start({"platform": "", "markers": wanted})
+    run.start(Ready())
+    assert ("markers" in run.nodes) == wanted
+
+
 @pytest.mark.parametrize(("compiled", "lines"), [(lambda: 5, 0), (iter(range(100)).__next__, 1)])
 def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
     run, reported = start({"platform": ""})

@@ -18,6 +18,8 @@ from soro_ros.report import WINDOW_S, Array, tip_error, within
 _WEIGHTS = ("/offset", "/by ")
 # Lines in a panel that a legend names.
 MOST_NAMES = 12
+# Times that samples are usually apart.
+_GAP = 20.0
 # Labels this close, as a part of the width, would lie over one another.
 _CLOSE = 0.04
 _EVENT_COLOURS = {"trip": "#b3392f", "injected": "#7b5ea7", "warning": "#e08e2b", "over": "#4f8a4c"}
@@ -45,11 +47,11 @@ class View:
     kind: str
 
     def shown(self, series: Series) -> Series:
-        """Return the samples in the time that is shown."""
+        """Return the samples in the time that is shown, broken where messages are missing."""
         if not series.t.size:
             return series
         inside = (series.t >= self.begin_s) & (series.t <= self.end_s)
-        return Series(series.t[inside], series.value[inside], series.names)
+        return broken(Series(series.t[inside], series.value[inside], series.names))
 
     @property
     def error(self) -> tuple[Array, Array]:
@@ -57,6 +59,20 @@ class View:
         t, error = tip_error(self.recording, self.end_s)
         inside = t >= self.begin_s
         return t[inside], error[inside]
+
+
+def broken(series: Series) -> Series:
+    """Return a series with a NaN in each gap, so that no line is drawn over what was not recorded.
+
+    A gap is many times as long as the samples are usually apart.
+    """
+    if series.t.size < 3:
+        return series
+    apart = np.diff(series.t)
+    gaps = np.flatnonzero(apart > _GAP * np.median(apart)) + 1
+    between = 0.5 * (series.t[gaps - 1] + series.t[gaps])
+    value = np.insert(series.value, gaps, np.nan, axis=0)
+    return Series(np.insert(series.t, gaps, between), value, series.names)
 
 
 class Panel(NamedTuple):
@@ -95,11 +111,16 @@ def draw_tip(axis: Any, view: View) -> None:
 def draw_error(axis: Any, view: View) -> None:
     """Draw the distance of the tip from its reference, and of its estimate from it."""
     t, error = view.error
-    axis.plot(t, error * 1e3, color="C0", lw=0.8, label=f"{view.kind} tip to reference")
+    _line(axis, t, error * 1e3, color="C0", label=f"{view.kind} tip to reference")
     if view.recording.estimated_tip.t.size and view.kind != "estimated":
         off = np.linalg.norm(view.recording.estimated_tip.at(t) - view.recording.true_tip.at(t), axis=1)
-        axis.plot(t, off * 1e3, color="C2", lw=0.8, label=f"estimated tip to {view.kind} tip")
+        _line(axis, t, off * 1e3, color="C2", label=f"estimated tip to {view.kind} tip")
     axis.set(ylabel="distance [mm]", ylim=(0, None))
+
+
+def _line(axis: Any, t: Array, value: Array, **style: Any) -> None:
+    shown = broken(Series(t, value[:, None]))
+    axis.plot(shown.t, shown.value[:, 0], lw=0.8, **style)
 
 
 def draw_pressures(axis: Any, view: View) -> None:
@@ -166,7 +187,14 @@ def is_weight(name: str) -> bool:
 
 
 def mark(axis: Any, events: Sequence[Event], view: View) -> None:
-    """Mark events by their numbers: lines at their times; those that are close together share a label."""
+    """Mark events by their numbers: lines at their times; those that are close together share a label.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    events : sequence of Event
+    view : View
+    """
     labels: list[tuple[float, str, str]] = []
     for number, event in enumerate(events, 1):
         if not view.begin_s <= event.t_s <= view.end_s:

@@ -75,10 +75,7 @@ def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
     for axis in axes.flat[len(chosen) : -2 if beside else None]:
         axis.set_visible(False)
     if beside:
-        tolerance_m = view.scene.shadow.tolerance_m if view.scene is not None else 0.0
-        shadow_report.draw(axes[-1], view.recording.shadow, tolerance_m)
-        for axis in axes[-1]:
-            style(axis, view)
+        draw_shadow(axes[-1], view)
     figure.suptitle(title)
     if lines := panels.lines_of(view.recording.events):
         more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
@@ -119,8 +116,23 @@ def picture_of_fields(fields: Sequence[Field], begin_s: float | None, end_s: flo
     return figure
 
 
+def draw_shadow(axes: Sequence[Any], view: View) -> None:
+    """Draw the differences of a real arm from its shadow into two axes."""
+    tolerance_m = view.scene.shadow.tolerance_m if view.scene is not None else 0.0
+    shadow_report.draw(axes, view.recording.shadow, tolerance_m)
+    for axis in axes:
+        style(axis, view)
+
+
 def fill(axis: Any, panel: Panel, view: View) -> None:
-    """Draw a panel into axes, with title, events and a legend below, where it lies over no data."""
+    """Draw a panel into axes, with title, events and a legend below, where it lies over no data.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    panel : Panel
+    view : View
+    """
     panel.draw(axis, view)
     axis.set_title(panel.title, pad=14 if panel.over_time and view.recording.events else None)
     if panel.over_time:

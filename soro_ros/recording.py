@@ -29,6 +29,15 @@ _TYPES = {
 # Topics of an arm that the pictures show; an arm is a namespace with one of them.
 SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
 _LATCH = "chambers/latch"
+_USED = {
+    *SHOWN,
+    _LATCH,
+    "controller/estimates",
+    "sensors/pose0",
+    "arm/shadow/difference",
+    "arm/shadow/tip",
+    "truth/state",
+}
 
 
 @dataclass(frozen=True)
@@ -96,7 +105,8 @@ def read(bag: Path, namespace: str) -> Recording:
         wanted = {
             topic.name
             for topic in reader.topics
-            if topic.type in _TYPES and topic.name.startswith((prefix, "/diagnostics"))
+            if topic.type in _TYPES
+            and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
         }
         for item in reader.messages(wanted):
             message = deserialised(item.data, _TYPES[item.type], bag, item.topic)

@@ -14,7 +14,7 @@ from soro_core.bag import BagReader
 from soro_core.reporting.drawing import png, style
 from soro_core.reporting.html import PAGE, Cell, bullets, picture, table, words
 from soro_ros import panels
-from soro_ros.picture import fill
+from soro_ros.picture import draw_shadow, fill
 from soro_ros.report import Summary, rows, summarise
 from soro_ros.run_view import OpenRun, title_of
 from soro_ros.verdict import judge
@@ -134,49 +134,49 @@ def _pictures(run: OpenRun) -> Iterator[str]:
             fill(figure.subplots(), panel, run.view)
             # Pale and full lines of one colour need more of them.
             yield picture(png(figure, 256), panel.title)
+    if run.view.recording.shadow.t.size:
+        with mpl.rc_context(style()):
+            figure = Figure(figsize=(_WIDTH, 2 * _HEIGHT), layout="constrained")
+            draw_shadow(figure.subplots(2, 1), run.view)
+            yield picture(png(figure, 256), "real arm and its shadow")
     if run.view.recording.events:
         yield words("Dashed lines: events, by their number above.", kind="soft")
 
 
 def _recorded(run: OpenRun) -> Iterator[str]:
     with BagReader(run.bag) as reader:
-        last: dict[str, int] = {}
-        gaps: dict[str, list[int]] = {}
+        spans: dict[str, tuple[int, int, int]] = {}  # first and last log time, longest gap [ns]
         for item in reader.messages():
-            if item.topic in last:
-                gaps.setdefault(item.topic, []).append(item.log_time_ns - last[item.topic])
-            last[item.topic] = item.log_time_ns
+            now = item.log_time_ns
+            first, last, gap = spans.get(item.topic, (now, now, 0))
+            spans[item.topic] = (first, now, max(gap, now - last))
         lines = [
             (
                 Cell(topic.name),
                 Cell(topic.type),
                 Cell(str(count), is_number=True),
-                *_rate(gaps.get(topic.name)),
+                *_rate(count, *spans.get(topic.name, (0, 0, 0))),
             )
             for topic, count in zip(reader.topics, reader.counts, strict=True)
         ]
+        total = reader.message_count
         seconds = (reader.end_ns - reader.start_ns) * 1e-9
-        problems = list(reader.problems)
     yield words(
-        f"{sum(len(g) + 1 for g in gaps.values())} messages in {seconds:.2f} s by the clock of the recorder, "
+        f"{total} messages in {seconds:.2f} s by the clock of the recorder, "
         "which in lockstep is not that of the run. Gap: longest time between two messages.",
         kind="soft",
     )
     lost = run.view.recording.diagnostics.get("recorder", {})
     if lost:
         yield words(f"Lost: {lost.get('lost', '?')}, dropped: {lost.get('dropped', '?')}, by the recorder.")
-    if problems:
-        yield '<p class="warn">The bag is damaged:</p>' + bullets(problems)
     yield table(("topic", "type", "#messages", "#rate [Hz]", "#gap [ms]"), lines)
 
 
-def _rate(gaps: list[int] | None) -> tuple[Cell, Cell]:
-    if not gaps or not sum(gaps):
+def _rate(count: int, first_ns: int, last_ns: int, gap_ns: int) -> tuple[Cell, Cell]:
+    if last_ns == first_ns:
         return Cell("–", is_number=True), Cell("–", is_number=True)
-    return (
-        Cell(f"{len(gaps) / sum(gaps) * 1e9:.1f}", is_number=True),
-        Cell(f"{max(gaps) * 1e-6:.0f}", is_number=True),
-    )
+    rate = (count - 1) / (last_ns - first_ns) * 1e9
+    return Cell(f"{rate:.1f}", is_number=True), Cell(f"{gap_ns * 1e-6:.0f}", is_number=True)
 
 
 def _scene(run: OpenRun) -> Iterator[str]:

@@ -19,6 +19,7 @@ from soro_ros import messages, panels
 from soro_ros.cli import application
 from soro_ros.events import Said, clock, events_of
 from soro_ros.picture import picture
+from soro_ros.recording import Series
 from soro_ros.run_view import open_run
 from soro_ros.selection import fields_of
 
@@ -132,6 +133,15 @@ def test_a_trip_is_marked_at_its_time_in_simulated_time(tripped):
     assert len(marks) == 1
     assert "vented: no command for 0.1 s" in figure.get_supxlabel()
     pyplot.close(figure)
+
+
+def test_no_line_is_drawn_over_a_gap():
+    t = np.delete(np.arange(0.0, 2.0, 0.005), np.s_[100:200])
+    shown = panels.broken(Series(t, np.column_stack([t, -t])))
+    (gap,) = np.flatnonzero(np.isnan(shown.value[:, 0]))
+    assert shown.t[gap - 1] < shown.t[gap] == pytest.approx(0.7475) < shown.t[gap + 1]
+    assert np.delete(shown.value, gap, axis=0) == pytest.approx(np.column_stack([t, -t]))
+    assert panels.broken(Series(t[:100], t[:100, None])).t == pytest.approx(t[:100])
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ from soro_ros.selection import fields_of
 BAGS = Path(__file__).parents[2] / "bags"
 WHOLE = BAGS / "track_circle_lockstep_2s"
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+LATCH = Topic("/track_circle/chambers/latch", "diagnostic_msgs/msg/DiagnosticStatus")
 APP = application()
 
 
@@ -51,8 +52,9 @@ def copied(target, wanted=None, rename=None, extra=(), **options):
             writer.add_topic(
                 Topic(rename(topic.name), topic.type, topic.definition, topic.definition_encoding)
             )
-        if extra and DIAGNOSTICS.name not in {t.name for t in topics}:
-            writer.add_topic(DIAGNOSTICS)
+        for topic in (DIAGNOSTICS, LATCH):
+            if topic.name in {name for _, name, _ in extra} - {t.name for t in topics}:
+                writer.add_topic(topic)
         items = [(i.log_time_ns, rename(i.topic), i.data) for i in reader.messages({t.name for t in topics})]
         for log_ns, name, data in sorted([*items, *extra], key=lambda item: item[0]):
             writer.write(name, data, log_ns)
@@ -158,6 +160,20 @@ def test_changes_are_events(said, kinds):
         (Said(at * 10**9, "node", level, text) for at, level, text in said), lambda at: at / 1e9
     )
     assert [event.kind for event in found] == kinds
+
+
+def test_a_latch_and_its_opening_are_events(tmp_path):
+    at = log_of("chambers/state", 300)
+    closed = DiagnosticStatus(level=DiagnosticStatus.ERROR, message="vented: x")
+    opened = DiagnosticStatus(level=DiagnosticStatus.OK, message="open")
+    extra = [(at, LATCH.name, bytes(serialize_message(closed)))]
+    extra += [(at + 10**8, LATCH.name, bytes(serialize_message(opened)))]
+    bag = copied(tmp_path / "bag", ["chambers/state"], extra=extra)
+    found = open_run(bag).view.recording.events
+    assert [(event.kind, event.node, event.text) for event in found] == [
+        ("trip", "latch", "vented: x"),
+        ("over", "latch", "open"),
+    ]
 
 
 def test_the_same_words_of_latch_and_diagnostics_are_one_event():

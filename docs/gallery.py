@@ -18,7 +18,7 @@ from PIL import Image
 
 from soro_core.scene import Scene
 from soro_core.scene.listing import scenes_in, shipped_folder
-from soro_ros import film, picture, report
+from soro_ros import film, panels, report
 
 HERE = Path(__file__).parent
 PICTURES = HERE / "images" / "gallery"
@@ -73,9 +73,14 @@ def run(scene: Scene, folder: Path) -> tuple[Path, dict[str, Any]]:
     return found, figures
 
 
+def view(shown: film.Take) -> panels.View:
+    """Return what the panels of pictures draw."""
+    return panels.View(shown.recording, shown.scene, 0.0, shown.scene.duration_s, "true")
+
+
 def draw_pressures(axis: Any, shown: film.Take) -> None:
     """Draw readings and set points over time."""
-    picture.draw_pressures(axis, shown.recording, shown.scene)
+    panels.draw_pressures(axis, view(shown))
     axis.set(xlabel="time [s]", xlim=(0.0, shown.scene.duration_s))
     axis.grid(alpha=0.3)
 
@@ -102,7 +107,7 @@ def draw(scene: Scene, run_folder: Path) -> None:
     wanted = report.within(shown.recording.wanted_tip, scene.duration_s).value
     across = np.ptp(wanted[:, :2], axis=0)
     if across[1] > FLAT * across[0]:
-        picture.draw_path(axes[0], shown.recording, scene.duration_s, "true")
+        panels.draw_path(axes[0], view(shown))
     else:
         draw_pressures(axes[0], shown)
     if scene.verdict.expected == "vented":

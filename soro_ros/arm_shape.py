@@ -1,4 +1,4 @@
-"""The surface of an arm as coloured quadrilaterals: core, plates, bellows and payload, seen by a camera."""
+"""The surface of an arm, made of bodies with rings: core, bellows, plates and payload; what a camera sees."""
 
 from __future__ import annotations
 
@@ -32,6 +32,40 @@ class Chamber:
     end: float
     offset: tuple[float, float]
     radius: float
+
+
+@dataclass(frozen=True)
+class Body:
+    """Rings about a line beside the backbone, one after the other along it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the chamber; of another part ``core``, ``plate0``, ..., ``payload``.
+    s : Array
+        Arc lengths (m,) [m] of the cross-sections in which the rings lie.
+    ahead, radius : Array
+        Distances (m,) [m] along the axis of the section, and radii.
+    offset : tuple of float
+        The line in the section [m].
+    colour : Array
+        Its colour (3,) from 0 to 1; of a chamber when it is full.
+    """
+
+    name: str
+    s: Array
+    ahead: Array
+    radius: Array
+    offset: tuple[float, float]
+    colour: Array
+
+    def rings(self, poses: Array, around: int) -> Array:
+        """Points (m, around, 3) [m] of the rings, of the poses (m, 4, 4) of their sections."""
+        angle = np.linspace(0.0, 2 * pi, around, endpoint=False)
+        x = self.offset[0] + self.radius[:, None] * np.cos(angle)
+        y = self.offset[1] + self.radius[:, None] * np.sin(angle)
+        local = np.stack([x, y, np.repeat(self.ahead[:, None], around, axis=1)], axis=-1)
+        return np.asarray(local @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3])
 
 
 @dataclass(frozen=True)
@@ -98,11 +132,71 @@ def walls(robot: Robot, body: Array) -> list[Array]:
     return found
 
 
-def places(robot: Robot) -> Array:
+def places(robot: Robot, per_fold: int = _PER_FOLD) -> Array:
     """Return the arc lengths [m] at which the folds of the bellows need the backbone."""
     length = sum(link.length for link in robot.links)
     pitch = min((_pitch(bellow) for bellow in chambers(robot)), default=length / 8)
-    return np.linspace(0.0, length, max(2, round(length / pitch) * _PER_FOLD) + 1)
+    return np.linspace(0.0, length, max(2, round(length / pitch) * per_fold) + 1)
+
+
+def bodies(robot: Robot, payload_kg: float = 0.0, per_fold: int = _PER_FOLD) -> list[Body]:
+    """Return what an arm is drawn as: core, bellows, plates, and a ball of steel for a payload at the tip.
+
+    Parameters
+    ----------
+    robot : Robot
+    payload_kg : float
+        0 for none.
+    per_fold : int
+        Rings a fold of the narrowest bellow.
+    """
+    radius, s = robot.links[0].radius, places(robot, per_fold)
+    inner = s[1:-1]
+    steady = np.full(len(inner), 0.3 * radius)
+    found = [Body("core", inner, 0.0 * inner, steady, (0.0, 0.0), shade(_rgb("#777777"), 0.6))]
+    for k, bellow in enumerate(chambers(robot)):
+        inside = s[(s >= bellow.begin + _PLATE * radius) & (s < bellow.end - 1e-9)]  # from plate to plate
+        folds = 0.84 + 0.16 * np.cos(2 * pi * (inside - bellow.begin) / _pitch(bellow) + pi)
+        colour = _rgb(COLOURS[k % len(COLOURS)])
+        found.append(Body(bellow.name, inside, 0.0 * inside, bellow.radius * folds, bellow.offset, colour))
+    begin = 0.0
+    for i, link in enumerate(robot.links):
+        for k, (at, sign) in enumerate(((begin, 1), (begin + link.length, -1))):
+            found.append(_plate(f"plate{2 * i + k}", at, link.radius, sign * _PLATE * link.radius))
+        begin += link.length
+    if payload_kg > 0:
+        size = (3 * payload_kg / (4 * pi * _STEEL)) ** (1 / 3)
+        latitude = np.linspace(-pi / 2, pi / 2, 13)
+        ahead = size * (0.95 + np.sin(latitude))
+        colour = np.array([0.38, 0.40, 0.46])
+        where = np.full(13, begin)
+        found.append(Body("payload", where, ahead, size * np.cos(latitude), (0.0, 0.0), colour))
+    return found
+
+
+def between(s: Array, poses: Array, at: Array) -> Array:
+    """Return poses (m, 4, 4) at arc lengths, between those that are known.
+
+    Parameters
+    ----------
+    s, poses : Array
+        Arc lengths (n,) [m] and poses (n, 4, 4) there, n >= 2.
+    at : Array
+        Arc lengths (m,) [m]; outside of `s`, the pose at its end.
+    """
+    k = np.clip(np.searchsorted(s, at, side="right") - 1, 0, len(s) - 2)
+    part = np.clip((at - s[k]) / (s[k + 1] - s[k]), 0.0, 1.0)[:, None, None]
+    return np.asarray((1.0 - part) * poses[k] + part * poses[k + 1])
+
+
+def shade(full: Array, part: float) -> Array:
+    """Return the colour of a chamber: `full`, mixed with the light grey of an empty one; NaN: dark grey."""
+    return _UNKNOWN if isnan(part) else np.asarray(part * full + (1 - part) * np.array([0.9, 0.9, 0.9]))
+
+
+def full_part(pressure: float) -> float:
+    """Return how much of its full colour a chamber has, of its pressure relative to the highest one; NaN: NaN."""
+    return pressure if isnan(pressure) else 0.12 + 0.88 * min(max(pressure, 0.0), 1.0)
 
 
 def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], payload_kg: float) -> Faces:
@@ -122,23 +216,11 @@ def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], pa
     payload_kg : float
         Payload at the tip, drawn as a ball of steel of this mass; 0 for none.
     """
-    radius = robot.links[0].radius
-    parts = [_tube(poses[1:-1], (0.0, 0.0), np.full(len(s) - 2, 0.3 * radius), _mixed("#777777", 0.6))]
-    for k, bellow in enumerate(chambers(robot)):
-        inside = (s >= bellow.begin + _PLATE * radius) & (s < bellow.end - 1e-9)  # from plate to plate
-        folds = 0.84 + 0.16 * np.cos(2 * pi * (s[inside] - bellow.begin) / _pitch(bellow) + pi)
-        part = pressure.get(bellow.name, 0.0)
-        colour = _mixed(COLOURS[k % len(COLOURS)], 0.12 + 0.88 * part)
-        colour = _UNKNOWN if isnan(part) else colour
-        parts.append(_tube(poses[inside], bellow.offset, bellow.radius * folds, colour))
-    begin = 0.0
-    for link in robot.links:
-        for at, sign in ((begin, 1), (begin + link.length, -1)):
-            pose = poses[np.argmin(np.abs(s - at))]
-            parts += _plate(pose, link.radius, sign * _PLATE * link.radius)
-        begin += link.length
-    if payload_kg > 0:
-        parts.append(_ball(poses[-1], (3 * payload_kg / (4 * pi * _STEEL)) ** (1 / 3)))
+    names, parts = robot.chamber_names, []
+    for body in bodies(robot, payload_kg):
+        rings = body.rings(between(s, poses, body.s), _AROUND)
+        part = full_part(pressure.get(body.name, 0.0)) if body.name in names else 1.0
+        parts.append(_lit(_quads(rings), shade(body.colour, part)))
     return Faces(np.concatenate([p.corners for p in parts]), np.concatenate([p.colours for p in parts]))
 
 
@@ -148,46 +230,21 @@ def _pitch(bellow: Chamber) -> float:
     return length / max(3, round(length / (1.5 * bellow.radius)))
 
 
-def _mixed(colour: str, part: float) -> Array:
-    """A colour mixed with the light grey of an empty chamber."""
-    full = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
-    return np.asarray(part * full + (1 - part) * np.array([0.9, 0.9, 0.9]))
+def _rgb(colour: str) -> Array:
+    return np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
 
 
-def _tube(poses: Array, offset: tuple[float, float], radius: Array, colour: Array) -> Faces:
-    """Rings of a radius (m,) about a line beside the backbone."""
-    angle = np.linspace(0, 2 * pi, _AROUND + 1)
-    x = offset[0] + radius[:, None] * np.cos(angle)
-    y = offset[1] + radius[:, None] * np.sin(angle)
-    local = np.stack([x, y, np.zeros_like(x), np.ones_like(x)], axis=-1)
-    rings = np.einsum("mij,maj->mai", poses, local)[..., :3]
-    return _lit(_quads(rings), colour)
-
-
-def _plate(pose: Array, radius: float, thickness: float) -> list[Faces]:
-    """A disc from the pose on along its axis, or before it where the thickness is negative."""
-    grey, turns = np.array([0.72, 0.74, 0.78]), np.linspace(1e-6, 1.0, 5) * radius
-    low, high = pose @ _shift(min(thickness, 0.0)), pose @ _shift(max(thickness, 0.0))
-    side = _tube(np.stack([low, high]), (0.0, 0.0), np.full(2, radius), grey)
-    below = _tube(np.stack([low] * 5), (0.0, 0.0), turns, grey)
-    above = _tube(np.stack([high] * 5), (0.0, 0.0), turns[::-1], grey)
-    return [side, below, above]
-
-
-def _ball(pose: Array, radius: float) -> Faces:
-    """A ball that stands on the plate at the tip."""
-    latitude = np.linspace(-pi / 2, pi / 2, 13)
-    poses = np.stack([pose @ _shift(radius * (0.95 + sin(angle))) for angle in latitude])
-    return _tube(poses, (0.0, 0.0), radius * np.cos(latitude), np.array([0.38, 0.40, 0.46]))
-
-
-def _shift(z: float) -> Array:
-    along = np.eye(4)
-    along[2, 3] = z
-    return along
+def _plate(name: str, at: float, radius: float, thickness: float) -> Body:
+    """A disc from a section on along its axis, or before it where the thickness is negative."""
+    turns = np.linspace(1e-6, 1.0, 5) * radius
+    low, high = min(thickness, 0.0), max(thickness, 0.0)
+    ahead = np.concatenate([np.full(5, low), np.full(5, high)])
+    grey = np.array([0.72, 0.74, 0.78])
+    return Body(name, np.full(10, at), ahead, np.concatenate([turns, turns[::-1]]), (0.0, 0.0), grey)
 
 
 def _quads(rings: Array) -> Array:
+    rings = np.concatenate([rings, rings[:, :1]], axis=1)
     corners = (rings[:-1, :-1], rings[:-1, 1:], rings[1:, 1:], rings[1:, :-1])
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
 

@@ -40,6 +40,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.new import new
     from soro_ros.commands.place_sensors import place_sensors
     from soro_ros.commands.play import play
+    from soro_ros.commands.plot import plot, report
     from soro_ros.commands.reach import reach
     from soro_ros.commands.replay import replay
     from soro_ros.commands.run import run
@@ -60,6 +61,8 @@ def application() -> typer.Typer:
     app.command()(play)
     app.command()(replay)
     app.command()(film)
+    app.command()(plot)
+    app.command()(report)
     app.command()(emulate)
     app.command()(doctor)
     app.command()(trade)

@@ -19,6 +19,7 @@ from soro_core.scene import Scene
 from soro_ros import kernels, processes
 from soro_ros.processes import Child, NodeError
 from soro_ros.supervisor import Supervisor
+from soro_ros.versions import versions
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0
@@ -32,7 +33,17 @@ LOOP_LIMIT_S = 30.0
 _END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
 _END_LIMIT_S = 5.0
 # Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
-END_ORDER = ("regulator", "exciter", "controller", "estimator", "shadow", "twin", "recorder", "valves")
+END_ORDER = (
+    "regulator",
+    "exciter",
+    "controller",
+    "estimator",
+    "shadow",
+    "twin",
+    "markers",
+    "recorder",
+    "valves",
+)
 
 # Topics of the control loop, with their types, so that the recorder subscribes before the first message.
 _TOPICS = (
@@ -162,7 +173,8 @@ class Run:
             self._start_valves()
         if scene.recorder.enabled:
             topics, exclude = _topics(scene), scene.recorder.exclude
-            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude)
+            notes = tuple(f"{name}={version}" for name, version in versions().items())
+            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude, notes=notes)
             self._start_nodes(supervisor, {"recorder": recorder})
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
@@ -170,6 +182,8 @@ class Run:
         elif self._loop.shadow:
             nodes["shadow"] = scene.shadow_node()
         nodes |= self._loop.nodes
+        if scene.markers:
+            nodes["markers"] = scene.markers_node()
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.

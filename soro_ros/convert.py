@@ -71,10 +71,10 @@ def to_tables(
 
     rows: dict[str, int] = {}
     with BagReader(bag) as reader, ExitStack() as open_files:
-        wanted = _wanted(reader, topics)
+        chosen = wanted(reader, topics)
         for problem in reader.problems:
             say(f"the bag is damaged: {problem}")
-        tables = [table for topic in wanted if (table := _table(reader, topic, say)) is not None]
+        tables = [table for topic in chosen if (table := _table(reader, topic, say)) is not None]
         _make(folder)
         entries: dict[str, Any] = {}
         for table in tables:
@@ -126,7 +126,8 @@ def to_bag(folder: Path, bag: Path) -> int:
     return len(messages)
 
 
-def _wanted(reader: BagReader, patterns: Sequence[str]) -> list[Topic]:
+def wanted(reader: BagReader, patterns: Sequence[str]) -> list[Topic]:
+    """Return the topics of these names or patterns, all for none; raise BagError if one fits no topic."""
     for pattern in patterns:
         if not any(fnmatchcase(topic.name, pattern) for topic in reader.topics):
             reader.topic(pattern)  # names those that there are

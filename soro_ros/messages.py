@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu, JointState
 
 from soro_core.estimation.samples import ImuSample, PoseSample
-from soro_core.rotation import quaternion_from_matrix
+from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 Array = NDArray[np.float64]
 
@@ -122,6 +122,19 @@ def pose_arrays(message: Pose) -> tuple[Array, Array]:
     """Position (3,) and quaternion (4,) x, y, z, w of a Pose."""
     p, o = message.position, message.orientation
     return np.array([p.x, p.y, p.z]), np.array([o.x, o.y, o.z, o.w])
+
+
+def transform(message: Pose) -> Array:
+    """Homogeneous transform (4, 4) of a Pose; the inverse of `pose_of`."""
+    position, quaternion = pose_arrays(message)
+    found = np.eye(4)
+    found[:3, :3], found[:3, 3] = matrix_from_quaternion(quaternion), position
+    return found
+
+
+def transforms(message: PoseArray) -> Array:
+    """Homogeneous transforms (n, 4, 4) of a PoseArray."""
+    return np.array([transform(pose) for pose in message.poses]).reshape(-1, 4, 4)
 
 
 def pose_of(transform: Array) -> Pose:

@@ -1,19 +1,32 @@
-"""Picture of a run: tip path, tip error, pressures, parameter estimates."""
+"""Pictures of a run: panels side by side."""
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from soro_core.scene import Scene
-from soro_ros import shadow_report
-from soro_ros.recording import Recording
-from soro_ros.report import WINDOW_S, Array, read_run, tip_error, within
+from soro_ros import panels, shadow_report
+from soro_ros.panels import MOST_NAMES, Panel, View, mark
+from soro_ros.report import read_run
+from soro_ros.units import symbol_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from soro_ros.selection import Field
+
+# Distance of a legend from its axes, which leaves room for the numbers and the name of the axis [inches].
+_LEGEND_IN = 0.6
+# Events that stand below a picture.
+_MOST_EVENTS = 8
+_RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
 
 
 def draw(bag: Path, scene: Scene, file: Path) -> None:
-    """Draw the run: tip and reference, error, pressures, parameter estimates.
+    """Draw a run: tip and reference, error, pressures, parameter estimates.
 
     Parameters
     ----------
@@ -24,35 +37,16 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     file : Path
         File of the picture.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib import pyplot
 
     recording = read_run(bag, scene)
-    t, error = tip_error(recording, scene.duration_s)
-    kind = "measured" if scene.arm == "real" else "true"
-    beside = recording.shadow.t.size > 0
-    rows = 3 if beside else 2
-    figure, axes = plt.subplots(rows, 2, figsize=(12, 5 * rows), layout="constrained")
-    draw_path(axes[0, 0], recording, scene.duration_s, kind)
-    _draw_error(axes[0, 1], t, error, recording, kind)
-    draw_pressures(axes[1, 0], recording, scene)
-    draw_estimates(axes[1, 1], recording)
-    if beside:
-        shadow_report.draw(axes[2], recording.shadow, scene.shadow.tolerance_m)
-    for axis in axes.flat[1:]:
-        axis.set_xlabel("time [s]")
-        axis.set_xlim(0, scene.duration_s)
-        axis.grid(alpha=0.3)
-    for axis in axes.flat:
-        if axis.get_legend_handles_labels()[0]:  # below, where it lies over no data
-            axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, fontsize="small")
+    view = View(recording, scene, 0.0, scene.duration_s, "measured" if scene.arm == "real" else "true")
     adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
-    figure.suptitle(f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}")
+    title = f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}"
+    figure = picture(_RUN, view, title)
     figure.savefig(file, dpi=110)
-    plt.close(figure)
+    pyplot.close(figure)
 
 
 def _payload(scene: Scene) -> str:
@@ -64,81 +58,113 @@ def _payload(scene: Scene) -> str:
     )
 
 
-def draw_path(axis: object, recording: Recording, duration_s: float, kind: str) -> None:
-    """Draw the path of the tip and its reference from above.
+def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
+    """Return panels in two columns, those of a shadow below them, with the events of the run.
 
     Parameters
     ----------
-    axis : matplotlib.axes.Axes
-        Where it is drawn.
-    recording : Recording
-        The run.
-    duration_s : float
-        Time under control [s].
-    kind : str
-        Of the tip: true or measured.
+    chosen : sequence of Panel
+        At least one.
+    view : View
+    title : str
     """
-    true, wanted = within(recording.true_tip, duration_s), within(recording.wanted_tip, duration_s)
-    axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
-    axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{kind} tip")
-    late = true.t >= duration_s - WINDOW_S
-    if late.any():
-        label = f"{kind} tip, last {WINDOW_S:g} s"
-        axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=label)
-    axis.set(xlabel="x [mm]", ylabel="y [mm]", title="tip path, seen along the base's axis", aspect="equal")
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    beside = view.recording.shadow.t.size > 0
+    columns = min(2, len(chosen))
+    rows = -(-len(chosen) // columns) + beside
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(6 * columns, 5 * rows), layout="constrained", squeeze=False
+    )
+    for axis, panel in zip(axes.flat, chosen, strict=False):
+        fill(axis, panel, view)
+    for axis in axes.flat[len(chosen) : -2 if beside else None]:
+        axis.set_visible(False)
+    if beside:
+        draw_shadow(axes[-1], view)
+    figure.suptitle(title)
+    if lines := panels.lines_of(view.recording.events):
+        more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
+        told = (textwrap.shorten(line, 75 * columns) for line in [*lines[:_MOST_EVENTS], *more])
+        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize="small")
+    return figure
+
+
+def picture_of_fields(fields: Sequence[Field], begin_s: float | None, end_s: float | None) -> Figure:
+    """Return chosen fields over time, one above the other: a panel for each unit of each topic.
+
+    Parameters
+    ----------
+    fields : sequence of Field
+        At least one.
+    begin_s, end_s : float or None
+        Time [s] that is shown; None for all.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    groups: dict[tuple[str, str], list[Field]] = {}
+    for field in fields:
+        groups.setdefault((field.topic, field.unit), []).append(field)
+    figure, axes = plt.subplots(
+        len(groups), 1, figsize=(10, 3.6 * len(groups)), layout="constrained", squeeze=False, sharex=True
+    )
+    for axis, ((topic, unit), members) in zip(axes.flat, groups.items(), strict=True):
+        for field in members:
+            axis.plot(field.t, field.value, lw=0.9, label=field.path)
+        many = f" ({len(members)} lines)" if len(members) > MOST_NAMES else ""
+        axis.set(title=f"{topic}{many}", ylabel=f"[{symbol_of(unit)}]" if unit else "", xlim=(begin_s, end_s))
+        axis.grid(alpha=0.3)
+        legend(axis)
+    axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def draw_shadow(axes: Sequence[Any], view: View) -> None:
+    """Draw the differences of a real arm from its shadow into two axes."""
+    tolerance_m = view.scene.shadow.tolerance_m if view.scene is not None else 0.0
+    shadow_report.draw(axes, view.recording.shadow, tolerance_m)
+    for axis in axes:
+        style(axis, view)
+
+
+def fill(axis: Any, panel: Panel, view: View) -> None:
+    """Draw a panel into axes, with title, events and a legend below, where it lies over no data.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    panel : Panel
+    view : View
+    """
+    panel.draw(axis, view)
+    axis.set_title(panel.title, pad=14 if panel.over_time and view.recording.events else None)
+    if panel.over_time:
+        style(axis, view)
+    else:
+        axis.grid(alpha=0.3)
+        legend(axis)
+
+
+def style(axis: Any, view: View) -> None:
+    """Give axes over time their limits, grid, events and legend."""
+    axis.set_xlabel("time [s]")
+    axis.set_xlim(view.begin_s, view.end_s)
     axis.grid(alpha=0.3)
+    mark(axis, view.recording.events, view)
+    legend(axis)
 
 
-def _draw_error(axis: object, t: Array, error: Array, recording: Recording, kind: str) -> None:
-    axis.plot(t, error * 1e3, color="C0", lw=0.8, label=f"{kind} tip to reference")
-    if recording.estimated_tip.t.size:
-        off = np.linalg.norm(recording.estimated_tip.at(t) - recording.true_tip.at(t), axis=1)
-        axis.plot(t, off * 1e3, color="C2", lw=0.8, label=f"estimated tip to {kind} tip")
-    axis.set(ylabel="distance [mm]", title="tip error", ylim=(0, None))
-
-
-def draw_pressures(axis: object, recording: Recording, scene: Scene) -> None:
-    """Draw readings, set points and limits.
-
-    Parameters
-    ----------
-    axis : matplotlib.axes.Axes
-        Where it is drawn.
-    recording : Recording
-        The run.
-    scene : Scene
-        Its limits.
-    """
-    for k, name in enumerate(recording.reading.names):
-        axis.plot(
-            recording.reading.t,
-            recording.reading.value[:, k] / 1e3,
-            color=f"C{k}",
-            lw=0.8,
-            label=f"{name} measured",
-        )
-    for k in range(recording.command.value.shape[1]):
-        axis.plot(recording.command.t, recording.command.value[:, k] / 1e3, color=f"C{k}", lw=0.5, alpha=0.4)
-    for bound in (scene.limits.minimum_pa, scene.limits.maximum_pa):
-        axis.axhline(bound / 1e3, color="0.3", ls="--", lw=0.8)
-    axis.set(ylabel="gauge pressure [kPa]", title="pressures (pale: set points; dashed: limits)")
-
-
-def draw_estimates(axis: object, recording: Recording) -> None:
-    """Draw the parameter estimates, each over its first value."""
-    series = recording.estimates
-    weights = [k for k, name in enumerate(series.names) if "/offset" in name or "/by " in name]
-    for k in weights:  # W of a learned force: too many for a legend
-        label = "entries of W" if k == weights[0] else None
-        axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
-    for k, name in enumerate(series.names):
-        if k in weights:
-            continue
-        values = series.value[:, k]
-        largest = float(np.max(np.abs(values))) or 1.0
-        # What starts from (almost) nothing, as an unknown load does, is shown against its largest value.
-        scale, what = (abs(values[0]), "start") if abs(values[0]) > 0.01 * largest else (largest, "largest")
-        unit = " kg" if name.endswith("mass") else ""
-        label = f"{name} / {scale:.3g}{unit} ({what}), end {values[-1]:.3g}{unit}"
-        axis.plot(series.t, values / scale, lw=1.0, label=label)
-    axis.set(ylabel="estimate, scaled", title="parameter estimates", ylim=(None if weights else 0, None))
+def legend(axis: Any) -> None:
+    """Name the lines of axes below them, unless they are too many."""
+    handles, names = axis.get_legend_handles_labels()
+    if 0 < len(names) <= MOST_NAMES:
+        rows = axis.get_subplotspec().get_gridspec().nrows
+        below = _LEGEND_IN * rows / axis.figure.get_figheight()
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -below), "ncols": 2, "fontsize": "small"}
+        axis.legend(handles, names, **place)

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
 from soro_ros import messages
+from soro_ros.events import Event, Said, clock, events_of
+from soro_ros.interfaces import deserialised
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,19 @@ _TYPES = {
     "geometry_msgs/msg/PoseStamped": PoseStamped,
     "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
     "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
+}
+# Topics of an arm that the pictures show; an arm is a namespace with one of them.
+SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
+_LATCH = "chambers/latch"
+_USED = {
+    *SHOWN,
+    _LATCH,
+    "controller/estimates",
+    "sensors/pose0",
+    "arm/shadow/difference",
+    "arm/shadow/tip",
+    "truth/state",
 }
 
 
@@ -47,6 +61,8 @@ EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
 class Recording:
     """The topics of a run for its report; times count from the first set point under control.
 
+    Of a recording without set points they count from its first message.
+
     Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
     one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
     are the coordinates of the plant and those of the estimator.
@@ -65,6 +81,7 @@ class Recording:
     shadow_tip: Series = EMPTY
     true_state: Series = EMPTY
     estimated_state: Series = EMPTY
+    events: tuple[Event, ...] = ()
 
 
 def read(bag: Path, namespace: str) -> Recording:
@@ -77,32 +94,51 @@ def read(bag: Path, namespace: str) -> Recording:
     namespace : str
         Namespace of the robot's nodes.
     """
-    prefix = f"/{namespace}/"
+    prefix = f"/{namespace}/" if namespace else "/"
     rows: dict[str, list[tuple[int, list[float]]]] = {}
+    logged: dict[str, list[int]] = {}
     names: dict[str, tuple[str, ...]] = {}
     diagnostics: dict[str, dict[str, str]] = {}
     faults: list[str] = []
+    said: list[Said] = []
     with BagReader(bag) as reader:
-        wanted = {topic.name for topic in reader.topics if topic.type in _TYPES}
+        wanted = {
+            topic.name
+            for topic in reader.topics
+            if topic.type in _TYPES
+            and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
+        }
         for item in reader.messages(wanted):
-            message = deserialize_message(item.data, _TYPES[item.type])
+            message = deserialised(item.data, _TYPES[item.type], bag, item.topic)
+            name = item.topic.removeprefix(prefix)
             if isinstance(message, DiagnosticArray):
+                said += [Said(item.log_time_ns, *words) for words in _levels(message, prefix)]
                 for node, found, error in statuses(message, prefix):
                     diagnostics[node] = found
                     if error and error not in faults:
                         faults.append(error)
                 continue
-            name = item.topic.removeprefix(prefix)
+            if isinstance(message, DiagnosticStatus):
+                if name == _LATCH:
+                    said.append(Said(item.log_time_ns, "latch", _level(message), message.message))
+                continue
             if isinstance(message, JointState):
-                if not message.name:
-                    continue
-                names[name] = tuple(message.name)
                 values = list(message.effort if name.startswith("chambers") else message.position)
+                # Other names are other columns; what has no values has no column.
+                if not values or len(values) != len(message.name):
+                    continue
+                if names.setdefault(name, tuple(message.name)) != tuple(message.name):
+                    continue
             else:
                 pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
                 values = [pose.position.x, pose.position.y, pose.position.z]
             rows.setdefault(name, []).append((messages.to_ns(message.header.stamp), values))
-    start = rows["arm/desired/tip"][0][0] if "arm/desired/tip" in rows else 0
+            logged.setdefault(name, []).append(item.log_time_ns)
+        first_ns = reader.start_ns
+    if "arm/desired/tip" in rows:
+        start = rows["arm/desired/tip"][0][0]
+    else:
+        start = min((row[0][0] for row in rows.values()), default=first_ns)
 
     def series(name: str) -> Series:
         if name not in rows:
@@ -110,6 +146,9 @@ def read(bag: Path, namespace: str) -> Recording:
         t = np.array([stamp - start for stamp, _ in rows[name]]) * 1e-9
         return Series(t, np.array([values for _, values in rows[name]]), names.get(name, ()))
 
+    densest = max(rows, key=lambda name: len(rows[name]), default="")
+    stamps = [stamp for stamp, _ in rows.get(densest, [])]
+    events = events_of(said, clock(logged.get(densest, []), stamps, start))
     return Recording(
         true_tip=series("truth/tip"),
         estimated_tip=series("arm/tip"),
@@ -124,7 +163,20 @@ def read(bag: Path, namespace: str) -> Recording:
         shadow_tip=series("arm/shadow/tip"),
         true_state=series("truth/state"),
         estimated_state=series("arm/state"),
+        events=events,
     )
+
+
+def arms(bag: Path) -> tuple[str, ...]:
+    """Return the namespaces in a bag that have topics of an arm; ``""`` for none before them."""
+    with BagReader(bag) as reader:
+        found = [
+            topic.name[: -len(shown) - 1].strip("/")
+            for topic, count in zip(reader.topics, reader.counts, strict=True)
+            for shown in SHOWN
+            if count and topic.name.endswith(f"/{shown}")
+        ]
+    return tuple(sorted(set(found)))
 
 
 def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[str, str], str]]:
@@ -149,6 +201,16 @@ def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[
     for status in message.status:
         if status.name.startswith(prefix):
             name = status.name.removeprefix(prefix)
-            is_error = int.from_bytes(status.level, "little") >= 2
+            is_error = _level(status) >= 2
             values = {pair.key: pair.value for pair in status.values}
             yield name, values, f"{name}: {status.message}" if is_error else ""
+
+
+def _levels(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, int, str]]:
+    for status in message.status:
+        if status.name.startswith(prefix):
+            yield status.name.removeprefix(prefix), _level(status), status.message
+
+
+def _level(status: DiagnosticStatus) -> int:
+    return int.from_bytes(status.level, "little")

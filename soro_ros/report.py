@@ -155,14 +155,23 @@ def _is_complete(lasted_s: float, faults: tuple[str, ...], scene: Scene) -> bool
 
 def table(summary: Summary, scene: Scene) -> Table:
     """Return the figures as a table for the terminal."""
+    shown = Table(title=title_of(scene), show_header=False)
+    for name, value in rows(summary, scene):
+        shown.add_row(name, value)
+    return shown
+
+
+def title_of(scene: Scene) -> str:
+    """Return what a run was, in one line."""
     real = "real " if scene.arm == "real" else ""
-    rows = Table(
-        title=f"{scene.name}: {real}{scene.robot} on {scene.platform or 'the twin'}, {scene.mode}",
-        show_header=False,
-    )
+    return f"{scene.name}: {real}{scene.robot} on {scene.platform or 'the twin'}, {scene.mode}"
+
+
+def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
+    """Return the figures with their names, as texts."""
     start = scene.controller.reference.start_s
     adapting = " (while adapting)" if scene.controller.adapt else ""
-    for name, value in (
+    return [
         *_verdict(summary),
         ("adaptation", "on" if scene.controller.adapt else "off"),
         ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
@@ -181,9 +190,7 @@ def table(summary: Summary, scene: Scene) -> Table:
         *shadow_report.rows(summary.shadow),
         *_injected(scene),
         ("trips", "; ".join(summary.faults) or "none"),
-    ):
-        rows.add_row(name, value)
-    return rows
+    ]
 
 
 def _verdict(summary: Summary) -> list[tuple[str, str]]:

@@ -32,6 +32,19 @@ def new_folder(parent: Path, name: str) -> Path:
     raise SoroError(f"no free name for a run in {parent}")
 
 
+def bag_of(run: Path) -> Path:
+    """Return the bag of a run's folder; of a bag, itself.
+
+    Raises
+    ------
+    BagError
+        If there is no such file or folder.
+    """
+    if not run.exists():
+        raise BagError("no such file or folder", run, "missing")
+    return run / "bag" if (run / "bag").is_dir() else run
+
+
 def bag_and_scene(run: Path) -> tuple[Path, Path]:
     """Return bag and scene of a run; the shipped recordings have both in one folder.
 
@@ -48,5 +61,5 @@ def bag_and_scene(run: Path) -> tuple[Path, Path]:
     for folder in (run, run.parent):
         for name in _SCENES:
             if (folder / name).exists():
-                return (run / "bag" if (run / "bag").exists() else run), folder / name
+                return bag_of(run), folder / name
     raise BagError(f"{run}: neither {' nor '.join(_SCENES)}, so that the robot is not known")

@@ -23,6 +23,18 @@ _RULES = (
     ("", r"(.+\.)?linear\.[xyz]", "m_s"),
     ("", r"(.+\.)?angular\.[xyz]", "rad_s"),
 )
+_SYMBOLS = {
+    "pa": "Pa",
+    "per_m": "1/m",
+    "per_m_s": "1/(m s)",
+    "per_s": "1/s",
+    "j_m": "J m",
+    "j": "J",
+    "m": "m",
+    "rad_s": "rad/s",
+    "m_s2": "m/s²",
+    "m_s": "m/s",
+}
 _UNITS = sorted({unit for _, _, unit in _RULES}, key=len, reverse=True)
 
 
@@ -32,6 +44,11 @@ def unit_of(topic: str, path: str) -> str:
         if re.search(f"{end}$", topic) and re.fullmatch(pattern, path):
             return unit
     return ""
+
+
+def symbol_of(unit: str) -> str:
+    """Return a unit of `unit_of` as it is written in a picture: ``Pa`` of ``pa``, ``1/m`` of ``per_m``."""
+    return _SYMBOLS[unit]
 
 
 def column_of(topic: str, path: str) -> str:

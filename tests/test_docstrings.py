@@ -23,6 +23,7 @@ FOLDERS = (
     "soro_core/integrate",
     "soro_core/model",
     "soro_core/pneumatics",
+    "soro_core/reporting",
     "soro_core/robot",
     "soro_core/scaffold",
     "soro_core/safety",

@@ -6,6 +6,7 @@ from soro_core.scene.nodes import (
     ControllerNodeConfig,
     EstimatorNodeConfig,
     ExciterNodeConfig,
+    MarkersConfig,
     RegulatorNodeConfig,
 )
 from soro_core.scene.scene import Scene, load_scene
@@ -14,6 +15,7 @@ __all__ = [
     "ControllerNodeConfig",
     "EstimatorNodeConfig",
     "ExciterNodeConfig",
+    "MarkersConfig",
     "ModelSection",
     "RegulatorNodeConfig",
     "Requirement",

@@ -14,7 +14,7 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority
+from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority, RobotKeys
 from soro_core.safety import Limits
 
 
@@ -102,6 +102,19 @@ class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):
         False, description="lockstep: the law learns, so each tick waits for arm/learned of the one before"
     )
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
+
+
+class MarkersConfig(RobotKeys):
+    """Parameters of the markers node."""
+
+    autostart: bool = Field(True, description="configure and activate at start")
+    rate_hz: float = Field(20.0, gt=0, le=30, description="most pictures a second")
+    trail_s: float = Field(4.0, gt=0, le=600, description="time that the trails of tip and reference show")
+    full_pa: float = Field(
+        0.0, ge=0, description="pressure of the full colour [Pa]; 0: the largest one of the robot file"
+    )
+    around: int = Field(10, ge=3, le=60, description="points of a ring of the skin")
+    per_fold: int = Field(2, ge=2, le=12, description="rings a fold of the narrowest bellow")
 
 
 class ExciterNodeConfig(ArmNodeKeys, RegulatedKeys, SampleKeys):

@@ -25,6 +25,7 @@ from soro_core.scene.nodes import (
     ControllerNodeConfig,
     EstimatorNodeConfig,
     ExciterNodeConfig,
+    MarkersConfig,
     RegulatorNodeConfig,
 )
 from soro_core.scene.sections import RecorderSection, VerdictSection, sample_keys
@@ -65,6 +66,9 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
     verdict: VerdictSection = Field(VerdictSection(), description="when a run is lost")
     excite: ExciteConfig = Field(ExciteConfig(), description="the excitation of soro excite")
+    markers: bool = Field(
+        False, description="also start the node markers, which draws the arm for RViz and Foxglove"
+    )
     recorder: RecorderSection = Field(RecorderSection(), description="the recorder")
     faults: tuple[Injection, ...] = Field(
         (), strict=False, description="faults of the emulated valves, `at` seconds after the start"
@@ -136,6 +140,10 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     def loaded_platform(self) -> PlatformBase | None:
         """The platform that the scene names, or None; its file is read once."""
         return load_platform(self.platform) if self.platform else None
+
+    def markers_node(self) -> MarkersConfig:
+        """Parameters of the markers node."""
+        return MarkersConfig(robot=self.robot)
 
     def with_model(self, model: ModelSection | None) -> Scene:
         """Return the scene with another model; it keeps the loaded robot and platform."""

@@ -79,4 +79,5 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
         console.print(f"bag:     {bag}")
         if summary is not None:
             console.print(f"film:    soro film {folder}")
+            console.print(f"page:    soro report {folder}")
     return 1 if verdict.word == "lost" else end.status

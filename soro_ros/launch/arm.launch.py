@@ -50,7 +50,10 @@ def generate_launch_description():
     ]
     switches = [
         DeclareLaunchArgument(name, default_value="false", choices=["true", "false"], description=text)
-        for name, text in (("composed", "all nodes in one process"), ("use_rviz", "start RViz"))
+        for name, text in (
+            ("composed", "all nodes in one process"),
+            ("use_rviz", "start RViz, and the node that draws the arm"),
+        )
     ]
     return LaunchDescription([*declared, *switches, OpaqueFunction(function=_arm)])
 
@@ -63,14 +66,7 @@ def _arm(context):
     parameters = parameters_of(robot, platform, device, folder)
     started = (_composed if given["composed"] == "true" else _separate)(given, parameters, folder)
     if given["use_rviz"] == "true":
-        started.append(
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                namespace=given["namespace"],
-                arguments=["-f", "world"],
-            )
-        )
+        started += _pictures(robot, given)
     return _after_valves(platform, folder, started) if platform and not device else started
 
 
@@ -120,6 +116,17 @@ def _separate(given, parameters, folder):
         )
         started.insert(0, RegisterEventHandler(commands))
     return started
+
+
+def _pictures(robot, given):
+    """Return the actions that show the arm; the arm goes on without them."""
+    shown = PathJoinSubstitution([FindPackageShare(PACKAGE), "config", "rviz", "soro.rviz"])
+    # RViz in the namespace of the arm, because the topics of its configuration are relative.
+    namespace, parameters = given["namespace"], [given["params"], _as_text({"robot": robot})]
+    return [
+        Node(package=PACKAGE, executable="markers", namespace=namespace, parameters=parameters),
+        Node(package="rviz2", executable="rviz2", namespace=namespace, arguments=["-d", shown]),
+    ]
 
 
 def _as_text(parameters):

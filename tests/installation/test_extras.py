@@ -14,7 +14,7 @@ from soro_core import extras
 ROOT = Path(__file__).resolve().parent.parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 BOARD = tomllib.loads((ROOT / "board/pyproject.toml").read_text())["project"]
-NODES = ("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player")
+NODES = ("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player", "markers")
 
 # Commands that need no extra.
 ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "new", "scenes"}
@@ -69,6 +69,8 @@ def commands(bag):
         ("soro", "excite", "track_circle"): {"ros", "hardware"},
         ("soro", "play", bag): {"ros"},
         ("soro", "film", bag): {"ros"},
+        ("soro", "plot", bag): {"ros"},
+        ("soro", "report", bag): {"ros"},
         ("soro", "replay", bag): {"ros"},
         ("soro", "bag", "info", bag): {"ros"},
         ("soro", "bag", "repair", bag): {"ros"},

@@ -84,6 +84,13 @@ def test_the_nodes_of_a_run_end_if_their_start_fails(start, monkeypatch):
     assert [config.end_on_failed_start for config in configs] == [True] * 4
 
 
+@pytest.mark.parametrize("wanted", [True, False])
+def test_markers_start_with_a_run_that_wants_them(start, wanted):
+    run, _ = start({"platform": "", "markers": wanted})
+    run.start(Ready())
+    assert ("markers" in run.nodes) == wanted
+
+
 @pytest.mark.parametrize(("compiled", "lines"), [(lambda: 5, 0), (iter(range(100)).__next__, 1)])
 def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
     run, reported = start({"platform": ""})

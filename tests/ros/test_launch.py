@@ -102,7 +102,11 @@ def test_without_emulated_valves_the_nodes_start_at_once(arguments, names):
     arm = Launched(**arguments, namespace="left", use_rviz="true")
     assert list(arm.nodes) == names
     assert {node.namespace for node in arm.nodes.values()} == {"left"}
-    assert [one.package for one in arm.others] == ["rviz2"]
+    markers, rviz = arm.others
+    assert (markers.executable, rviz.package) == ("markers", "rviz2")
+    assert markers.namespace == rviz.namespace == "left"
+    assert markers.parameters[1]["robot"].value == "tue_three_bellow"
+    assert ROOT.joinpath(*rviz.arguments[1].substitutions[1:]).is_file()
 
 
 @pytest.mark.parametrize("platform", ["emulated_canopen", ""])

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from soro_core.config import find_config, read_yaml
 from soro_core.scene import load_scene
-from soro_ros import picture, recording, report
+from soro_ros import panels, picture, recording, report
 from soro_ros.recording import EMPTY, Recording, Series
 
 
@@ -163,7 +163,7 @@ def test_the_legend_of_the_estimates_gives_units():
         recorded(t, EMPTY, EMPTY), estimates=Series(t, values, ("tip_mass", "link0/bend_x/damping"))
     )
     axis = Figure().subplots()
-    picture.draw_estimates(axis, drawn)
+    panels.draw_estimates(axis, drawn)
     assert axis.get_legend_handles_labels()[1] == [
         "tip_mass / 0.02 kg (largest), end 0.02 kg",
         "link0/bend_x/damping / 0.5 (start), end 1.5",

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from soro_core.identification.arm.report.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
+from soro_core.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
 
 _COLUMNS = 4  # of the profiles
 _HIGHEST = 10.0  # rise that is shown

@@ -11,10 +11,10 @@ from soro_core.identification.arm.report.fit_pictures import (
     laws_picture,
     profiles_picture,
 )
-from soro_core.identification.arm.report.html import PAGE, bullets, picture, words
 from soro_core.identification.arm.report.run_pictures import histogram, run_picture
 from soro_core.identification.arm.report.tables import Content
 from soro_core.identification.arm.report.traces import Trace
+from soro_core.reporting.html import PAGE, bullets, picture, words
 
 _CHAPTERS = (
     ("data", "Data"),

@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from soro_core.identification.arm.report.drawing import (
+from soro_core.identification.arm.report.traces import Trace
+from soro_core.reporting.drawing import (
     COLOURS,
     HELD_OUT,
     MEASURED,
@@ -20,7 +21,6 @@ from soro_core.identification.arm.report.drawing import (
     style,
     svg,
 )
-from soro_core.identification.arm.report.traces import Trace
 
 Array: TypeAlias = NDArray[np.float64]
 

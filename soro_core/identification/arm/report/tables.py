@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.identification.arm.report.html import Cell, number, table
+from soro_core.reporting.html import Cell, number, table
 
 Content = dict[str, Any]
 

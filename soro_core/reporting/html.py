@@ -36,7 +36,7 @@ td { border-bottom: 1px solid var(--line); padding: .22rem .6rem .22rem 0; verti
 td:first-child { white-space: nowrap; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 figure { margin: .8rem 0 1.2rem; } figure img { max-width: 100%; height: auto; display: block; }
-code { font-size: .9em; }
+code, pre { font-size: .9em; } pre { overflow-x: auto; }
 @page { size: A4; margin: 14mm; }
 @media print { body { margin: 0; max-width: none; font-size: 10.5pt; padding: 0; } nav { display: none; }
   .table { overflow: visible; } table { font-size: 7.6pt; } tr, figure { break-inside: avoid; }
@@ -62,19 +62,22 @@ class Cell:
     factor : float
         What the number there is multiplied by to be shown.
     is_bad : bool
+    is_number : bool
+        Whether it is set as a number although it has no place.
     """
 
     text: str
     path: str = ""
     factor: float = 1.0
     is_bad: bool = False
+    is_number: bool = False
 
     @property
     def html(self) -> str:
         """The element."""
         data = f' data-path="{escape(self.path)}" data-factor="{self.factor!r}"' if self.path else ""
         text = f'<span class="warn">{escape(self.text)}</span>' if self.is_bad else escape(self.text)
-        return f"<td{' class=n' if self.path else ''}{data}>{text}</td>"
+        return f"<td{' class=n' if self.path or self.is_number else ''}{data}>{text}</td>"
 
 
 def number(

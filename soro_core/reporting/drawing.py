@@ -47,14 +47,14 @@ def svg(figure: Figure) -> str:
         return _address("image/svg+xml", file.getvalue().encode())
 
 
-def png(figure: Figure) -> str:
-    """Return a figure of many points as address of an image in the page itself; 64 colours are enough."""
+def png(figure: Figure, colours: int = 64) -> str:
+    """Return a figure of many points as address of an image in the page itself, in few colours."""
     from PIL import Image
 
     with io.BytesIO() as drawn, io.BytesIO() as small:
         figure.savefig(drawn, format="png", dpi=150)
         with Image.open(drawn) as image:
-            image.convert("RGB").quantize(64, Image.Quantize.MAXCOVERAGE).save(
+            image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE).save(
                 small, format="png", optimize=True
             )
         return _address("image/png", small.getvalue())

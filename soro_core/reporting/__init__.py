@@ -1,0 +1,1 @@
+"""Parts of reports that open without a network: HTML, and pictures as data in it."""

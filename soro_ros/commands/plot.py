@@ -1,0 +1,169 @@
+"""`soro plot BAG`: pictures of a recorded run. `soro report BAG`: a page of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn, TypeAlias
+
+import typer
+
+from soro_core.errors import BagError, ConfigError, SoroError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ENDINGS = (".png", ".svg", ".pdf", ".xml")
+Run: TypeAlias = Annotated[
+    Path, typer.Argument(help="Folder of a run, of a bag, or an .mcap file.", show_default=False)
+]
+Start: TypeAlias = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="First time that is shown; default: the begin.")
+]
+End: TypeAlias = Annotated[
+    float | None, typer.Option(metavar="SECONDS", help="Last time that is shown; default: the end.")
+]
+Arm: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="NAMESPACE", help="The arm, if the bag has several.")
+]
+SceneFile: TypeAlias = Annotated[
+    Path | None, typer.Option(help="Scene of the run; default: the one in its folder, if any.", exists=True)
+]
+
+
+def plot(
+    run: Run,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic", "-t", metavar="NAME", help="Draw fields of this topic or pattern; repeatable."
+        ),
+    ] = None,
+    field: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--field",
+            "-f",
+            metavar="PATH",
+            help="Draw this field of the topics, or pattern: effort.*, pose.pose.position.x; repeatable.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File to write: .png, .svg, .pdf; .xml: a layout of PlotJuggler. Default: plot.png in RUN."
+        ),
+    ] = None,
+    start: Start = None,
+    end: End = None,
+    arm: Arm = None,
+    scene: SceneFile = None,
+) -> None:
+    """Draw a recorded run: pressures set and measured, tip, reference and error, strains, what was learned.
+
+    Trips, warnings and injected faults are marked. With --topic or --field any number of any topic. A bag
+    need not have all topics: what is missing is named. Exit status 2: the bag cannot be read, or wrong use.
+    """
+    from matplotlib import pyplot
+
+    notes: list[str] = []
+    file = (run if run.is_dir() else run.parent) / "plot.png" if out is None else out
+    try:
+        if file.suffix not in _ENDINGS:
+            raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")
+        if file.suffix == ".xml":
+            _write_layout(run, arm, scene, file)
+            return
+        if topic or field:
+            figure = _chosen(run, topic or [], field or [], start, end, notes)
+        else:
+            figure = _all(run, start, end, arm, scene, notes)
+    except (BagError, ConfigError) as error:
+        _fail(error)
+    _say(notes)
+    figure.savefig(file, dpi=110)
+    pyplot.close(figure)
+    typer.echo(str(file))
+
+
+def report(
+    run: Run,
+    out: Annotated[
+        Path | None, typer.Option(help="Page to write, .html. Default: report.html in the folder of RUN.")
+    ] = None,
+    start: Start = None,
+    end: End = None,
+    arm: Arm = None,
+    scene: SceneFile = None,
+) -> None:
+    """Write a page on a recorded run that opens without a network: one file with its pictures in it.
+
+    Verdict, figures, pictures, events with their causes, what was recorded with its gaps, scene, versions.
+    Exit status 2: the bag cannot be read, or wrong use.
+    """
+    from soro_ros.run_page import page
+    from soro_ros.run_view import open_run
+
+    file = (run if run.is_dir() else run.parent) / "report.html" if out is None else out
+    try:
+        if file.suffix != ".html":
+            raise ConfigError("soro report", "--out", str(file), "a name that ends with .html")
+        notes: list[str] = []
+        text = page(open_run(run, arm, scene, start, end, notes.append), notes)
+    except (BagError, ConfigError) as error:
+        _fail(error)
+    _say(notes)
+    file.write_text(text, encoding="utf-8")
+    typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")
+
+
+def _chosen(
+    run: Path,
+    topics: list[str],
+    fields: list[str],
+    start: float | None,
+    end: float | None,
+    notes: list[str],
+) -> Figure:
+    from soro_ros.picture import picture_of_fields
+    from soro_ros.run_folder import bag_of
+    from soro_ros.selection import fields_of
+
+    return picture_of_fields(fields_of(bag_of(run), topics, fields, notes.append), start, end)
+
+
+def _all(
+    run: Path, start: float | None, end: float | None, arm: str | None, scene: Path | None, notes: list[str]
+) -> Figure:
+    from soro_ros import panels
+    from soro_ros.picture import picture
+    from soro_ros.run_view import open_run, title_of
+
+    opened = open_run(run, arm, scene, start, end, notes.append)
+    shown = []
+    for panel in panels.ALL:
+        if panel.known(opened.view):
+            shown.append(panel)
+        else:
+            notes.append(f"left out: {panel.title}: not recorded: {panel.topics}")
+    if not shown:
+        raise BagError("nothing to draw: no topic of an arm has two messages", opened.bag, "missing")
+    return picture(shown, opened.view, title_of(opened))
+
+
+def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) -> None:
+    from soro_ros.plotjuggler import layout
+    from soro_ros.run_view import open_run
+
+    opened = open_run(run, arm, scene)
+    file.write_text(layout(opened.bag, opened.arm), encoding="utf-8")
+    typer.echo(str(file))
+
+
+def _say(notes: list[str]) -> None:
+    for line in notes:
+        typer.echo(line, err=True)
+
+
+def _fail(error: SoroError) -> NoReturn:
+    typer.echo(f"soro: {error}", err=True)
+    raise typer.Exit(2) from None

@@ -1,0 +1,93 @@
+"""What happened in a run: trips, latches, warnings and injected faults, at their times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+Kind: TypeAlias = Literal["trip", "warning", "over", "injected"]
+KINDS: tuple[Kind, ...] = ("trip", "warning", "over", "injected")
+
+# The same words from two sources, the latch and /diagnostics, within this time [s] are one event.
+_SAME_S = 1.5
+
+
+class Event(NamedTuple):
+    """One event: time [s] in the run, kind, node, and what it said."""
+
+    t_s: float
+    kind: Kind
+    node: str
+    text: str
+
+
+class Said(NamedTuple):
+    """A recorded status of a node: log time [ns], node, level (1 a warning, 2 or more an error), words."""
+
+    log_ns: int
+    node: str
+    level: int
+    text: str
+
+
+def events_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[Event, ...]:
+    """Return the changes among the statuses of nodes.
+
+    Parameters
+    ----------
+    said : iterable of Said
+        In their order.
+    time_of : callable
+        Function that returns the time [s] in the run of a log time [ns].
+    """
+    found: list[Event] = []
+    last: dict[str, tuple[int, str]] = {}
+    for log_ns, node, level, text in said:
+        before, words = last.get(node, (0, "")), _without_numbers(text) if level else ""
+        last[node] = (level, words)
+        if (level, words) == before:
+            continue
+        kind: Kind = "trip" if level >= 2 else "warning" if level == 1 else "over"
+        if kind == "over" and before[0] < 2:
+            continue
+        event = Event(time_of(log_ns), kind, node, text)
+        if not any(_are_same(event, other) for other in found[-4:]):
+            found.append(event)
+    return tuple(found)
+
+
+def clock(log_ns: Sequence[int], stamp_ns: Sequence[int], start_ns: int) -> Callable[[int], float]:
+    """Return the function from the time at which a message was recorded [ns] to the time in the run [s].
+
+    The stamps of a run in lockstep are simulated time; those of /diagnostics never are.
+
+    Parameters
+    ----------
+    log_ns, stamp_ns : sequence of int
+        Both times of messages of the loop; empty: the log time counts from `start_ns`.
+    start_ns : int
+        Stamp at which the time of the run is 0.
+    """
+    if not log_ns:
+        return lambda at: (at - start_ns) * 1e-9
+    order = np.argsort(np.asarray(log_ns), kind="stable")
+    log, stamp = np.asarray(log_ns)[order], np.asarray(stamp_ns)[order]
+    # Whole nanoseconds since 1970 need more digits than a float has.
+    from_log, from_stamp = (log - log[0]).astype(float), (stamp - start_ns).astype(float)
+
+    def time_of(at: int) -> float:
+        since = float(at - int(log[0]))
+        outside = min(since, 0.0) + max(since - from_log[-1], 0.0)
+        return float(np.interp(since, from_log, from_stamp) + outside) * 1e-9
+
+    return time_of
+
+
+def _are_same(one: Event, other: Event) -> bool:
+    return one.text == other.text and one.kind == other.kind and abs(one.t_s - other.t_s) < _SAME_S
+
+
+def _without_numbers(text: str) -> str:
+    return "".join(letter for letter in text if letter not in "0123456789.")

@@ -33,6 +33,7 @@ from benchmarks import (
     startup,
     terms,
     trade,
+    view,
     whole_way,
 )
 from benchmarks import sections as running
@@ -63,6 +64,7 @@ SECTIONS = {
     "board": board,
     "kills": kills,
     "recording": recording,
+    "view": view,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -44,6 +44,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.replay import replay
     from soro_ros.commands.run import run
     from soro_ros.commands.trade import trade
+    from soro_ros.commands.view import view
 
     app = typer.Typer(
         help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
@@ -58,6 +59,7 @@ def application() -> typer.Typer:
     app.command()(play)
     app.command()(replay)
     app.command()(film)
+    app.command()(view)
     app.command()(emulate)
     app.command()(doctor)
     app.command()(trade)

@@ -63,7 +63,7 @@ class Body:
         angle = np.linspace(0.0, 2 * pi, around, endpoint=False)
         x = self.offset[0] + self.radius[:, None] * np.cos(angle)
         y = self.offset[1] + self.radius[:, None] * np.sin(angle)
-        local = np.stack([x, y, np.broadcast_to(self.ahead[:, None], x.shape)], axis=-1)
+        local = np.stack([x, y, np.repeat(self.ahead[:, None], around, axis=1)], axis=-1)
         return np.asarray(local @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3])
 
 

@@ -56,8 +56,8 @@ class Skin:
         Parameters
         ----------
         pressure : mapping of str to float
-            Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale. One that is
-            not known (NaN, or missing) is as pale.
+            Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale, and one
+            that is not known (NaN, or missing).
         """
         return [
             shade(body.colour, full_part(np.nan_to_num(pressure.get(body.name, 0.0))))

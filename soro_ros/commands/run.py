@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from soro_core.errors import ConfigError
-from soro_core.extras import require
 from soro_core.scene import Scene, check_gains, check_scene
 from soro_ros import signals
 from soro_ros.execution import End, execute, make_folder, prepare
@@ -38,11 +37,9 @@ def run(
     ends.
     """
     console = Console(stderr=True)
-    if view:
-        require("view")
     with signals.noted() as interrupted:
         changes = changes_of("soro run", change or [], valves, device, arm)
-        loaded, where = prepare(scene, changes, check_scene, console)
+        loaded, where = prepare(scene, changes, check_scene, console, ["view"] if view else [])
         target = make_folder(folder, loaded, where)
         _check_gains(loaded, where, target, console)
         with _viewing(loaded, target, interrupted, console) if view else contextlib.nullcontext():

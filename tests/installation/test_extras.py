@@ -66,6 +66,7 @@ def commands(bag):
     return {
         ("soro", "run", "track_circle"): {"ros", "hardware"},
         ("soro", "run", "track_circle", "--set", "platform="): {"ros"},
+        ("soro", "run", "track_circle", "--view"): {"ros", "hardware", "view"},
         ("soro", "excite", "track_circle"): {"ros", "hardware"},
         ("soro", "play", bag): {"ros"},
         ("soro", "film", bag): {"ros"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -57,12 +58,13 @@ def view(
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
     from soro_ros.node_process import run_node
-    from soro_ros.nodes.viewer import Viewer
+    from soro_ros.nodes.viewer import NICE, Viewer
 
     found, used = _running(f"/{namespace.strip('/')}" if namespace else "", robot)
     arguments = ["--ros-args", "-r", f"__ns:={found or '/'}", "-p", f"robot:={used}"]
     for name, value in options.items():
         arguments += ["-p", f"{name}:={value}"]
+    os.nice(NICE)
     run_node(Viewer, arguments)
 
 

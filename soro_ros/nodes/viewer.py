@@ -35,7 +35,7 @@ _PROFILES = {
 # Period in which pressed buttons are noticed [s].
 _BUTTON_S = 0.05
 # The loop goes first.
-_NICE = 10
+NICE = 10
 
 
 class Viewer(SoroNode[ViewerConfig]):
@@ -58,7 +58,9 @@ class Viewer(SoroNode[ViewerConfig]):
         self._received = Received(self.get_namespace())
         self._past: deque[Moment] = deque(maxlen=round(config.trail_s * config.rate_hz))
         # In no executor: thousands of messages a second wake nobody, the newest is taken when it is drawn.
-        self._listener = Node("viewer_topics", namespace=self.get_namespace(), start_parameter_services=False)
+        self._listener = Node(
+            "_viewer_topics", namespace=self.get_namespace(), start_parameter_services=False
+        )
         self._subscriptions_of = {
             topic: self._listener.create_subscription(kind, topic, _ignore, _PROFILES.get(topic, _LAST))
             for topic, kind in TOPICS.items()
@@ -89,7 +91,10 @@ class Viewer(SoroNode[ViewerConfig]):
         for topic, subscription in self._subscriptions_of.items():
             for message in _taken(subscription):
                 self._received.take(topic, message, now_s)
-        self._past.append(self._received.moment(now_s))
+        moment = self._received.moment(now_s)
+        if self._past and moment.t_s < self._past[-1].t_s:  # a run began anew
+            self._past.clear()
+        self._past.append(moment)
         if self._server.get_clients():
             self._page.show(self._past)
 
@@ -122,7 +127,7 @@ def _announce(address: str, file: str) -> None:
 
 def main() -> None:
     """Run the viewer as a process."""
-    os.nice(_NICE)
+    os.nice(NICE)
     run_node(Viewer)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import re
 import time
 from collections.abc import Callable
 
@@ -76,8 +77,7 @@ class Buttons:
         node = self._node
         prefix = node.get_namespace().rstrip("/") + "/"
         names = [name for name, _ in node.get_service_names_and_types()]
-        named = [name for name in names if name.startswith(prefix) and name.endswith(f"/{button}")]
-        nodes = [name for name in named if name.removeprefix(prefix).count("/") == 1]
+        nodes = [name for name in names if re.fullmatch(f"{re.escape(prefix)}[^/]+/{button}", name)]
         if button != "reset":
             return nodes
         drivers = {

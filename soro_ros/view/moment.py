@@ -19,14 +19,13 @@ from soro_ros.diagnostics import VENTED
 Array = NDArray[np.float64]
 
 BACKBONE, TIP, WANTED = "arm/backbone", "arm/tip", "arm/desired/tip"
-PRESSURES, SETPOINTS, LATCH = "chambers/state", "chambers/command", "chambers/latch"
+PRESSURES, LATCH = "chambers/state", "chambers/latch"
 DIAGNOSTICS = "/diagnostics"
 TOPICS: Mapping[str, type[Any]] = {
     BACKBONE: PoseArray,
     TIP: PoseWithCovarianceStamped,
     WANTED: PoseStamped,
     PRESSURES: JointState,
-    SETPOINTS: JointState,
     LATCH: DiagnosticStatus,
     DIAGNOSTICS: DiagnosticArray,
 }
@@ -49,7 +48,7 @@ class Moment:
         Poses at equal distances from base to tip.
     tip, wanted : ndarray (3,) or None
         Estimated tip and its reference, in the world [m].
-    pressure, setpoint : mapping of str to float
+    pressure : mapping of str to float
         Of each chamber [Pa gauge].
     latched : bool or None
         Whether the latch of the valves is closed.
@@ -64,7 +63,6 @@ class Moment:
     tip: Array | None = None
     wanted: Array | None = None
     pressure: Mapping[str, float] = field(default_factory=dict)
-    setpoint: Mapping[str, float] = field(default_factory=dict)
     latched: bool | None = None
     valves: str = "not known: no node drives valves"
     faults: tuple[str, ...] = ()
@@ -120,7 +118,8 @@ class Received:
         self._newest[topic] = (now_s, message)
         if topic == PRESSURES:
             stamp_s = messages.to_ns(message.header.stamp) * 1e-9
-            self._first_s = stamp_s if self._first_s is None else self._first_s
+            if self._first_s is None or stamp_s < self._first_s + self.t_s:  # a run begins anew
+                self._first_s = stamp_s
             self.t_s = stamp_s - self._first_s
 
     def moment(self, now_s: float) -> Moment:
@@ -138,7 +137,6 @@ class Received:
             None if tip is None else messages.pose_arrays(tip.pose.pose)[0],
             None if wanted is None else messages.pose_arrays(wanted.pose)[0],
             _efforts(fresh(PRESSURES)),
-            _efforts(fresh(SETPOINTS)),
             latched,
             valves,
             tuple(self._faults(now_s)),

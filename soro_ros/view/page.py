@@ -39,6 +39,7 @@ class Page:
     def __init__(self, server: viser.ViserServer, robot: Robot, payload_kg: float = 0.0) -> None:
         self._server, self._robot, self._skin = server, robot, Skin(robot, payload_kg=payload_kg)
         self._vertices: list[Array] = []
+        self._head = ""
         self._most_pa = robot.pressure_range_pa[1]
         length, radius = robot.length, max(link.radius for link in robot.links)
         base = np.array(robot.base_position)
@@ -58,13 +59,20 @@ class Page:
         """
         now = past[-1]
         with self._server.atomic():
-            self._valves.value = now.valves
-            self._state.value = _state(now)
-            self._faults.value = "\n".join(now.faults) or "none"
+            self._say(now)
             self._show_arm(now)
             _draw(self._tip_trail, [one.tip for one in past])
             _draw(self._reference, [one.wanted for one in past])
             self.plots.show(past, at_once)
+
+    def _say(self, now: Moment) -> None:
+        self._valves.value = now.valves
+        self._state.value = _state(now)
+        self._faults.value = "\n".join(now.faults) or "none"
+        head = "soro: vented" if now.latched else "soro"
+        if head != self._head:
+            self._head = head
+            self._server.gui.set_panel_label(head)
 
     def _make_arm(self, length: float, radius: float) -> None:
         scene, axes = self._server.scene, {"axes_length": 0.12 * length, "axes_radius": 0.003 * length}

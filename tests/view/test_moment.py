@@ -13,7 +13,6 @@ from soro_ros.view.moment import (
     DIAGNOSTICS,
     LATCH,
     PRESSURES,
-    SETPOINTS,
     STALE_S,
     TIP,
     WANTED,
@@ -46,7 +45,6 @@ def test_a_moment_has_the_newest_of_each_topic(received):
     for stamp_s in (100, 102):
         state = messages.chambers(NAMES, np.array([10e3, np.nan]), stamp_s * 10**9)
         received.take(PRESSURES, state, 5.0)
-    received.take(SETPOINTS, messages.chambers(NAMES, np.array([12e3, 0.0]), 0), 5.0)
     moment = received.moment(5.0)
     assert moment.t_s == 2.0
     assert moment.backbone.shape == (2, 4, 4)
@@ -54,7 +52,12 @@ def test_a_moment_has_the_newest_of_each_topic(received):
     assert moment.error_m == pytest.approx(0.03)
     assert moment.pressure["link0/chamber0"] == 10e3
     assert math.isnan(moment.pressure["link0/chamber1"])  # of a silent device
-    assert moment.setpoint == {"link0/chamber0": 12e3, "link0/chamber1": 0.0}
+
+
+def test_a_run_that_begins_anew_has_a_new_time(received):
+    for stamp_s, t_s in ((100, 0.0), (102, 2.0), (0, 0.0), (1, 1.0)):
+        received.take(PRESSURES, messages.chambers(NAMES, np.zeros(2), stamp_s * 10**9), 5.0)
+        assert received.moment(5.0).t_s == t_s
 
 
 def test_what_has_stopped_is_not_shown_any_more(received):

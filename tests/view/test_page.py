@@ -67,6 +67,7 @@ def test_without_an_estimate_no_arm_is_drawn_and_the_page_says_so(server):
     page.show([Moment(2.0, None, latched=True, valves="vented: high pressure", faults=("twin: silent",))])
     assert not any(mesh.visible for mesh in page._meshes)
     assert "no estimate" in page._state.value
+    assert page._head == "soro: vented"
     assert (page._valves.value, page._faults.value) == ("vented: high pressure", "twin: silent")
 
 

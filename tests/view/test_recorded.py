@@ -1,5 +1,6 @@
 """A recorded run in the view."""
 
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,8 +10,9 @@ import pytest
 pytest.importorskip("viser", reason="the extra `view` is not installed")
 
 from soro_core.bag import BagReader
-from soro_core.errors import BagError
+from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
+from soro_ros.commands.view import view
 from soro_ros.view.access import Access
 from soro_ros.view.recorded import Player, namespace_of, read
 from soro_ros.view.server import ViewServer
@@ -53,6 +55,12 @@ def test_an_arm_that_is_not_recorded_is_named():
             namespace_of(reader, "other")
 
 
+def test_a_recording_without_a_scene_needs_a_robot(tmp_path):
+    shutil.copytree(CIRCLE, tmp_path / "bag", ignore=shutil.ignore_patterns("scene.yaml"))
+    with pytest.raises(ConfigError, match=r"--robot.*no scene"):
+        view(tmp_path / "bag", robot="", namespace="", port=18480, rate=20.0, trail=10.0)
+
+
 def test_play_pause_and_the_slider_set_the_time(recorded):
     server = ViewServer(Access(), 18280)
     try:
@@ -66,6 +74,8 @@ def test_play_pause_and_the_slider_set_the_time(recorded):
         player.step(0.5)
         assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._slider.value = 1.5
+        player._on_slider(SimpleNamespace(client=None))  # set by the server
+        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._on_slider(SimpleNamespace(client=object()))
         assert player.shown()[-1].t_s == pytest.approx(1.5, abs=0.05)
         player._toggle()

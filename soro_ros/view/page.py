@@ -98,10 +98,10 @@ class Page:
             else []
         )
         self._reference = scene.add_line_segments(
-            "/trail/reference", _NOTHING, _REFERENCE, thickness=5.0, thickness_units="screen"
+            "/trail/reference", _NOTHING, _REFERENCE, thickness=2.0, thickness_units="screen"
         )
         self._tip_trail = scene.add_line_segments(
-            "/trail/tip", _NOTHING, _TIP, thickness=2.0, thickness_units="screen"
+            "/trail/tip", _NOTHING, _TIP, thickness=4.0, thickness_units="screen"
         )
 
     def _make_surroundings(self, length: float) -> None:

@@ -98,7 +98,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     from soro_ros import signals
     from soro_ros.run_folder import bag_and_scene
     from soro_ros.view.access import Access
-    from soro_ros.view.recorded import Player, read, shape_of
+    from soro_ros.view.recorded import RecordedPage, read, shape_of
     from soro_ros.view.server import ViewServer
 
     shape, folder = None, bag
@@ -119,7 +119,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
         access = Access()
         server = ViewServer(access, port)
         try:
-            player = Player(server, shown, recorded, trail)
+            player = RecordedPage(server, shown, recorded, trail)
             typer.echo(f"view: {access.address(server.get_port())}")
             player.run(lambda: bool(ended))
         finally:

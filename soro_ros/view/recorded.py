@@ -7,17 +7,18 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
 from soro_core.errors import BagError
 from soro_core.robot import Robot
-from soro_ros.view.moment import BACKBONE, PRESSURES, STALE_S, TOPICS, Moment, Received
+from soro_ros.interfaces import deserialised
+from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import Page
 
 Array = NDArray[np.float64]
@@ -70,39 +71,38 @@ def moments(reader: BagReader, namespace: str, shape: Shape | None, rate_hz: flo
     kinds = {f"{namespace}/{name}" if name[0] != "/" else name: name for name in TOPICS}
     if shape is not None:
         del kinds[f"{namespace}/{BACKBONE}"]
-    newest: dict[str, bytes] = {}
-    state: tuple[float, bytes] = (-np.inf, b"")
+        kinds[f"{namespace}/{_STATE}"] = _STATE
+
+    def message(name: str, data: bytes) -> Any:
+        return deserialised(data, TOPICS.get(name, JointState), reader.path, name)
+
     found: list[Moment] = []
-    due_s = 0.0
-    names = {topic.name for topic in reader.topics} & {*kinds, f"{namespace}/{_STATE}"}
-    for item in reader.messages(names):
-        name = kinds.get(item.topic, _STATE)
-        if name == _STATE:
-            state = (received.t_s, item.data)
-        elif name != PRESSURES:
-            newest[name] = item.data
-        if name == "/diagnostics":  # each status counts
-            received.take(name, deserialize_message(newest.pop(name), TOPICS[name]), received.t_s)
-        if name != PRESSURES:
+    newest: dict[str, bytes] = {}
+    due_s, state, state_s = 0.0, None, -np.inf
+    for item in reader.messages({topic.name for topic in reader.topics} & kinds.keys()):
+        name = kinds[item.topic]
+        if name not in (PRESSURES, DIAGNOSTICS):
+            newest[name] = item.data  # only the last before a moment is read
             continue
-        received.take(name, deserialize_message(item.data, JointState), received.t_s)
-        if received.t_s < due_s:
+        received.take(name, message(name, item.data), received.t_s)
+        if name == DIAGNOSTICS or received.t_s < due_s:
             continue
+        due_s = received.t_s + 1.0 / rate_hz - 1e-6
+        if _STATE in newest:
+            state, state_s = np.array(message(_STATE, newest.pop(_STATE)).position), received.t_s
         for other, data in newest.items():
-            received.take(other, deserialize_message(data, TOPICS[other]), received.t_s)
+            received.take(other, message(other, data), received.t_s)
         newest.clear()
         moment = received.moment(received.t_s)
-        if shape is not None and received.t_s - state[0] <= STALE_S:
-            q = np.array(deserialize_message(state[1], JointState).position)
-            moment = replace(moment, backbone=shape(q)) if q.size else moment
+        if shape is not None and state is not None and state.size and received.t_s - state_s <= STALE_S:
+            moment = replace(moment, backbone=shape(state))
         found.append(moment)
-        due_s = received.t_s + 1.0 / rate_hz - 1e-6
     if not found:
         raise BagError(f"no message on {namespace}/{PRESSURES}", reader.path, "missing")
     return found
 
 
-class Player:
+class RecordedPage:
     """The page of a recorded run: play, pause and a slider over its time.
 
     Parameters

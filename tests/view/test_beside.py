@@ -2,8 +2,10 @@
 
 import urllib.error
 import urllib.request
+from pathlib import Path
 
 import pytest
+import yaml
 
 pytest.importorskip("viser", reason="the extra `view` is not installed")
 
@@ -23,6 +25,9 @@ def test_the_address_comes_to_the_user_and_into_no_file_of_the_run(tmp_path):
     with beside.viewing(load_scene("track_circle"), tmp_path, []) as address:
         with urllib.request.urlopen(address) as page:
             assert b"<html" in page.read()
+        parameters = yaml.safe_load((tmp_path / "parameters/viewer.yaml").read_text())["/**"]
+        told = Path(parameters["ros__parameters"]["address_file"])
+        assert [path.stat().st_mode & 0o777 for path in (told, told.parent)] == [0o600, 0o700]
         token = address.partition("=")[2]
         for file in tmp_path.rglob("*.*"):
             assert token not in file.read_text(), file

@@ -14,7 +14,7 @@ from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
 from soro_ros.commands.view import view
 from soro_ros.view.access import Access
-from soro_ros.view.recorded import Player, namespace_of, read
+from soro_ros.view.recorded import RecordedPage, namespace_of, read
 from soro_ros.view.server import ViewServer
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
@@ -64,7 +64,7 @@ def test_a_recording_without_a_scene_needs_a_robot(tmp_path):
 def test_play_pause_and_the_slider_set_the_time(recorded):
     server = ViewServer(Access(), 18280)
     try:
-        player = Player(server, load_robot("tue_three_bellow"), recorded, 10.0)
+        player = RecordedPage(server, load_robot("tue_three_bellow"), recorded, 10.0)
         player.step(0.5)
         assert player.shown()[-1].t_s == 0.0  # nobody looks
         server.get_clients = lambda: {0: None}

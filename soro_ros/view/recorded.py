@@ -182,6 +182,15 @@ def shape_of(robot: Robot, discretisation: object) -> Shape:
 
 
 def read(bag: Path, namespace: str, shape: Shape | None, rate_hz: float) -> list[Moment]:
-    """Read a bag, see `moments`; without a namespace, that of its only arm."""
+    """Read a bag, see `moments`.
+
+    Parameters
+    ----------
+    bag : Path
+    namespace : str
+        Of the arm's nodes; empty: of the only arm.
+    shape : callable or None
+    rate_hz : float
+    """
     with BagReader(bag) as reader:
         return moments(reader, namespace_of(reader, namespace), shape, rate_hz)

@@ -34,6 +34,7 @@ from benchmarks import (
     startup,
     terms,
     trade,
+    view,
     whole_way,
 )
 from benchmarks import sections as running
@@ -65,6 +66,7 @@ SECTIONS = {
     "kills": kills,
     "recording": recording,
     "composed": composed,
+    "view": view,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

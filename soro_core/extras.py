@@ -37,6 +37,7 @@ PACKAGES = {
     "board": ("smbus2",),
     "dask": ("distributed",),
     "parquet": ("pyarrow",),
+    "view": ("viser", "websockets", "msgspec"),
 }
 EXTRA_OF = {package: extra for extra, packages in PACKAGES.items() for package in packages}
 # Where the name on the package index is another one.

@@ -195,7 +195,7 @@ def shade(full: Array, part: float) -> Array:
 
 
 def full_part(pressure: float) -> float:
-    """Return how much of its full colour a chamber has, of its pressure relative to the highest one; NaN: NaN."""
+    """Return how much of its full colour a chamber has, of its pressure over the highest one; NaN: NaN."""
     return pressure if isnan(pressure) else 0.12 + 0.88 * min(max(pressure, 0.0), 1.0)
 
 

@@ -46,6 +46,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.run import run
     from soro_ros.commands.scenes import scenes
     from soro_ros.commands.trade import trade
+    from soro_ros.commands.view import view
 
     app = typer.Typer(
         help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
@@ -63,6 +64,7 @@ def application() -> typer.Typer:
     app.command()(film)
     app.command()(plot)
     app.command()(report)
+    app.command()(view)
     app.command()(emulate)
     app.command()(doctor)
     app.command()(trade)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,7 +39,11 @@ STALL_S = 30.0
 
 
 def prepare(
-    name: str, changes: dict[str, Any], check: Callable[[Scene, str], list[str]], console: Console
+    name: str,
+    changes: dict[str, Any],
+    check: Callable[[Scene, str], list[str]],
+    console: Console,
+    extras: Sequence[str] = (),
 ) -> tuple[Scene, str]:
     """Read and check a scene; print what the user must know of it.
 
@@ -53,6 +57,8 @@ def prepare(
         Function of the scene and its file that refuses what does not fit, and returns warnings.
     console : Console
         Shows warnings.
+    extras : sequence of str
+        What must be installed beside what the scene needs.
 
     Returns
     -------
@@ -61,7 +67,7 @@ def prepare(
         Its file.
     """
     scene = load_scene(name, changes)
-    require("ros", *(["hardware"] if scene.platform else []))
+    require("ros", *(["hardware"] if scene.platform else []), *extras)
     if scene.model is not None and scene.model.auto:
         from soro_core.trade import with_chosen_model
 

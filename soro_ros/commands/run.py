@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +26,9 @@ def run(
     arm: Arm = None,
     folder: Folder = Path("runs"),
     figure: Annotated[bool, typer.Option(help="Draw the picture of the run.")] = True,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the arm in the browser while it runs (docs/view.md).")
+    ] = False,
 ) -> None:
     """Run a scene: emulated or simulated robot, estimator, controller and recorder, as ROS 2 nodes.
 
@@ -34,11 +39,23 @@ def run(
     console = Console(stderr=True)
     with signals.noted() as interrupted:
         changes = changes_of("soro run", change or [], valves, device, arm)
-        loaded, where = prepare(scene, changes, check_scene, console)
+        loaded, where = prepare(scene, changes, check_scene, console, ["view"] if view else [])
         target = make_folder(folder, loaded, where)
         _check_gains(loaded, where, target, console)
-        end = execute(loaded, target, interrupted, console)
+        with _viewing(loaded, target, interrupted, console) if view else contextlib.nullcontext():
+            end = execute(loaded, target, interrupted, console)
     raise typer.Exit(_report(loaded, target, end, figure, console))
+
+
+@contextlib.contextmanager
+def _viewing(scene: Scene, folder: Path, interrupted: list[int], console: Console) -> Iterator[None]:
+    """Show the run in the browser, as long as it lasts."""
+    from soro_ros.view.beside import viewing
+
+    with viewing(scene, folder, interrupted) as address:
+        console.print(f"view:    {address}", soft_wrap=True, highlight=False)
+        yield
+    console.print(f"view:    ended; again: soro view {folder}", highlight=False)
 
 
 def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> None:

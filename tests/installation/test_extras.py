@@ -14,7 +14,10 @@ from soro_core import extras
 ROOT = Path(__file__).resolve().parent.parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 BOARD = tomllib.loads((ROOT / "board/pyproject.toml").read_text())["project"]
-NODES = ("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player", "markers")
+NODES = (
+    *("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player"),
+    *("markers", "viewer"),
+)
 
 # Commands that need no extra.
 ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "new", "scenes"}
@@ -66,12 +69,14 @@ def commands(bag):
     return {
         ("soro", "run", "track_circle"): {"ros", "hardware"},
         ("soro", "run", "track_circle", "--set", "platform="): {"ros"},
+        ("soro", "run", "track_circle", "--view"): {"ros", "hardware", "view"},
         ("soro", "excite", "track_circle"): {"ros", "hardware"},
         ("soro", "play", bag): {"ros"},
         ("soro", "film", bag): {"ros"},
         ("soro", "plot", bag): {"ros"},
         ("soro", "report", bag): {"ros"},
         ("soro", "replay", bag): {"ros"},
+        ("soro", "view", bag): {"ros", "view"},
         ("soro", "bag", "info", bag): {"ros"},
         ("soro", "bag", "repair", bag): {"ros"},
         ("soro", "bag", "convert", bag, "tables"): {"ros"},
@@ -91,13 +96,15 @@ def commands(bag):
     }
 
 
-@pytest.mark.parametrize("absent", [("hardware", "ros", "board", "dask"), ("ros",), ("hardware",)])
+@pytest.mark.parametrize(
+    "absent", [("hardware", "ros", "board", "dask", "view"), ("ros",), ("hardware",), ("view",)]
+)
 def test_a_command_without_its_extra_ends_with_one_line_that_names_it(absent, tmp_path):
     cases = {line: need & set(absent) for line, need in commands(str(tmp_path)).items() if need & set(absent)}
     answers = said(modules(*absent), [list(line) for line in cases])
     for line, need in cases.items():
         status, text = answers[" ".join(line)]
-        extra = "all" if len(need) > 1 else next(iter(need))
+        extra = "all" if need >= {"hardware", "ros"} else ",".join(sorted(need))
         assert (status, text.count("\n")) == (2, 1), (line, text)
         assert f"'soro[{extra}]'" in text, (line, text)
 

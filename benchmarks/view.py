@@ -1,0 +1,196 @@
+"""What the live view costs: its share of a core, and the lateness of a loop in real time beside it.
+
+Each is `soro run` as a user starts it, on emulated valves, in turns: without a view, with one that nobody
+looks at, and with one whose page is open. The page is a web socket that takes in all that a browser takes in
+but draws nothing: drawing costs what the browser and its graphics card make of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.options import Options
+from benchmarks.report import figure, met, table
+from benchmarks.timing import all_cores
+
+TITLE = "Live view"
+DOMAIN = "59"
+SHARE, LATER = 0.15, 1.10
+_SCENE, _PERIOD_S = "track_circle", 0.25
+_MOST_TRIPS = 10
+# What differs: name, whether the viewer runs, whether its page is open.
+_TURNS = (
+    ("without a view", False, False),
+    ("view, nobody looks", True, False),
+    ("view, a page open", True, True),
+)
+_CAMERA = {"type": "ViewerCameraMessage", "fov": 1.0, "near": 0.01, "far": 10.0}
+_CAMERA |= {"image_height": 800, "image_width": 1200, "wxyz": [1.0, 0.0, 0.0, 0.0]}
+_CAMERA |= {"position": [0.3, 0.3, 0.3], "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 0.0, 1.0]}
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One run: lateness of its loop [ms], overruns, the viewer's share of a core, what its page got [B/s]."""
+
+    p50_ms: float
+    p99_ms: float
+    overruns: int
+    share: float
+    page_bps: float
+
+
+def run(options: Options) -> str:
+    """Run in turns, and report medians."""
+    repeats, seconds = options.pick(5, 1), options.pick(15.0, 3.0)
+    found: dict[str, list[Turn]] = {name: [] for name, _, _ in _TURNS}
+    tripped = 0
+    with all_cores():
+        for k in range(repeats):
+            for name, viewer, page in _TURNS:
+                options.say(f"{name}, {k + 1} of {repeats}")
+                while (turn := _turn(viewer, page, seconds)) is None:
+                    tripped += 1
+                    if tripped > _MOST_TRIPS:
+                        return f"Not measured: {tripped} runs were vented, the machine is too busy."
+                found[name].append(turn)
+    return "\n\n".join(
+        [
+            f"`soro run {_SCENE}` in real time on emulated valves, {seconds:g} s under control, {repeats} "
+            "times in turns; medians, in brackets the smallest and the largest:",
+            table(
+                [
+                    "",
+                    "lateness p50, ms",
+                    "p99, ms",
+                    "overruns",
+                    "viewer, part of a core",
+                    "to the page, kB/s",
+                ],
+                [_row(name, turns) for name, turns in found.items()],
+            ),
+            _verdict(found),
+            f"Runs that the machine vented by its delays, and that were repeated: {tripped}.",
+        ]
+    )
+
+
+def _row(name: str, turns: list[Turn]) -> list[object]:
+    def of(key: str, factor: float = 1.0) -> str:
+        values = [factor * getattr(turn, key) for turn in turns]
+        if not any(values):
+            return "0" if key == "overruns" else "-"
+        return f"{figure(statistics.median(values))} ({figure(min(values))} to {figure(max(values))})"
+
+    return [name, of("p50_ms"), of("p99_ms"), of("overruns"), of("share"), of("page_bps", 1e-3)]
+
+
+def _verdict(found: Mapping[str, list[Turn]]) -> str:
+    def median(name: str, key: str) -> float:
+        return statistics.median(getattr(turn, key) for turn in found[name])
+
+    without, *views = found
+    lines = []
+    for name in views:
+        share = median(name, "share")
+        # Each turn against the one without a view just before it: the machine's noise changes slowly.
+        pairs = zip(found[name], found[without], strict=True)
+        ratio = statistics.median(turn.p99_ms / before.p99_ms for turn, before in pairs)
+        lines.append(
+            f"- {name}: {figure(share)} of a core, wanted at most {SHARE:g}: {met(share <= SHARE)}; "
+        )
+        lines[-1] += (
+            f"p99 {figure(ratio)} times that without, wanted at most {LATER:g}: {met(ratio <= LATER)}"
+        )
+    return "\n".join(lines)
+
+
+def _turn(viewer: bool, page: bool, seconds: float) -> Turn | None:
+    """Run once; None if the run was vented before its end."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        command = [sys.executable, "-m", "soro_ros.cli", "run", _SCENE, "--no-figure", "--folder", name]
+        command += ["--set", f"duration_s={seconds:g}", *(["--view"] if viewer else [])]
+        log = stack.enter_context((folder / "out").open("w+"))
+        environment = {**os.environ, "ROS_DOMAIN_ID": DOMAIN, "COLUMNS": "200"}
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
+        got, samples = [0], list[tuple[float, float]]()
+        while process.poll() is None:
+            address = re.search(r"http://\S+", (folder / "out").read_text())
+            if address and page and not got[0]:
+                got[0] = 1
+                threading.Thread(target=_look, args=(address[0], got), daemon=True).start()
+            if viewer and (pid := _viewer(process.pid)) and (used_s := _cpu_s(pid)) is not None:
+                samples.append((time.monotonic(), used_s))
+            time.sleep(_PERIOD_S)
+        summary = next(folder.glob(f"{_SCENE}-*/summary.json"), None)
+        told = json.loads(summary.read_text()) if summary else {}
+        if told.get("verdict") not in ("good", "lost") or told["lateness_p99_ms"] is None:
+            return None
+        share = _share(samples, seconds)
+        lasted_s = samples[-1][0] - samples[0][0] if samples else 1.0
+        return Turn(
+            told["lateness_p50_ms"], told["lateness_p99_ms"], told["overruns"], share, got[0] / lasted_s
+        )
+
+
+def _share(samples: list[tuple[float, float]], seconds: float) -> float:
+    """Part of a core in the last seconds of a run, when all nodes were up."""
+    late = [(at, used) for at, used in samples if at > samples[-1][0] - seconds]
+    return (late[-1][1] - late[0][1]) / (late[-1][0] - late[0][0]) if late else 0.0
+
+
+def _look(address: str, got: list[int]) -> None:
+    """Take in what a page takes in, until the view ends."""
+    import msgspec
+    import viser
+    from websockets.exceptions import ConnectionClosed
+    from websockets.sync.client import connect
+
+    home, _, token = address.partition("?token=")
+    port = home.rstrip("/").rpartition(":")[2]
+    options: dict[str, Any] = {
+        "origin": home.rstrip("/"),
+        "subprotocols": [f"viser-v{viser.__version__}"],
+        "additional_headers": {"Cookie": f"soro_view_{port}={token}"},
+    }
+    with connect(f"ws://127.0.0.1:{port}/", max_size=None, proxy=None, **options) as socket:
+        socket.send(msgspec.msgpack.encode(_CAMERA))
+        try:
+            while True:
+                got[0] += len(socket.recv())
+        except ConnectionClosed:
+            return
+
+
+def _viewer(parent: int) -> int | None:
+    """Process of the viewer that a run started."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            after = (folder / "stat").read_text().rpartition(")")[2].split()
+            if int(after[1]) == parent and b"soro_ros.nodes.viewer" in (folder / "cmdline").read_bytes():
+                return int(folder.name)
+        except OSError:  # ended meanwhile
+            continue
+    return None
+
+
+def _cpu_s(pid: int) -> float | None:
+    try:
+        after = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return (int(after[11]) + int(after[12])) / os.sysconf("SC_CLK_TCK")

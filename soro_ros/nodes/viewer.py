@@ -1,0 +1,135 @@
+"""The viewer node: the arm of its namespace in a browser, with buttons for those who have the token."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from soro_core.errors import SoroError
+from soro_core.extras import named_packages
+from soro_core.robot import load_robot
+from soro_ros.diagnostics import OK
+from soro_ros.lifecycle import SoroNode
+from soro_ros.node_process import run_node
+from soro_ros.view.config import ViewerConfig
+from soro_ros.view.moment import DIAGNOSTICS, LATCH, TOPICS, Moment, Received
+
+# A reader that never slows down a writer.
+_LAST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+_PROFILES = {
+    DIAGNOSTICS: QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT),
+    LATCH: QoSProfile(
+        depth=1,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    ),
+}
+# Period in which pressed buttons are noticed [s].
+_BUTTON_S = 0.05
+# The loop goes first.
+NICE = 10
+
+
+class Viewer(SoroNode[ViewerConfig]):
+    """Reads the newest message of each topic at its own rate, and draws it while somebody looks."""
+
+    config_model = ViewerConfig
+    node_name = "viewer"
+    _server: Any = None
+
+    def setup(self, config: ViewerConfig) -> None:
+        with named_packages():
+            from soro_ros.view.live import LivePage
+            from soro_ros.view.server import ViewServer
+        from soro_ros.view.access import Access
+
+        self._config, robot = config, load_robot(config.robot)
+        access = Access()
+        self._server = ViewServer(access, config.port)
+        self._page = LivePage(self, self._server, robot, config.payload_kg)
+        self._received = Received(self.get_namespace())
+        self._past: deque[Moment] = deque(maxlen=round(config.trail_s * config.rate_hz))
+        # In no executor: thousands of messages a second wake nobody, the newest is taken when it is drawn.
+        self._listener = Node(
+            "_viewer_topics", namespace=self.get_namespace(), start_parameter_services=False
+        )
+        self._subscriptions_of = {
+            topic: self._listener.create_subscription(kind, topic, _ignore, _PROFILES.get(topic, _LAST))
+            for topic, kind in TOPICS.items()
+        }
+        _announce(access.address(self._server.get_port()), config.address_file)
+
+    def start(self) -> None:
+        self.every(1.0 / self._config.rate_hz, self._draw)
+        self.every(_BUTTON_S, self._page.buttons.work)
+
+    def teardown(self) -> None:
+        self.make_safe()
+
+    def make_safe(self) -> None:
+        server, self._server = self._server, None
+        if server is not None:
+            server.stop()
+            self._page.buttons.close()
+            self._listener.destroy_node()
+
+    def diagnose(self) -> None:
+        if self._server is not None:
+            looking = len(self._server.get_clients())
+            self.diagnostics.update(OK, "active", {"port": self._server.get_port(), "looking": looking})
+
+    def _draw(self) -> None:
+        now_s = time.monotonic()
+        for topic, subscription in self._subscriptions_of.items():
+            for message in _taken(subscription):
+                self._received.take(topic, message, now_s)
+        moment = self._received.moment(now_s)
+        if self._past and moment.t_s < self._past[-1].t_s:  # a run began anew
+            self._past.clear()
+        self._past.append(moment)
+        if self._server.get_clients():
+            self._page.show(self._past)
+
+
+def _taken(subscription: Subscription) -> list[Any]:
+    """Take what has arrived since the last time, as many messages as its history holds."""
+    found = []
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:
+            found.append(taken[0])
+    return found
+
+
+def _ignore(message: object) -> None:
+    """Messages are taken, not called back."""
+
+
+def _announce(address: str, file: str) -> None:
+    """Give the address with its token to the user alone."""
+    if not file:
+        print(f"view: {address}", flush=True)
+        return
+    try:
+        descriptor = os.open(Path(file), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except OSError as error:
+        raise SoroError(f"{file}: cannot be written: {error.strerror}") from None
+    with os.fdopen(descriptor, "w") as out:
+        out.write(address)
+
+
+def main() -> None:
+    """Run the viewer as a process."""
+    os.nice(NICE)
+    run_node(Viewer)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,174 @@
+"""What is shown of an arm at one time, from the newest message of each of its topics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+
+from soro_ros import messages
+from soro_ros.diagnostics import VENTED
+
+Array = NDArray[np.float64]
+
+BACKBONE, TIP, WANTED = "arm/backbone", "arm/tip", "arm/desired/tip"
+PRESSURES, LATCH = "chambers/state", "chambers/latch"
+DIAGNOSTICS = "/diagnostics"
+TOPICS: Mapping[str, type[Any]] = {
+    BACKBONE: PoseArray,
+    TIP: PoseWithCovarianceStamped,
+    WANTED: PoseStamped,
+    PRESSURES: JointState,
+    LATCH: DiagnosticStatus,
+    DIAGNOSTICS: DiagnosticArray,
+}
+
+# After this time without a message of its topic, nothing is shown of it [s].
+STALE_S = 1.0
+# Nodes publish /diagnostics once a second; after this time a node is said to be silent [s].
+SILENT_S = 5.0
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is shown at one time; what is not known, or no longer, is None or missing.
+
+    Attributes
+    ----------
+    t_s : float
+        Time since the first message [s].
+    backbone : ndarray (n, 4, 4) or None
+        Poses at equal distances from base to tip.
+    tip, wanted : ndarray (3,) or None
+        Estimated tip and its reference, in the world [m].
+    pressure : mapping of str to float
+        Of each chamber [Pa gauge].
+    latched : bool or None
+        Whether the latch of the valves is closed.
+    valves : str
+        State of the valves, and the cause of a latch, in words.
+    faults : tuple of str
+        What nodes warn of, a line each.
+    """
+
+    t_s: float = 0.0
+    backbone: Array | None = None
+    tip: Array | None = None
+    wanted: Array | None = None
+    pressure: Mapping[str, float] = field(default_factory=dict)
+    latched: bool | None = None
+    valves: str = "not known: no node drives valves"
+    faults: tuple[str, ...] = ()
+
+    @property
+    def error_m(self) -> float:
+        """Distance of the tip from its reference [m]; NaN where one of them is not known."""
+        if self.tip is None or self.wanted is None:
+            return math.nan
+        return float(np.linalg.norm(self.tip - self.wanted))
+
+
+class Received:
+    """The newest message of each topic of one arm.
+
+    Parameters
+    ----------
+    namespace : str
+        Of the arm's nodes, with a slash at its begin: ``/track_circle``.
+    silent_s : float
+        Time without diagnostics after which a node is said to be silent [s].
+
+    Attributes
+    ----------
+    t_s : float
+        Stamp of the newest pressures since the first ones [s].
+    """
+
+    def __init__(self, namespace: str, silent_s: float = SILENT_S) -> None:
+        self._prefix, self._silent_s = namespace.rstrip("/") + "/", silent_s
+        self._newest: dict[str, tuple[float, Any]] = {}
+        self._nodes: dict[str, tuple[float, DiagnosticStatus]] = {}
+        self._first_s: float | None = None
+        self.t_s = 0.0
+
+    def take(self, topic: str, message: Any, now_s: float) -> None:
+        """Take a message, received at a time [s].
+
+        Parameters
+        ----------
+        topic : str
+            One of `TOPICS`.
+        message : object
+            Message of its type.
+        now_s : float
+            Time of its reception [s], by any clock.
+        """
+        if topic == DIAGNOSTICS:
+            for status in message.status:
+                if status.name.startswith(self._prefix):
+                    self._nodes[status.name.removeprefix(self._prefix)] = (now_s, status)
+            return
+        self._newest[topic] = (now_s, message)
+        if topic == PRESSURES:
+            stamp_s = messages.to_ns(message.header.stamp) * 1e-9
+            if self._first_s is None or stamp_s < self._first_s + self.t_s:  # a run begins anew
+                self._first_s = stamp_s
+            self.t_s = stamp_s - self._first_s
+
+    def moment(self, now_s: float) -> Moment:
+        """Return what is known at a time [s] of the clock of `take`."""
+
+        def fresh(topic: str) -> Any:
+            at_s, message = self._newest.get(topic, (-math.inf, None))
+            return message if now_s - at_s <= STALE_S else None
+
+        backbone, tip, wanted = fresh(BACKBONE), fresh(TIP), fresh(WANTED)
+        latched, valves = self._latch()
+        return Moment(
+            self.t_s,
+            messages.transforms(backbone) if backbone is not None and len(backbone.poses) > 1 else None,
+            None if tip is None else messages.pose_arrays(tip.pose.pose)[0],
+            None if wanted is None else messages.pose_arrays(wanted.pose)[0],
+            _efforts(fresh(PRESSURES)),
+            latched,
+            valves,
+            tuple(self._faults(now_s)),
+        )
+
+    def _latch(self) -> tuple[bool | None, str]:
+        """Return whether the latch is closed, and the words of the node that drives the valves."""
+        if LATCH in self._newest:
+            status = self._newest[LATCH][1]
+            return _level(status) >= 2, status.message
+        for _, status in self._nodes.values():
+            if status.message.startswith(VENTED):
+                return True, status.message
+        driven = PRESSURES in self._newest
+        return (False, "open") if driven else (None, Moment.valves)
+
+    def _faults(self, now_s: float) -> list[str]:
+        lines = []
+        for name, (at_s, status) in sorted(self._nodes.items()):
+            ended = any(pair.key == "lifecycle" and pair.value == "finalized" for pair in status.values)
+            if now_s - at_s > self._silent_s and not ended:
+                lines.append(f"{name}: silent for {now_s - at_s:.0f} s")
+            elif _level(status) >= 1:
+                lines.append(f"{name}: {status.message.removeprefix(f'{name}: ')}")
+        return lines
+
+
+def _level(status: DiagnosticStatus) -> int:
+    return int.from_bytes(status.level, "little")
+
+
+def _efforts(message: JointState | None) -> dict[str, float]:
+    if message is None or len(message.name) != len(message.effort):
+        return {}
+    return dict(zip(message.name, message.effort, strict=True))

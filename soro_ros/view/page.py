@@ -1,0 +1,171 @@
+"""The page of the view: the arm in space, its pressures, and what is wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from soro_core.robot import Robot
+from soro_core.rotation import quaternion_from_matrix
+from soro_ros.skin import Skin
+from soro_ros.view.contact import touching, turned_to
+from soro_ros.view.moment import Moment
+from soro_ros.view.plots import Plots
+
+Array = NDArray[np.float64]
+
+_REFERENCE, _TIP, _CONTACT, _OBSTACLE = (140, 146, 156), (193, 18, 31), (255, 120, 0), (150, 160, 175)
+_NOTHING = np.zeros((1, 2, 3))
+# Smaller steps of a vertex are not worth a message [m].
+_STEP_M = 2e-5
+
+
+class Page:
+    """Draws moments into the scene and the panel of a viser server; what has not changed is not sent.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+    robot : Robot
+        Its skin, and its obstacles.
+    payload_kg : float
+        Payload drawn at the tip; 0 for none.
+    """
+
+    def __init__(self, server: viser.ViserServer, robot: Robot, payload_kg: float = 0.0) -> None:
+        self._server, self._robot, self._skin = server, robot, Skin(robot, payload_kg=payload_kg)
+        self._vertices: list[Array] = []
+        self._head = ""
+        self._most_pa = robot.pressure_range_pa[1]
+        length, radius = robot.length, max(link.radius for link in robot.links)
+        base = np.array(robot.base_position)
+        server.initial_camera.position = tuple(base + length * np.array([1.5, -1.2, 1.5]))
+        server.initial_camera.look_at = tuple(base + length * np.array([0.15, 0.2, 0.5]))
+        self._make_surroundings(length)
+        self._make_arm(length, radius)
+        gui = server.gui
+        self._valves = gui.add_text("valves", "", multiline=True, disabled=True)
+        self._state = gui.add_text("arm", "", disabled=True)
+        self._faults = gui.add_text("faults", "", multiline=True, disabled=True)
+        self.plots = Plots(gui, robot.chamber_names, self._most_pa)
+
+    def show(self, past: Sequence[Moment], at_once: bool = False) -> None:
+        """Draw the last moment, with trails and plots of those before it; the plots only now and then,
+        unless `at_once`.
+        """
+        now = past[-1]
+        with self._server.atomic():
+            self._say(now)
+            self._show_arm(now)
+            _draw(self._tip_trail, [one.tip for one in past])
+            _draw(self._reference, [one.wanted for one in past])
+            self.plots.show(past, at_once)
+
+    def _say(self, now: Moment) -> None:
+        self._valves.value = now.valves
+        self._state.value = _state(now)
+        self._faults.value = "\n".join(now.faults) or "none"
+        head = "soro: vented" if now.latched else "soro"
+        if head != self._head:
+            self._head = head
+            self._server.gui.set_panel_label(head)
+
+    def _make_arm(self, length: float, radius: float) -> None:
+        scene, axes = self._server.scene, {"axes_length": 0.12 * length, "axes_radius": 0.003 * length}
+        straight = np.tile(np.eye(4), (2, 1, 1))
+        straight[1, 2, 3] = length
+        colours = self._skin.colours({})
+        self._meshes = [
+            scene.add_mesh_simple(f"/arm/{name}", vertices, faces, color=_rgb(colour), visible=False)
+            for name, faces, vertices, colour in zip(
+                self._skin.names, self._skin.triangles, self._skin.vertices(straight), colours, strict=True
+            )
+        ]
+        self._frames = [scene.add_frame(f"/{name}", visible=False, **axes) for name in ("base", "tip")]
+        self._wanted = scene.add_icosphere("/wanted", 0.15 * radius, color=_REFERENCE, visible=False)
+        self._touching = (
+            [
+                scene.add_icosphere(
+                    f"/contact/{k}", 1.15 * radius, color=_CONTACT, opacity=0.5, visible=False
+                )
+                for k in range(self._robot.contacts.points_per_link * len(self._robot.links))
+            ]
+            if self._robot.contacts
+            else []
+        )
+        self._reference = scene.add_line_segments(
+            "/trail/reference", _NOTHING, _REFERENCE, thickness=2.0, thickness_units="screen"
+        )
+        self._tip_trail = scene.add_line_segments(
+            "/trail/tip", _NOTHING, _TIP, thickness=4.0, thickness_units="screen"
+        )
+
+    def _make_surroundings(self, length: float) -> None:
+        scene = self._server.scene
+        scene.add_frame("/world", axes_length=0.2 * length, axes_radius=0.004 * length)
+        scene.add_grid("/floor", 3 * length, 3 * length, cell_size=0.25 * length, section_size=length)
+        contacts = self._robot.contacts
+        for k, plane in enumerate(contacts.planes if contacts else ()):
+            scene.add_box(
+                f"/obstacle/plane{k}",
+                color=_OBSTACLE,
+                opacity=0.5,
+                dimensions=(2 * length, 2 * length, 1e-3 * length),
+                wxyz=turned_to(plane.normal),
+                position=plane.point,
+            )
+        for k, sphere in enumerate(contacts.spheres if contacts else ()):
+            scene.add_icosphere(
+                f"/obstacle/sphere{k}", sphere.radius, color=_OBSTACLE, opacity=0.5, position=sphere.centre
+            )
+
+    def _show_arm(self, now: Moment) -> None:
+        poses, known = now.backbone, now.backbone is not None
+        for item in (*self._meshes, *self._frames):
+            item.visible = known
+        self._wanted.visible = now.wanted is not None
+        if now.wanted is not None:
+            self._wanted.position = now.wanted
+        part = {name: value / self._most_pa for name, value in now.pressure.items()}
+        for mesh, colour in zip(self._meshes, self._skin.colours(part), strict=True):
+            mesh.color = _rgb(colour)
+        if poses is None:
+            return
+        vertices = self._skin.vertices(poses)
+        if not self._vertices or any(
+            np.abs(new - old).max() > _STEP_M for new, old in zip(vertices, self._vertices, strict=True)
+        ):
+            self._vertices = vertices
+            for mesh, new in zip(self._meshes, vertices, strict=True):
+                mesh.vertices = new
+            for frame, pose in zip(self._frames, (poses[0], poses[-1]), strict=True):
+                x, y, z, w = quaternion_from_matrix(pose[:3, :3])
+                frame.wxyz, frame.position = (w, x, y, z), pose[:3, 3]
+        points = touching(self._robot, poses)
+        for k, ball in enumerate(self._touching):
+            ball.visible = k < len(points)
+            if k < len(points):
+                ball.position = points[k]
+
+
+def _state(now: Moment) -> str:
+    if now.backbone is None:
+        return f"{now.t_s:.1f} s: no estimate of its shape"
+    error = "" if np.isnan(now.error_m) else f", tip {now.error_m * 1e3:.1f} mm from its reference"
+    return f"{now.t_s:.1f} s{error}"
+
+
+def _draw(line: Any, points: list[Array | None]) -> None:
+    """Draw a line through points [m], without what is not known."""
+    known = np.array([point for point in points if point is not None])
+    line.points = np.stack([known[:-1], known[1:]], axis=1) if len(known) > 1 else _NOTHING
+
+
+def _rgb(colour: Array) -> tuple[int, int, int]:
+    """Colour in steps of 1/64, so that noise of a pressure sends none."""
+    r, g, b = (min(255, 4 * round(63.75 * float(part))) for part in colour)
+    return r, g, b

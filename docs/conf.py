@@ -16,6 +16,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "four_parts",
     "mermaid",
+    "notebook",
     "reference",
 ]
 root_doc = "README"
@@ -25,10 +26,10 @@ include_patterns = [
     "bags/*.md",
     "benchmarks/*.md",
     "config/**.md",
+    "examples/*.ipynb",
     "tests/apparatus/*.md",
 ]
 exclude_patterns = [".*", "build", "runs", "*.egg-info", "lib", "soro_core", "soro_ros"]
-source_suffix = {".md": "markdown"}
 
 # Anchors of headings as on a forge.
 myst_heading_anchors = 6

@@ -1,4 +1,4 @@
-"""The sidebar of the site: its parts and their pages are those of docs/README.md, in that order."""
+"""The pages as the site needs them: a sidebar as docs/README.md has it, and no links to folders."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ GENERATED = {
 }
 MORE = ("docs/README", "CHANGELOG")
 DECISIONS = "docs/adr/README"
+LINK = re.compile(r"\[([^\]]*)\]\(([^)\s:#]+)\)")
 
 
 def toctree(pages: list[str], caption: str = "") -> str:
@@ -53,7 +54,14 @@ def append(app: Any, docname: str, source: list[str]) -> None:
         source[0] += toctree([f"docs/adr/{page.stem}" for page in decisions])
 
 
+def unlink_folders(app: Any, docname: str, source: list[str]) -> None:
+    """Leave the words of links to folders, which a forge lists and a site has not."""
+    folder = app.env.doc2path(docname).parent
+    source[0] = LINK.sub(lambda link: link[1] if (folder / link[2]).is_dir() else link[0], source[0])
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Extend Sphinx."""
+    app.connect("source-read", unlink_folders)
     app.connect("source-read", append)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -46,7 +46,7 @@ def _outputs(code: str, scope: dict[str, Any]) -> list[dict[str, Any]]:
         found.append({"output_type": "stream", "name": "stdout", "text": text.splitlines(keepends=True)})
     if plt.get_fignums():
         drawn = io.BytesIO()
-        plt.gcf().savefig(drawn, dpi=70, bbox_inches="tight", metadata={"Software": None})
+        plt.gcf().savefig(drawn, dpi=100, bbox_inches="tight", metadata={"Software": None})
         plt.close("all")
         data = {"image/png": base64.b64encode(drawn.getvalue()).decode(), "text/plain": ["a picture"]}
         found.append({"output_type": "display_data", "data": data, "metadata": {}})

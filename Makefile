@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run gallery identify test pytest alicatlib colcon lint bench newest-numba clean
+.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench newest-numba clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -19,12 +19,16 @@ identify: $(VENV)/.installed-test
 
 # In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test
-	@$(MAKE) --no-print-directory --keep-going -j 2 lint pytest
+	@$(MAKE) --no-print-directory --keep-going -j 2 lint docs pytest
 
 # The tests start hundreds of processes; without byte code each of them would compile the package anew.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(VENV)/.installed-test
 	$(BIN)/pytest -n 2
+
+# The site of the pages: open build/docs/index.html, which needs no network. A warning is an error.
+docs: $(VENV)/.installed-test
+	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -c docs -d build/.doctrees . build/docs
 
 # The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
 alicatlib: $(VENV)/.installed-test
@@ -69,7 +73,7 @@ $(VENV)/.installed: pyproject.toml setup.py | $(VENV)/bin/python
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml setup.py | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,test]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,test,docs]'
 	@touch $@ $(VENV)/.installed
 
 clean:

@@ -114,7 +114,7 @@ def run(options: Options) -> str:
     names = ", ".join(dict.fromkeys(step.run for step in out))
     return "\n\n".join(
         [
-            f"`config/robots/{ROBOT}.yaml` by `examples/fit_silicone_segment.py`. Held out, by a rule on the "
+            f"`config/robots/{ROBOT}.yaml` by `benchmarks/fit_srl.py`. Held out, by a rule on the "
             f"names (every second level of each tracker, but not the highest): {names}. Medians over steps:",
             table(["", "goal", "held out", "", "fitted"], rows),
             "Ring-down: a damped sine on a line and two decays (`soro_core/identification/ring.py`), fitted "

@@ -15,7 +15,7 @@ from test_canopen_mapping import FOUR, SCALING
 from test_conformance import LINE
 from vtem_bench import VtemBench, vtem_platform
 
-from examples.line_family import LineDevice, LinePlatform, LineRegulator
+from docs.line_family import LineDevice, LinePlatform, LineRegulator
 from soro_core.config import parse
 from soro_core.emulation.devices import EmulatedDevices
 from soro_core.emulation.veab import EmulatedVeabServer

@@ -16,7 +16,7 @@ from hardware_bench import PERIOD_NS, Bench, platform
 from serial_bench import AIR, COMMON, SerialBench, alicat, itv
 from vtem_bench import VtemBench, vtem_platform
 
-from examples.line_family import LineDevice, LinePlatform, LineRegulator
+from docs.line_family import LineDevice, LinePlatform, LineRegulator
 from soro_core.config import parse
 from soro_core.errors import HardwareError
 from soro_core.hardware.families import load_platform, open_regulator

@@ -1,6 +1,6 @@
 """Print the tables of docs/model.md that help to choose the number of nodes a link.
 
-    python examples/model_nodes.py
+    python docs/model_nodes.py
 
 Errors are relative to the largest entry: the worst of inertia matrix, Coriolis and gravity force, and the
 distance of the tip over the length.

@@ -1,6 +1,6 @@
 """Draw the pictures of docs/model.md: backbone and frames, strains and their shape functions, convergence.
 
-python examples/model_pictures.py [--folder docs/images]
+python docs/model_pictures.py [--folder docs/images]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Find the robot srl_one_segment from its recorded steps.
 
-    python examples/fit_silicone_segment.py DATA_FOLDER [--out YAML]
+    python -m benchmarks.fit_srl DATA_FOLDER [--out YAML]
 
 DATA_FOLDER holds step_A_*.csv and step_C_*.csv. The pressure was not recorded, so the fit looks at figures
 that hardly depend on how it rose: how far the tip is at the end of a fill, and frequency and damping ratio of
@@ -35,7 +35,7 @@ from soro_core.identification.tip_steps import (
 from soro_core.robot import Robot
 from soro_core.robot.parts import fields
 
-GUESS = Path(__file__).parent / "srl_guess.yaml"
+GUESS = Path("examples/srl_guess.yaml")
 MAPS = {"step_A": "srl_step_a", "step_C": "srl_step_c"}
 DOWN = np.array([1.0, 0.0, 0.0])
 # Expected relative errors of a displacement, and of frequency and damping ratio: the goals on unseen runs.

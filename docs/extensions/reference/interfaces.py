@@ -1,0 +1,110 @@
+"""Print topics, types, quality of service and services of every node, each configured as by its defaults.
+
+A process of its own: the regulator drives emulated valves, and the player has a recording.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+PLATFORM = "emulated_canopen"
+ROOT = Path(__file__).parents[3]
+BAG = ROOT / "bags" / "track_circle_lockstep_2s"
+# Parameters without which a node does not configure.
+GIVEN = {
+    "regulator": ("platform:={platform}", "device:={device}"),
+    "exciter": ("platform:={platform}", "pose_rate_hz:=100.0"),
+    "recorder": ("folder:={folder}/bag",),
+    "player": ("bag:={bag}",),
+}
+NODES = [path.stem for path in sorted((ROOT / "soro_ros" / "nodes").glob("[!_]*.py"))]
+# What every node of ROS has.
+_OF_ROS = ("/rosout", "/parameter_events", "/diagnostics", "/clock")
+
+
+def node_class(name: str) -> Any:
+    """Return the class of a node by its name."""
+    from soro_ros.lifecycle import SoroNode
+
+    module = import_module(f"soro_ros.nodes.{name}")
+    classes = (one for one in vars(module).values() if isinstance(one, type) and issubclass(one, SoroNode))
+    return next(one for one in classes if one.__module__ == module.__name__)
+
+
+def interfaces(name: str, arguments: list[str]) -> dict[str, list[list[str]]]:
+    """Return what a node has once it is configured.
+
+    Parameters
+    ----------
+    name : str
+    arguments : list of str
+        Its parameters, ``key:=value``.
+    """
+    import rclpy
+
+    from soro_ros import middleware
+
+    sys.argv = [
+        name,
+        *(["--ros-args"] if arguments else []),
+        *(word for one in arguments for word in ("-p", one)),
+    ]
+    middleware.init(sys.argv)
+    node = node_class(name)()
+    common = {one.srv_name for one in node.services}
+    if name != "exciter":  # its plan, which it makes as it compiles, is needed; others only warm up
+        node.compile = lambda warm_up: None
+    node.trigger_configure()
+    if node.failure is not None:
+        raise SystemExit(str(node.failure))
+    found = {
+        "publishes": [_topic(one) for one in node.publishers if one.topic_name not in _OF_ROS],
+        "subscribes to": [_topic(one) for one in node.subscriptions if one.topic_name not in _OF_ROS],
+        "serves": [
+            [one.srv_name, _type(one.srv_type)] for one in node.services if one.srv_name not in common
+        ],
+    }
+    node.make_safe()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    return found
+
+
+def _topic(one: Any) -> list[str]:
+    kind, quality = one.msg_type, one.qos_profile
+    words = (quality.reliability.name, quality.durability.name)
+    return [one.topic_name, _type(kind), f"{', '.join(words).lower().replace('_', ' ')}, {quality.depth}"]
+
+
+def _type(kind: type) -> str:
+    package, group, *_ = kind.__module__.split(".")
+    return f"{package}/{group}/{kind.__name__}"
+
+
+def main() -> None:
+    """Start emulated valves, configure the nodes one after the other, print."""
+    with tempfile.TemporaryDirectory() as folder:
+        device = f"{folder}/valves"
+        command = [sys.executable, "-m", "soro_ros.cli", "emulate", PLATFORM, "--device-link", device]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as valves:
+            try:
+                assert valves.stdout is not None
+                valves.stdout.readline()  # ready
+                places = {"platform": PLATFORM, "device": device, "folder": folder, "bag": BAG}
+                found = {
+                    name: interfaces(name, [one.format(**places) for one in GIVEN.get(name, ())])
+                    for name in NODES
+                }
+            finally:
+                valves.terminate()
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

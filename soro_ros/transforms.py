@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
@@ -41,10 +39,11 @@ class ArmTransforms:
         if not wanted:
             return
         try:
-            self._kind = importlib.import_module("tf2_msgs.msg").TFMessage
+            from tf2_msgs.msg import TFMessage
         except ImportError:
             node.get_logger().info("no /tf: the package tf2_msgs is not installed")
             return
+        self._kind = TFMessage
         self._tip = node.create_publisher(self._kind, "/tf", qos.RELIABLE)
         fixed = node.create_publisher(self._kind, "/tf_static", qos.LATCHED)
         now_ns = node.get_clock().now().nanoseconds

@@ -63,6 +63,7 @@ class Recorder(SoroNode[RecorderConfig]):
         self._streams: dict[str, _Stream] = {}
         self._refused: set[str] = set()
         folder = Path(self._config.folder or f"bag-{datetime.now():%Y%m%d-%H%M%S}").expanduser()
+        self.diagnostics.hardware_id = folder.name
         writer = BagWriter(
             folder,
             self._config.compression,

@@ -81,6 +81,17 @@ def test_a_bound_is_the_one_that_the_controller_keeps(monkeypatch, tmp_path, hig
     assert report.summarise("", load_scene("track_circle", changes)).saturated_part == pytest.approx(2 / 3)
 
 
+def test_a_chamber_without_a_reading_hides_no_pressure_of_the_others(monkeypatch):
+    t = np.arange(0.0, 20.0, 0.005)
+    tip = Series(t, np.zeros((t.size, 3)))
+    reading = Series(t, np.full((t.size, 3), [30e3, 10e3, 2e3]))
+    reading.value[2000:, 1] = np.nan
+    bag = Recording(tip, tip, tip, reading, reading, EMPTY, {}, ())
+    monkeypatch.setattr(report, "read", lambda bag_folder, name: bag)
+    found = report.summarise("", load_scene("track_circle"))
+    assert (found.pressure_min_pa, found.pressure_max_pa) == (2e3, 30e3)
+
+
 FIRST, LAST = "tip error RMS, 3 to 8 s", "tip error RMS, last 5 s"
 
 

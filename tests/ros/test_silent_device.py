@@ -112,6 +112,10 @@ def test_without_all_readings_there_is_no_estimate_and_nothing_is_drawn(domain):
             fire(node, 0.05)
         assert (len(drawn), len(sent)) == (3, count + 2)
         assert node.diagnostics.status.level == OK
+        tick(node, 42, np.zeros(3))
+        tick(node, 43, SILENT)
+        fire(node, 0.05)
+        assert len(drawn) == 3, "there is no estimate any more"
 
 
 def test_the_backbone_stops_when_no_sample_comes(domain):

@@ -112,7 +112,7 @@ def draw(scene: Scene, run_folder: Path) -> None:
     else:
         draw_error(axes[1], shown)
     for axis in axes:
-        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, fontsize="small")
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, fontsize="small")
     figure.savefig(file, dpi=WIDTH_PX / 12.0)
     plt.close(figure)
     pixels = Image.open(file).convert("RGB")

@@ -49,7 +49,7 @@ def scene_tree(
     period = _period(robot)
     return {
         "name": Noted(arm.name, ""),
-        "description": Noted(f"{arm.name}: {_SHOWS[reference.kind]}", "of soro scenes"),
+        "description": Noted(_SHOWS[reference.kind], "of soro scenes"),
         "robot": Noted(names[0], "beside this file"),
         "platform": Noted(names[1], "beside this file"),
         "mode": Noted("real_time", "or lockstep: deterministic, as fast as possible (--set mode=lockstep)"),

@@ -95,7 +95,7 @@ class Browser:
 
 
 @contextlib.contextmanager
-def browser(folder: Path, width: int = 1000, height: int = 700) -> Iterator[Browser]:
+def browser(folder: Path, width: int = 800, height: int = 500) -> Iterator[Browser]:
     """Start Chromium with a profile in a folder."""
     assert PROGRAM is not None
     command = [

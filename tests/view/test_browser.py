@@ -35,7 +35,9 @@ def address(bench, tmp_path):
     """Address of a viewer of these valves, with its token."""
     told = tmp_path / "address"
     command = [sys.executable, "-m", "soro_ros.nodes.viewer", "--ros-args", "-r", "__ns:=/bench"]
-    process = subprocess.Popen([*command, "-p", f"address_file:={told}", "-p", "port:=18380"])
+    process = subprocess.Popen(
+        [*command, "-p", f"address_file:={told}", "-p", "port:=18380", "-p", "rate_hz:=5.0"]
+    )
     try:
         chromium.until(lambda: told.exists() and told.read_text(), "an address")
         assert told.stat().st_mode & 0o777 == 0o600
@@ -59,6 +61,7 @@ def pass_time(bench):
     return cycle
 
 
+@pytest.mark.timeout(600)  # the browser draws without a graphics card
 def test_a_browser_shows_the_arm_and_its_button_vents_only_with_the_token(
     bench, address, pass_time, tmp_path
 ):
@@ -75,7 +78,7 @@ def test_a_browser_shows_the_arm_and_its_button_vents_only_with_the_token(
         page.open(address)
         shows("open")
         assert "token" not in page.ask("location.href")
-        chromium.until(lambda: pass_time() or bellow(page.picture()) > 300, "a bellow under pressure")
+        chromium.until(lambda: pass_time() or bellow(page.picture()) > 100, "a bellow under pressure")
         page.click("vent")
         assert "vent" in bench.fault()
         bench.wait_empty()
@@ -84,5 +87,5 @@ def test_a_browser_shows_the_arm_and_its_button_vents_only_with_the_token(
 
 def bellow(picture: np.ndarray) -> int:
     """Pixels of the blue of the first chamber, left of the panel."""
-    red, _, blue = np.moveaxis(picture[:, :600].astype(int), 2, 0)
-    return int(np.sum(blue > red + 40))
+    red, green, blue = np.moveaxis(picture[:, :450].astype(int), 2, 0)
+    return int(np.sum((blue > red + 40) & (green > red + 10)))  # no axis, which is pure blue

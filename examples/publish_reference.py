@@ -1,8 +1,9 @@
-"""A node of your own: it leads the tip of a running arm along a square, one PoseStamped after the other.
+"""A node of your own: it leads the tip of a running arm (soro run track_circle) along a square.
 
-soro run track_circle --set duration_s=60 &
 python examples/publish_reference.py --ros-args -r __ns:=/track_circle
 """
+
+import contextlib
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
@@ -35,4 +36,5 @@ class Square(Node):
 
 if __name__ == "__main__":
     rclpy.init()
-    rclpy.spin(Square())
+    with contextlib.suppress(KeyboardInterrupt):
+        rclpy.spin(Square())

@@ -10,8 +10,8 @@ import mermaidx
 from docutils import nodes
 from docutils.parsers.rst import Directive
 
-# Letters of 16 px are as large as those of the page's tables.
-SCALE = 0.8
+# The widest diagram of the pages just fits.
+SCALE = 0.48
 
 
 class Mermaid(Directive):

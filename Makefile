@@ -48,7 +48,7 @@ bench: $(VENV)/.installed
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python -m benchmarks
 
-# Ten minutes of the loop in one process: fails where memory or file handles grow. SOAK='--minutes 1 --rate-hz 200'
+# Ten minutes of the loop in one process: fails where memory or file handles grow. SOAK='--minutes 1 --rate-hz 100'
 soak: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.soak $(SOAK)
 

@@ -59,8 +59,8 @@ def run(options: Options) -> str:
             f"{seconds:g} s, nobody reading along. In time: the limiter has the command that answers the "
             "readings of a tick before the next tick is due; a skipped tick is not. Times are median, 99th "
             "percentile and largest. The bare loop sleeps to each due time and does nothing, a quarter of "
-            "the time before and a quarter after; what it lacks is the machine's. Others: what other programs "
-            "took of all cores meanwhile.",
+            "the time before and a quarter after; what it lacks is the machine's. Others: what other "
+            "programs took of all cores meanwhile.",
             table(head, rows),
             "What a cycle of the last line costs, by CPU time; the rest is messages in Python, executor and "
             "middleware:",

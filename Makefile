@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench newest-numba clean
+.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench soak newest-numba clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -55,6 +55,10 @@ bench: $(VENV)/.installed
 	-$(MAKE) newest-numba
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python -m benchmarks
+
+# Ten minutes of the loop in one process: fails where memory or file handles grow. SOAK='--minutes 1 --rate-hz 100'
+soak: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.soak $(SOAK)
 
 # Tests of the model on the newest numba, whatever pyproject.toml allows; if they pass, raise its limit.
 newest-numba: NUMBA := .venv-numba

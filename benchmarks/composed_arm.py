@@ -43,7 +43,7 @@ def parameter_file(folder: Path, rate_hz: float, **changes: Any) -> Path:
         "/**/twin": {"refine": 2, "payload_kg": 0.01, "pose": pose, "regulator": regulators},
         "/**/controller": {
             "platform": "",
-            "regulator": regulators,
+            "regulator": dict(regulators),  # the parser of ROS takes no alias
             "enabled": True,
             "control": {"law": "composite", "reference": reference},
         },

@@ -1,4 +1,4 @@
-"""The composed process from within: ``python -m benchmarks.composed_process SECONDS --ros-args ...``.
+"""The composed process from within: ``python -m benchmarks.composed_process SECONDS FIRST --ros-args ...``.
 
 A cycle begins when its tick is due, and its work has ended when the limiter has the command that answers the
 readings of this tick: by then twin, estimator and controller have run. It is in time if that is before the
@@ -27,8 +27,6 @@ from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.twin import TwinNode
 
-# Time from the first tick until the cycles count [s]: the passage to the circle, and what is learned first.
-WARM_UP_S = 5.0
 # What the work of a cycle is counted as; all else is Python's messages, the executor and the middleware.
 PARTS = {
     "controller": ((Controller, "step"),),
@@ -41,12 +39,13 @@ PARTS = {
 class MeasuredTwin(TwinNode):
     """The twin, which notes when each of its ticks begins and when its command has come."""
 
-    seconds = 1.0
+    seconds, first_s = 1.0, 0.0
+    """Time that counts, and the time before it [s]."""
 
     def setup(self, config: TwinConfig) -> None:
         super().setup(config)
         count = round(self.seconds * config.rate_hz)
-        self._first_tick = round(WARM_UP_S * config.rate_hz)
+        self._first_tick = round(self.first_s * config.rate_hz)
         self._begins, self._ends = np.full(count, np.nan), np.full(count, np.nan)
         self._start: tuple[float, float, float] | None = None
         self._parts_s = dict.fromkeys(PARTS, 0.0)
@@ -128,8 +127,8 @@ def _busy_s() -> float:
 
 def main() -> None:
     """Run until the cycles are over."""
-    MeasuredTwin.seconds = float(sys.argv[1])
-    run_nodes((EstimatorNode, ControllerNode, MeasuredTwin), PROGRAM, sys.argv[2:])
+    MeasuredTwin.seconds, MeasuredTwin.first_s = map(float, sys.argv[1:3])
+    run_nodes((EstimatorNode, ControllerNode, MeasuredTwin), PROGRAM, sys.argv[3:])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A long run of the composed process: does its memory grow, or its file handles? ``make soak``.
 
-``python -m benchmarks.soak --minutes 10 --rate-hz 500``: starts the arm as a user would, without a recorder,
+``python -m benchmarks.soak --minutes 10 --rate-hz 200``: starts the arm as a user would, without a recorder,
 and looks from outside once a second. Exit status 1 where memory or handles grow, or the control has ended.
 """
 
@@ -131,7 +131,7 @@ def rows(looks: list[Look], parts: int = 10) -> list[list[object]]:
 
 def soak(
     minutes: Annotated[float, typer.Option(min=0.1, help="duration [min]")] = 10.0,
-    rate_hz: Annotated[float, typer.Option(min=1.0, max=1000.0, help="rate of the loop [1/s]")] = 500.0,
+    rate_hz: Annotated[float, typer.Option(min=1.0, max=1000.0, help="rate of the loop [1/s]")] = 200.0,
 ) -> None:
     """Run the composed process for a long time; exit status 1 where its memory or its handles grow."""
     console = Console()

@@ -6,6 +6,7 @@ A process of its own: the regulator drives emulated valves, and the player has a
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -23,26 +24,31 @@ GIVEN = {
     "recorder": ("folder:={folder}/bag",),
     "player": ("bag:={bag}",),
 }
-NODES = [path.stem for path in sorted((ROOT / "soro_ros" / "nodes").glob("[!_]*.py"))]
+FOLDER = ROOT / "soro_ros" / "nodes"
 # What every node of ROS has.
 _OF_ROS = ("/rosout", "/parameter_events", "/diagnostics", "/clock")
 
 
-def node_class(name: str) -> Any:
-    """Return the class of a node by its name."""
+def node_classes() -> dict[str, Any]:
+    """Return the class of each node by its name; a module that only puts nodes together has none."""
     from soro_ros.lifecycle import SoroNode
 
-    module = import_module(f"soro_ros.nodes.{name}")
-    classes = (one for one in vars(module).values() if isinstance(one, type) and issubclass(one, SoroNode))
-    return next(one for one in classes if one.__module__ == module.__name__)
+    found = {}
+    for path in sorted(FOLDER.glob("[!_]*.py")):
+        module = import_module(f"soro_ros.nodes.{path.stem}")
+        for one in vars(module).values():
+            if isinstance(one, type) and issubclass(one, SoroNode) and one.__module__ == module.__name__:
+                found[path.stem] = one
+    return found
 
 
-def interfaces(name: str, arguments: list[str]) -> dict[str, list[list[str]]]:
+def interfaces(name: str, node_class: Any, arguments: list[str]) -> dict[str, list[list[str]]]:
     """Return what a node has once it is configured.
 
     Parameters
     ----------
     name : str
+    node_class : type
     arguments : list of str
         Its parameters, ``key:=value``.
     """
@@ -56,7 +62,7 @@ def interfaces(name: str, arguments: list[str]) -> dict[str, list[list[str]]]:
         *(word for one in arguments for word in ("-p", one)),
     ]
     middleware.init(sys.argv)
-    node = node_class(name)()
+    node = node_class()
     common = {one.srv_name for one in node.services}
     if name != "exciter":  # its plan, which it makes as it compiles, is needed; others only warm up
         node.compile = lambda warm_up: None
@@ -98,12 +104,13 @@ def main() -> None:
                 valves.stdout.readline()  # ready
                 places = {"platform": PLATFORM, "device": device, "folder": folder, "bag": BAG}
                 found = {
-                    name: interfaces(name, [one.format(**places) for one in GIVEN.get(name, ())])
-                    for name in NODES
+                    name: interfaces(name, one, [given.format(**places) for given in GIVEN.get(name, ())])
+                    for name, one in node_classes().items()
                 }
             finally:
                 valves.terminate()
-    print(json.dumps(found))
+    print(json.dumps(found), flush=True)
+    os._exit(0)  # threads of a node may still serve
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ HEAD = ("topic", "type", "quality of service, depth")
 
 def pages() -> dict[str, tuple[str, str, str]]:
     """Return the pages of parameters and topics."""
-    from reference.interfaces import NODES, node_class
+    from reference.interfaces import node_classes
 
     # The nodes run in a process of their own: without compiled kernels they are there at once.
     surroundings = {**os.environ, "NUMBA_DISABLE_JIT": "1", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -27,8 +27,8 @@ def pages() -> dict[str, tuple[str, str, str]]:
     if asked.returncode:
         raise RuntimeError(f"{INTERFACES.name} failed:\n{asked.stderr}")
     found = json.loads(asked.stdout.splitlines()[-1])
-    parameters = "\n".join(_parameters(node_class(name)) for name in NODES)
-    topics = "\n".join(_topics(name, found[name]) for name in NODES)
+    parameters = "\n".join(_parameters(node) for node in node_classes().values())
+    topics = "\n".join(_topics(name, topics) for name, topics in found.items())
     about = "Parameters of each node, `soro_NAME --ros-args -p PARAMETER:=VALUE`, with default and meaning."
     seen = (
         "Topics and services of each node in real time with its default parameters, in the namespace of the "

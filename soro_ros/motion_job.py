@@ -111,12 +111,33 @@ class MotionReports:
     def end(
         self, job: Job, state: str, text: str, t: float | None = None, off_m: float | None = None
     ) -> None:
-        """Report the end of a motion."""
+        """Report the end of a motion.
+
+        Parameters
+        ----------
+        job : Job
+        state : str
+            Its last state.
+        text : str
+        t : float, optional
+            Time [s].
+        off_m : float, optional
+            Distance of the tip from the end [m].
+        """
         job.state = state
         self.report(job, text, t, off_m)
 
     def refuse(self, topic: str, stamp_ns: int, text: str) -> None:
-        """Report that a message is refused."""
+        """Report that a message is refused.
+
+        Parameters
+        ----------
+        topic : str
+        stamp_ns : int
+            Of the message.
+        text : str
+            Why.
+        """
         self._publish(REFUSED, ERROR, text, {"topic": topic, "stamp_ns": stamp_ns})
 
     def report(self, job: Job, text: str, t: float | None = None, off_m: float | None = None) -> None:

@@ -130,6 +130,13 @@ class MotionTopic:
         """Report the motion to a reference that came by another topic and is followed from now on.
 
         A repeated one changes nothing, and in a stream the newest message counts for all.
+
+        Parameters
+        ----------
+        topic : str
+        stamp_ns : int
+            Of the message.
+        reference : Reference
         """
         state, t = (None, 0.0) if self._now is None else self._now
         following = None if state is None else state.following
@@ -147,7 +154,15 @@ class MotionTopic:
         self._reports.report(job, "")
 
     def refuse(self, topic: str, stamp_ns: int, reason: str) -> None:
-        """Report that a message is refused."""
+        """Report that a message is refused.
+
+        Parameters
+        ----------
+        topic : str
+        stamp_ns : int
+            Of the message.
+        reason : str
+        """
         self._refuse(reason)
         self._reports.refuse(topic, stamp_ns, reason)
 

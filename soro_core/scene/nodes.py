@@ -16,6 +16,7 @@ from soro_core.hardware import PlatformBase, load_platform
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority, RobotKeys
 from soro_core.safety import Limits
+from soro_core.start_keys import StartKeys
 
 
 class RegulatorNodeConfig(NodeKeys, LimitKeys):
@@ -104,10 +105,9 @@ class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):
     filter: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
 
 
-class MarkersConfig(RobotKeys):
+class MarkersConfig(RobotKeys, StartKeys):
     """Parameters of the markers node."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     rate_hz: float = Field(20.0, gt=0, le=30, description="most pictures a second")
     trail_s: float = Field(4.0, gt=0, le=600, description="time that the trails of tip and reference show")
     full_pa: float = Field(

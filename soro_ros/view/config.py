@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from soro_core.config import Strict
+from soro_core.start_keys import StartKeys
 
 
-class ViewerConfig(Strict):
+class ViewerConfig(StartKeys):
     """Parameters of the viewer."""
 
-    autostart: bool = Field(True, description="configure and activate at start")
     robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
     payload_kg: float = Field(0.0, ge=0, le=100, description="payload drawn at the tip [kg]; 0: none")
     rate_hz: float = Field(20.0, ge=1, le=60, description="pictures a second, at most")

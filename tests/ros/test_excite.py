@@ -146,7 +146,7 @@ def test_an_interrupt_vents_closes_the_bag_and_is_no_error(domain, tmp_path):
     folder = only_run(tmp_path / "runs")
     assert "vented; bag closed" in err
     assert json.loads((folder / "summary.json").read_text())["verdict"] == "interrupted"
-    assert Bag(folder).command[-1, 0] >= 2.0
+    assert Bag(folder).command[-1, 0] >= 2.0 - 0.005  # the clock is a tick ahead of the commands
 
 
 @pytest.mark.parametrize(

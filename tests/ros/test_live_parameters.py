@@ -178,7 +178,7 @@ def test_parameters_say_what_they_allow(started):
     assert (count.from_value, count.to_value) == (1, 64)
     assert node.describe_parameter("mode").additional_constraints == "real_time, lockstep"
     kind = node.describe_parameter("control.reference.kind")
-    assert kind.additional_constraints == "circle, set_point, hold"
+    assert kind.additional_constraints == "circle, set_point, path, hold"
     assert not kind.read_only
     assert all(node.describe_parameter(name).read_only for name in READ_ONLY)
     for name in READ_ONLY:

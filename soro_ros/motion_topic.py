@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,9 +25,9 @@ from soro_core.control.path_coordinates import Planning
 from soro_core.control.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
 from soro_core.frames import Frames
-from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 from soro_ros import messages, qos
 from soro_ros.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
+from soro_ros.path_message import poses_in_world
 from soro_ros.ports import Input, Inputs
 
 TOPIC = "arm/reference/path"
@@ -198,7 +198,7 @@ class MotionTopic:
             return  # a repeated message changes nothing
         stamp_ns = messages.to_ns(message.header.stamp)
         try:
-            positions, orientations = self._poses(message)
+            positions, orientations = poses_in_world(message, TOPIC, self._frames, self._controller.robot)
             self._reached()
             path = _Path(TOPIC, stamp_ns, self._settings())
             path.steps = self._steps(path.config, positions, orientations)
@@ -214,27 +214,6 @@ class MotionTopic:
         self._reports.report(path, "")
         if self._lockstep:
             self._plan(path, np.inf)
-
-    def _poses(self, message: Path) -> tuple[np.ndarray, np.ndarray | None]:
-        """Positions and orientations in the world."""
-        frame, names = message.header.frame_id, self._frames
-        for k, pose in enumerate(message.poses):
-            if pose.header.frame_id not in ("", frame):
-                allowed = f"{frame or 'none'}, as the path, or none"
-                raise ConfigError(TOPIC, f"poses[{k}].header.frame_id", pose.header.frame_id, allowed)
-        if frame not in ("", names.base, names.world):
-            allowed = f"{names.base} (frames.base), or none, or {names.world} (frames.world)"
-            raise ConfigError(TOPIC, "header.frame_id", frame, allowed)
-        arrays = [messages.pose_arrays(pose.pose) for pose in message.poses]
-        positions = np.array([position for position, _ in arrays]).reshape(-1, 3)
-        orientations = np.array([orientation for _, orientation in arrays]).reshape(-1, 4)
-        if frame != names.world and len(positions):
-            robot = self._controller.robot
-            base = matrix_from_quaternion(np.asarray(robot.base_quaternion, dtype=np.float64))
-            positions = positions @ base.T + np.asarray(robot.base_position)
-            orientations = _turned(base, orientations)
-        # An orientation of zeros is one that was not stated.
-        return positions, orientations if np.any(orientations) else None
 
     def _steps(
         self, config: MotionConfig, positions: np.ndarray, orientations: np.ndarray | None
@@ -300,13 +279,3 @@ class MotionTopic:
 
 def _rests(point: Point) -> bool:
     return not (np.any(point.qd) or np.any(point.qdd))
-
-
-def _turned(base: np.ndarray, orientations: Sequence[np.ndarray]) -> np.ndarray:
-    """Orientations in the base as those in the world; zeros stay."""
-    return np.array(
-        [
-            quaternion_from_matrix(base @ matrix_from_quaternion(one)) if np.any(one) else one
-            for one in orientations
-        ]
-    )

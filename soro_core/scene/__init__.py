@@ -1,6 +1,7 @@
 """A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
 
 from soro_core.scene.check import check_gains, check_model, check_plant, check_scene
+from soro_core.scene.load import load_scene
 from soro_core.scene.model import ModelSection, Requirement
 from soro_core.scene.nodes import (
     ControllerNodeConfig,
@@ -9,7 +10,7 @@ from soro_core.scene.nodes import (
     MarkersConfig,
     RegulatorNodeConfig,
 )
-from soro_core.scene.scene import Scene, load_scene
+from soro_core.scene.scene import Scene
 
 __all__ = [
     "ControllerNodeConfig",

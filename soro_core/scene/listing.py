@@ -7,7 +7,8 @@ from pathlib import Path
 
 from soro_core.config import config_folder, read_yaml
 from soro_core.errors import ConfigError
-from soro_core.scene.scene import Scene, load_scene
+from soro_core.scene.load import load_scene
+from soro_core.scene.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, changed, find_config, parse, read_yaml
+from soro_core.config import Strict, changed
 from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.registry import find_law
 from soro_core.emulation.vocabulary import Injection
@@ -19,7 +18,6 @@ from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
-from soro_core.safety import Rating, check_rating
 from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import (
     ControllerNodeConfig,
@@ -30,9 +28,6 @@ from soro_core.scene.nodes import (
 )
 from soro_core.scene.sections import RecorderSection, VerdictSection, sample_keys
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
-
-# Keys of a scene that name files.
-_FILES = ("robot", "platform", "controller")
 
 
 class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
@@ -267,56 +262,3 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             imu_locations=self.twin.imu.locations,
             reach=self.verdict.tip_error_part,
         )
-
-
-def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene:
-    """Read a scene, by path or by name, with changes like ``{"controller.adapt": False}`` applied.
-
-    Files that it names are found beside it, else from the working directory; those of the changes from there.
-
-    Raises
-    ------
-    ConfigError
-        Naming the file, the key, what was found and what is allowed.
-    """
-    path = find_config(name, "scenes")
-    data = read_yaml(path)
-    data |= {key: _beside(path.parent, data[key]) for key in _FILES if key in data}
-    if isinstance(twin := data.get("twin"), dict) and "plant" in twin:
-        data["twin"] = twin | {"plant": _beside(path.parent, twin["plant"])}
-    _read_controller(data)
-    for key, value in (changes or {}).items():
-        _set(data, key, value, str(path))
-        _read_controller(data)
-    data.setdefault("name", path.stem)
-    scene = parse(data, Scene, where=str(path))
-    platform = scene.loaded_platform
-    check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
-    for number, fault in enumerate(scene.faults):
-        if platform and fault.chamber and fault.chamber not in platform.chamber_names:
-            allowed = f"one of {', '.join(platform.chamber_names)}"
-            raise ConfigError(str(path), f"faults[{number}].chamber", fault.chamber, allowed)
-    return scene
-
-
-def _beside(folder: Path, name: Any) -> Any:
-    """Return the path of a file in a folder by its name there; any other value as it is."""
-    if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-        return str((folder / name).absolute())
-    return name
-
-
-def _read_controller(data: dict[str, Any]) -> None:
-    """Replace the name of a controller file by its content."""
-    if isinstance(name := data.get("controller"), str):
-        data["controller"] = read_yaml(find_config(name, "controllers"))
-
-
-def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:
-    *parents, leaf = key.split(".")
-    for parent in parents:
-        inner = data.setdefault(parent, {})
-        if not isinstance(inner, dict):
-            raise ConfigError(where, key, value, f"{parent} is a value, not a section")
-        data = inner
-    data[leaf] = value

@@ -17,6 +17,7 @@ FOLDERS = (
     "soro_core/emulation",
     "soro_core/estimation",
     "soro_core/excitation",
+    "soro_core/fem",
     "soro_core/hardware",
     "soro_core/hil",
     "soro_core/identification",

@@ -1,0 +1,84 @@
+"""Material files: their stress, their stability, and what is refused."""
+
+import pytest
+
+from soro_core.config import config_folder
+from soro_core.fem.material import first_unstable, load_material, material_from_dict, nominal_stress
+from tests.refused import refused
+
+# Nominal stress at stretch 2 [MPa], by hand from the constants of the presets.
+AT_TWO = {
+    "dragonskin_10": 0.13047,
+    "dragonskin_30": 0.56000,
+    "ecoflex_00_10": 0.00867,
+    "ecoflex_00_30": 0.05767,
+    "ecoflex_00_50": 0.05215,
+    "elastic_50a": 1.8772,
+    "elastosil_28": 0.66500,
+    "rtv_615": 0.80395,
+    "ninjaflex_85": 7.8400,
+    "tpu_90": 4.3125,
+}
+YEOH = {"kind": "hyperelastic", "source": "a test", "c1_pa": 1e5, "poisson_ratio": 0.49}
+
+
+@pytest.mark.parametrize("name", AT_TWO)
+def test_stress_of_the_shipped_materials(name):
+    assert nominal_stress(load_material(name), 2.0) / 1e6 == pytest.approx(AT_TWO[name], rel=1e-3)
+
+
+def test_every_shipped_material_is_tested_and_has_a_source():
+    files = {path.stem for path in (config_folder() / "materials").glob("*.yaml")}
+    assert files == set(AT_TWO)
+    assert all("SorotokiCode" in load_material(name).source for name in files)
+
+
+def test_moduli_of_small_strains():
+    material = load_material("tpu_90")
+    assert material.shear_modulus_pa == pytest.approx(6.9e6 / 2.8)
+    # E = 9 K mu / (3 K + mu)
+    K, mu = material.bulk_modulus_pa, material.shear_modulus_pa
+    assert 9 * K * mu / (3 * K + mu) == pytest.approx(6.9e6)
+    # The slope of the stress at constant volume is 3 mu.
+    assert nominal_stress(material, 1 + 1e-6) / 1e-6 == pytest.approx(3 * mu, rel=1e-5)
+
+
+def test_a_softening_law_is_refused_where_it_is_not_stable():
+    soft = {**YEOH, "c2_pa": -1.2e4, "stretch_range": [0.9, 1.1]}
+    assert material_from_dict(soft).c2_pa == -1.2e4
+    with refused("stretch_range"):
+        material_from_dict({**soft, "stretch_range": [0.3, 3.0]})
+
+
+def test_the_limit_of_stability_is_that_of_the_uniaxial_curve():
+    """The true stress of a softening Yeoh law in tension peaks beyond the first unstable stretch."""
+    material = material_from_dict({**YEOH, "c2_pa": -1.2e4, "stretch_range": [0.9, 1.1]})
+    slopes = [
+        (1.01 * s * nominal_stress(material, 1.01 * s) - s * nominal_stress(material, s), s)
+        for s in (1.0 + 0.01 * k for k in range(200))
+    ]
+    peak = next(s for slope, s in slopes if slope < 0)
+    assert first_unstable(material, 0.98 * peak**-0.5, 1.05 * peak) is not None
+    assert first_unstable(material, 0.8, 1.2) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"kind": "ogden"}, "kind"),
+        ({"c1_pa": 0.0}, "c1_pa"),
+        ({"c1_pa": -1.0}, "c1_pa"),
+        ({"c4_pa": 1.0}, "c4_pa"),
+        ({"poisson_ratio": 0.5}, "poisson_ratio"),
+        ({"c2_pa": float("nan")}, "c2_pa"),
+        ({"stretch_range": [1.1, 2.0]}, "stretch_range"),
+    ],
+)
+def test_what_is_refused(change, key):
+    with refused(key):
+        material_from_dict({**YEOH, **change})
+
+
+def test_a_material_without_a_source_is_refused():
+    with refused("source"):
+        material_from_dict({key: value for key, value in YEOH.items() if key != "source"})

@@ -90,8 +90,7 @@ def tube(kind: str, counts: tuple[int, ...], radii: tuple[float, float], length:
     low, high = radii
 
     def place(unit: Array) -> Array:
-        r, angle = low + (high - low) * unit[:, 0], 0.5 * np.pi * unit[:, 1]
-        flat = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+        flat = _quarter(low + (high - low) * unit[:, 0], unit[:, 1])
         return flat if unit.shape[1] == 2 else np.concatenate([flat, length * unit[:, 2:]], axis=1)
 
     return mapped(kind, "plane_strain" if len(counts) == 2 else "solid", counts, place)
@@ -131,10 +130,12 @@ def sphere(kind: str, counts: tuple[int, int], radii: tuple[float, float]) -> Me
     """
     low, high = radii
 
-    def place(unit: Array) -> Array:
-        r, angle = low + (high - low) * unit[:, 0], 0.5 * np.pi * unit[:, 1]
-        # cos(pi / 2) is not quite 0, and a node on the axis lies on it.
-        across = np.where(unit[:, 1] == 1.0, 0.0, np.cos(angle))
-        return np.stack([r * across, r * np.sin(angle)], axis=1)
+    return mapped(
+        kind, "axisymmetric", counts, lambda unit: _quarter(low + (high - low) * unit[:, 0], unit[:, 1])
+    )
 
-    return mapped(kind, "axisymmetric", counts, place)
+
+def _quarter(radius: Array, share: Array) -> Array:
+    """Places (n, 2) on a quarter of circles; those on the axis at 0, which cos(pi / 2) is not quite."""
+    angle = 0.5 * np.pi * share
+    return np.stack([radius * np.where(share == 1.0, 0.0, np.cos(angle)), radius * np.sin(angle)], axis=1)

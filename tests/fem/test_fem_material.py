@@ -1,5 +1,6 @@
 """Material files: their stress, their stability, and what is refused."""
 
+import numpy as np
 import pytest
 
 from soro_core.config import config_folder
@@ -50,15 +51,30 @@ def test_a_softening_law_is_refused_where_it_is_not_stable():
         material_from_dict({**soft, "stretch_range": [0.3, 3.0]})
 
 
-def test_the_limit_of_stability_is_that_of_the_uniaxial_curve():
-    """The true stress of a softening Yeoh law in tension peaks beyond the first unstable stretch."""
+def energy(material, logs):
+    """Energy at constant volume of two logarithms of principal stretches."""
+    stretches = np.exp([*logs, -sum(logs)])
+    x = (stretches**2).sum() - 3.0
+    return material.c1_pa * x + material.c2_pa * x**2
+
+
+def test_the_limit_of_stability_is_where_the_energy_stops_to_be_convex():
+    """First loss of convexity in two logarithms of stretches, nearest to the undeformed state."""
     material = material_from_dict({**YEOH, "c2_pa": -1.2e4, "stretch_range": [0.9, 1.1]})
-    slopes = [
-        (1.01 * s * nominal_stress(material, 1.01 * s) - s * nominal_stress(material, s), s)
-        for s in (1.0 + 0.01 * k for k in range(200))
-    ]
-    peak = next(s for slope, s in slopes if slope < 0)
-    assert first_unstable(material, 0.98 * peak**-0.5, 1.05 * peak) is not None
+    a, b = np.log(first_unstable(material, 0.3, 3.0))
+
+    def least_curvature(scale):
+        at, step = scale * np.array([a, b]), 1e-4
+        pairs = [(step * np.array(i), step * np.array(j)) for i in ((1, 0), (0, 1)) for j in ((1, 0), (0, 1))]
+        second = [
+            sum(si * sj * energy(material, at + si * i + sj * j) for si in (1, -1) for sj in (1, -1))
+            for i, j in pairs
+        ]
+        return np.linalg.eigvalsh(np.reshape(second, (2, 2)))[0] / (4 * step**2)
+
+    assert least_curvature(1.0) <= 0.0
+    # Stretches are tried about 6 % apart.
+    assert least_curvature(0.9) > 0.0
     assert first_unstable(material, 0.8, 1.2) is None
 
 

@@ -14,9 +14,11 @@ from soro_core.fem.part import Balance, Part
 from soro_core.fem.response import Array
 
 GROWTH, CUT = 1.5, 0.5
+# A least pivot below this share of the greatest is one of a part that can move freely.
+LOOSE = 1e-13
 # Entries above this share of their column may stay pivots of the diagonal.
 PIVOT = 1e-3
-# The slope of the potential along a step may keep this share; else the step is shortened.
+# The slope of the potential at the end of a step over that at its start; beyond it the step is shortened.
 KEPT_SLOPE = 0.9
 SHORTENINGS = 8
 
@@ -126,6 +128,10 @@ def solve(
     last = State(0.0, zero, zero, 0.0)
     before: State | None = None
     reached: list[State] = []
+    if system.is_loose():
+        return Solution(
+            "stopped", "nothing holds the part against some motion: hold it there", (), last, 0, 0
+        )
     step, steps, iterations = settings.first_step, 0, 0
     for stop in loads:
         while last.load < stop:
@@ -133,8 +139,13 @@ def solve(
             guess = last.u
             if before is not None:
                 guess = last.u + (last.u - before.u) * (load - last.load) / (last.load - before.load)
-            state, cause, used = _equilibrium(system, guess, last.u, load, settings)
-            iterations += used
+            state, cause = None, ""
+            # Full steps first: a bent part gets longer before it gets better, which no search lets through.
+            for is_searching in (False, True):
+                state, cause, used = _equilibrium(system, guess, last.u, load, settings, is_searching)
+                iterations += used
+                if state is not None:
+                    break
             if state is None:
                 step = CUT * (load - last.load)
                 if step < settings.least_step:
@@ -174,18 +185,27 @@ class _System:
         """Unbalanced forces of the free nodes."""
         return np.where(self.is_held, 0.0, balance.unbalanced)
 
-    def step(self, balance: Balance, gap: Array) -> Array | None:
-        """Return Newton's step, or None where the stiffness is singular."""
-        pattern, data = self.part.pattern, balance.data
-        flat = self.is_held.ravel()
-        right = -self.free(balance).ravel()
-        if gap.any():
-            right -= pattern.matrix(data) @ gap.ravel()
+    def is_loose(self) -> bool:
+        """Whether the undeformed part can move without a force."""
+        solver = self.factors(self.part.balance(np.zeros_like(self.target), 0.0))
+        pivots = np.abs(solver.U.diagonal()) if solver is not None else np.zeros(1)
+        return bool(pivots.min() <= LOOSE * pivots.max())
+
+    def factors(self, balance: Balance) -> Any:
+        """Return the factors of the stiffness between free nodes, or None where it is singular."""
+        data, flat = balance.data, self.is_held.ravel()
         reduced = np.where(self.dropped, 0.0, data)
         # A stiffness of the usual size keeps the matrix as well scaled as it is.
         reduced[self.diagonal[flat]] = np.abs(data[self.diagonal]).mean()
-        right[flat] = 0.0
-        solver = factorised(pattern.matrix(reduced))
+        return factorised(self.part.pattern.matrix(reduced))
+
+    def step(self, balance: Balance, gap: Array) -> Array | None:
+        """Return Newton's step, or None where the stiffness is singular."""
+        right = -self.free(balance).ravel()
+        if gap.any():
+            right -= self.part.pattern.matrix(balance.data) @ gap.ravel()
+        right[self.is_held.ravel()] = 0.0
+        solver = self.factors(balance)
         if solver is None:
             return None
         found = solver.solve(right)
@@ -203,7 +223,7 @@ def factorised(matrix: Any) -> Any:
 
 
 def _equilibrium(
-    system: _System, guess: Array, safe: Array, load: float, settings: Settings
+    system: _System, guess: Array, safe: Array, load: float, settings: Settings, is_searching: bool
 ) -> tuple[State | None, str, int]:
     """Return the state at a load or the cause why there is none, and the iterations used."""
     part, u = system.part, guess
@@ -227,7 +247,9 @@ def _equilibrium(
                 "the stiffness is singular: hold the part, or the load is at a limit point",
                 iteration,
             )
-        u, balance = _moved(system, u, load, step, float((step * free).sum()), is_there)
+        # Held nodes that still move do work too, and a saddle has no descent: no potential to follow.
+        slope = float((step * free).sum()) if is_searching and is_there else 0.0
+        u, balance = _moved(system, u, load, step, slope, is_there)
     if balance.inverted >= 0:
         return None, _inversion(part, balance.inverted), settings.iterations
     return None, f"no equilibrium in {settings.iterations} iterations", settings.iterations
@@ -236,7 +258,10 @@ def _equilibrium(
 def _moved(
     system: _System, u: Array, load: float, step: Array, slope: float, is_there: bool
 ) -> tuple[Array, Balance]:
-    """Return the end of a step: the whole of it, or where J > 0 and the potential falls flat along it."""
+    """Return the end of a step: the whole of it, or so much that J > 0.
+
+    Where the potential falls along it, with `slope`, so much that it is nearly at its lowest.
+    """
     length = 1.0
     for _ in range(SHORTENINGS):
         moved = u + length * step
@@ -247,13 +272,13 @@ def _moved(
                 break
             length *= CUT
             continue
-        # Held nodes that still move do work too, and a saddle has no descent: no potential to follow.
-        if not is_there or slope >= 0.0:
+        if slope >= 0.0:
             break
         now = float((step * system.free(balance)).sum())
-        if abs(now) <= KEPT_SLOPE * abs(slope):
+        if abs(now) <= -KEPT_SLOPE * slope:
             break
-        length *= float(np.clip(slope / (slope - now), 0.1, 0.8)) if now > slope else CUT
+        # The lowest point by a straight slope; where it gets steeper there is none to aim at.
+        length *= float(np.clip(slope / (slope - now), 0.1, 0.8)) if now > 0.0 else CUT
     return moved, balance
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_core.fem.blocks import block, revolved_tube
-from soro_core.fem.loads import no_loads
+from soro_core.fem.loads import no_loads, traction
 from soro_core.fem.material import load_material, material_from_dict
 from soro_core.fem.newton import Settings, solve
 from soro_core.fem.part import make_part
@@ -89,9 +89,28 @@ def test_an_element_that_turns_inside_out_is_named():
 def test_a_part_that_nothing_holds_is_named():
     mesh = block("quad4", "plane_strain", (2, 2), (1.0, 1.0))
     faces = mesh.faces_at(mesh.points[:, 1] == 1.0)
-    done = solve(make_part(mesh, SOFT, no_loads(mesh).press(faces, 1.0)), settings=Settings(least_step=0.1))
-    assert done.status == "stopped"
-    assert done.last.load == 0.0
+    loads = no_loads(mesh).press(faces, 1.0)
+    # Held in one direction it still slides in the other.
+    for one in (loads, loads.hold(mesh.points[:, 1] == 0.0, 1)):
+        done = solve(make_part(mesh, SOFT, one))
+        assert (done.status, done.last.load, done.iterations) == ("stopped", 0.0, 0)
+        assert "hold" in done.cause
+
+
+def pulled(stress):
+    part = cube()
+    mesh = part.mesh
+    loads = no_loads(mesh)
+    for k in range(3):
+        loads = loads.hold(mesh.points[:, k] == 0.0, k)
+    return part.under(loads.pull(traction(mesh, mesh.faces_at(mesh.points[:, 2] == 1.0), [0.0, 0.0, stress])))
+
+
+def test_a_step_that_overshoots_is_searched_along():
+    """A pull to nine times the length in one load step, which full Newton steps do not reach."""
+    done = solve(pulled(1.5e5), settings=Settings(first_step=1.0, iterations=25))
+    assert (done.status, done.steps) == ("solved", 1)
+    assert done.last.u[:, 2].max() > 8.0
 
 
 def test_a_spring_carries_what_it_is_given():
@@ -105,6 +124,9 @@ def test_a_spring_carries_what_it_is_given():
     # Held at the sides alone, so that the spring carries all of the force.
     done = solve(make_part(mesh, SOFT, loads.spring(springs).pull(force)))
     assert done.status == "solved"
+    # This is linear: the first step takes one iteration, and the prediction of the others is exact.
+    assert done.steps > 2
+    assert done.iterations == 1
     bottom = mesh.points[:, 1] == 0.0
     np.testing.assert_allclose(done.last.u[top, 1], -0.02, rtol=1e-6)
     np.testing.assert_allclose(done.last.u[bottom, 1], -0.02, rtol=1e-6)

@@ -1,1 +1,50 @@
-"""Nonlinear finite elements of soft parts (docs/design.md): materials, meshes, loads and Newton's method."""
+"""Nonlinear finite elements of soft parts: materials, meshes, loads and equilibrium (docs/design.md)."""
+
+from soro_core.fem.bellows import Bellows, bellows_mesh
+from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
+from soro_core.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
+from soro_core.fem.material import (
+    Hyperelastic,
+    SaintVenant,
+    drucker_modulus,
+    first_unstable,
+    load_material,
+    material_from_dict,
+    nominal_stress,
+)
+from soro_core.fem.mesh import Mesh, make_mesh
+from soro_core.fem.newton import Settings, Solution, State, solve
+from soro_core.fem.part import Balance, Part, make_part
+from soro_core.fem.vtu import write_vtu
+
+__all__ = [
+    "Balance",
+    "Bellows",
+    "Hyperelastic",
+    "Loads",
+    "Mesh",
+    "Part",
+    "Pressure",
+    "SaintVenant",
+    "Settings",
+    "Solution",
+    "State",
+    "bellows_mesh",
+    "block",
+    "drucker_modulus",
+    "first_unstable",
+    "load_material",
+    "make_mesh",
+    "make_part",
+    "mapped",
+    "material_from_dict",
+    "no_loads",
+    "nominal_stress",
+    "revolved_tube",
+    "solve",
+    "sphere",
+    "spread_spring",
+    "traction",
+    "tube",
+    "write_vtu",
+]

@@ -90,7 +90,7 @@ class Bellows:
         return np.stack([pick(r), pick(z)], axis=1), np.stack([pick(normal_r), pick(normal_z)], axis=1)
 
 
-def bellows(
+def bellows_mesh(
     kind: str,
     shape: Bellows,
     across: int = 2,

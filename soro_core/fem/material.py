@@ -173,14 +173,28 @@ def first_unstable(material: Material, low: float, high: float, n: int = 41) -> 
     # Near the undeformed state first.
     pairs = [(a, b) for a in tried for b in tried if a >= b and low <= 1.0 / (a * b) <= high]
     for a, b in sorted(pairs, key=lambda pair: np.log(pair[0]) ** 2 + np.log(pair[1]) ** 2):
-        stretches = np.array([a, b, 1.0 / (a * b)])
-        P, A = _stress(material, stretches)
-        by_log = A[np.ix_([0, 4, 8], [0, 4, 8])] * np.outer(stretches, stretches)
-        by_log += np.diag(np.diag(P) * stretches)
-        free = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]])
-        if np.linalg.eigvalsh(free.T @ by_log @ free)[0] <= 0.0:
+        if drucker_modulus(material, a, b) <= 0.0:
             return float(a), float(b)
     return None
+
+
+def drucker_modulus(material: Material, a: float, b: float) -> float:
+    """Return the least slope of stress over logarithmic strain [Pa] at constant volume, docs/design.md (4).
+
+    Parameters
+    ----------
+    material : Hyperelastic or SaintVenant
+        The material, taken at constant volume.
+    a, b : float
+        Two principal stretches; the third is 1 / (a b).
+    """
+    stretches = np.array([a, b, 1.0 / (a * b)])
+    P, A = _stress(material, stretches)
+    by_log = A[np.ix_([0, 4, 8], [0, 4, 8])] * np.outer(stretches, stretches) + np.diag(
+        np.diag(P) * stretches
+    )
+    free = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]])
+    return float(np.linalg.eigvalsh(free.T @ by_log @ free)[0])
 
 
 def _stress(material: Material, stretches: Array) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.bellows import Bellows, bellows
+from soro_core.fem.bellows import Bellows, bellows_mesh
 from soro_core.fem.loads import no_loads
 from soro_core.fem.material import material_from_dict
 from soro_core.fem.newton import solve
@@ -47,7 +47,7 @@ ALONG = (8, 8, 5, 4)
 
 def forces(is_clamped, lobes):
     """Force of three bellows [N] by extension, from some lobes at one end, up to a plane of symmetry."""
-    mesh = bellows("quad8", SHAPE, 3, ALONG, lobes=lobes)
+    mesh = bellows_mesh("quad8", SHAPE, 3, ALONG, lobes=lobes)
     z = mesh.points[:, 1]
     end, middle = z < 1e-9, z > z.max() - 1e-9
     share = lobes / SHAPE.lobes
@@ -76,7 +76,7 @@ def test_half_a_lobe_stands_for_all():
 
 
 def test_the_wall_has_its_thickness_and_its_outline():
-    mesh = bellows("quad8", SHAPE, 1, ALONG)
+    mesh = bellows_mesh("quad8", SHAPE, 1, ALONG)
     r, z = mesh.points.T
     assert (r.min(), r.max()) == pytest.approx((2.8e-3, 12.6e-3))
     assert (z.min(), z.max()) == pytest.approx((0.0, 8 * 6.975e-3))

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from soro_core.config import config_folder
-from soro_core.fem.material import first_unstable, load_material, material_from_dict, nominal_stress
+from soro_core.fem.material import (
+    drucker_modulus,
+    first_unstable,
+    load_material,
+    material_from_dict,
+    nominal_stress,
+)
 from tests.refused import refused
 
 # Nominal stress at stretch 2 [MPa], by hand from the constants of the presets.
@@ -58,23 +64,30 @@ def energy(material, logs):
     return material.c1_pa * x + material.c2_pa * x**2
 
 
-def test_the_limit_of_stability_is_where_the_energy_stops_to_be_convex():
-    """First loss of convexity in two logarithms of stretches, nearest to the undeformed state."""
+def least_curvature(material, logs, step=2e-4):
+    """Least second derivative of the energy in any direction of the two logarithms, by differences."""
+    units = step * np.eye(2)
+    second = [
+        sum(s * t * energy(material, logs + s * i + t * j) for s in (1, -1) for t in (1, -1))
+        for i in units
+        for j in units
+    ]
+    return np.linalg.eigvalsh(np.reshape(second, (2, 2)))[0] / (4 * step**2)
+
+
+@pytest.mark.parametrize("pair", [(1.0, 1.0), (1.9, 0.8), (1.5, 1.5), (0.6, 1.1)])
+def test_druckers_modulus_is_the_curvature_of_the_energy(pair):
     material = material_from_dict({**YEOH, "c2_pa": -1.2e4, "stretch_range": [0.9, 1.1]})
-    a, b = np.log(first_unstable(material, 0.3, 3.0))
+    expected = least_curvature(material, np.log(pair))
+    assert drucker_modulus(material, *pair) == pytest.approx(expected, rel=1e-4)
 
-    def least_curvature(scale):
-        at, step = scale * np.array([a, b]), 1e-4
-        pairs = [(step * np.array(i), step * np.array(j)) for i in ((1, 0), (0, 1)) for j in ((1, 0), (0, 1))]
-        second = [
-            sum(si * sj * energy(material, at + si * i + sj * j) for si in (1, -1) for sj in (1, -1))
-            for i, j in pairs
-        ]
-        return np.linalg.eigvalsh(np.reshape(second, (2, 2)))[0] / (4 * step**2)
 
-    assert least_curvature(1.0) <= 0.0
-    # Stretches are tried about 6 % apart.
-    assert least_curvature(0.9) > 0.0
+def test_the_first_unstable_stretches_are_the_nearest():
+    material = material_from_dict({**YEOH, "c2_pa": -1.2e4, "stretch_range": [0.9, 1.1]})
+    a, b = first_unstable(material, 0.3, 3.0)
+    assert drucker_modulus(material, a, b) <= 0.0
+    # Stretches are tried 6 % apart.
+    assert drucker_modulus(material, a**0.8, b**0.8) > 0.0
     assert first_unstable(material, 0.8, 1.2) is None
 
 

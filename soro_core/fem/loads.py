@@ -63,6 +63,10 @@ class Loads:
         displacement_m : float or ndarray
             Of them at load factor 1.
         """
+        if direction not in range(self.held.shape[1]):
+            raise ModelError(f"direction {direction}; allowed: 0 to {self.held.shape[1] - 1}", "direction")
+        if not np.isfinite(displacement_m).all():
+            raise ModelError(f"displacement_m {displacement_m}; allowed: finite numbers", "displacement_m")
         held = self.held.copy()
         held[np.asarray(nodes), direction] = displacement_m
         return replace(self, held=held)
@@ -75,12 +79,18 @@ class Loads:
 
     def pull(self, force: Array) -> Loads:
         """Return the loads with more forces (n, d) [N]."""
+        if force.shape != self.force.shape or not np.isfinite(force).all():
+            raise ModelError(f"force of shape {force.shape}; allowed: finite, {self.force.shape}", "force")
         return replace(self, force=self.force + force)
 
     def spring(self, stiffness: Array) -> Loads:
         """Return the loads with more springs (n, d) [N/m]."""
-        if not (stiffness >= 0.0).all():
-            raise ModelError("spring stiffness below 0; allowed: 0 or more", "spring")
+        is_allowed = np.isfinite(stiffness) & (stiffness >= 0.0)
+        if stiffness.shape != self.springs.shape or not is_allowed.all():
+            raise ModelError(
+                f"stiffness of shape {stiffness.shape}; allowed: finite, 0 or more, {self.springs.shape}",
+                "stiffness",
+            )
         return replace(self, springs=self.springs + stiffness)
 
 

@@ -39,7 +39,7 @@ class Hyperelastic(Strict):
 
     kind: Literal["hyperelastic"]
     name: str = ""
-    source: str
+    source: Annotated[str, Field(min_length=1)]
     c1_pa: Annotated[float, Field(ge=0.0)] = 0.0
     c2_pa: float = 0.0
     c3_pa: Annotated[float, Field(ge=0.0)] = 0.0
@@ -87,7 +87,7 @@ class SaintVenant(Strict):
 
     kind: Literal["st_venant_kirchhoff"]
     name: str = ""
-    source: str
+    source: Annotated[str, Field(min_length=1)]
     youngs_modulus_pa: Annotated[float, Field(gt=0.0)]
     poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)]
     density_kg_per_m3: Annotated[float, Field(gt=0.0)] = 1000.0

@@ -88,6 +88,8 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
     if kind not in SOLIDS:
         raise ModelError(f"kind {kind!r}; allowed: {', '.join(SOLIDS)}", "kind")
     places = np.array(points, dtype=float)
+    if np.asarray(cells).dtype.kind not in "iu":
+        raise ModelError(f"cells of type {np.asarray(cells).dtype}; allowed: whole numbers", "cells")
     nodes = np.array(cells, dtype=np.int64)
     size, d = element(kind).nodes.shape
     if space not in (("solid",) if d == 3 else ("plane_strain", "axisymmetric")):

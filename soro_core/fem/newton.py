@@ -42,6 +42,18 @@ class Settings:
     tolerance: float = 1e-9
     iterations: int = 12
 
+    def __post_init__(self) -> None:
+        rules = {
+            "first_step": 0.0 < self.first_step < np.inf,
+            "least_step": 0.0 < self.least_step < np.inf,
+            "tolerance": 0.0 < self.tolerance < 1.0,
+            "iterations": self.iterations >= 1,
+        }
+        for key, is_kept in rules.items():
+            if not is_kept:
+                allowed = "steps above 0, tolerance between 0 and 1, 1 iteration or more"
+                raise ModelError(f"{key} {getattr(self, key)}; allowed: {allowed}", key)
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -168,8 +180,6 @@ class _System:
         self.part = part
         held = part.loads.held
         self.is_held = np.isfinite(held)
-        if np.isinf(held).any():
-            raise ModelError("held: an infinite displacement; allowed: finite, or NaN for free", "held")
         self.target = np.where(self.is_held, held, 0.0)
         pattern = part.pattern
         flat = self.is_held.ravel()

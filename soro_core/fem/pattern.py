@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
+from soro_core.errors import ModelError
 from soro_core.fem.response import Array, Indices
 
 
@@ -37,8 +38,18 @@ class Pattern:
     cells: Indices
 
     def entries(self, groups: Indices) -> Indices:
-        """Return the entries (f, m d, m d) of nodes (f, m) that lie in one element each."""
-        return np.searchsorted(self.keys, _keys(groups, self.d, self.n)).astype(np.int64)
+        """Return the entries (f, m d, m d) of nodes (f, m).
+
+        Raises
+        ------
+        ModelError
+            If the nodes of a group do not lie in one element.
+        """
+        keys = _keys(groups, self.d, self.n)
+        found = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1).astype(np.int64)
+        if (self.keys[found] != keys).any():
+            raise ModelError("faces with nodes of different elements; allowed: faces of the mesh", "faces")
+        return found
 
     def diagonal(self) -> Indices:
         """Return the entries (n,) of the diagonal."""

@@ -6,12 +6,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from soro_core.fem.blocks import block, mapped, sphere, tube
+from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
 from soro_core.fem.loads import no_loads, traction
 from soro_core.fem.material import material_from_dict
 from soro_core.fem.newton import Settings, factorised, solve
 from soro_core.fem.part import make_part
 
+# Inner radius, pressure over mu, and what the bulk modulus adds to the radius.
 THICK = {"cylinder": (1.5, 0.428228, 2.6e-5), "sphere": (1.4, 0.698421, None)}
 
 
@@ -35,6 +36,28 @@ def thick_wall(name, n):
     assert done.status == "solved", done.cause
     at = np.flatnonzero((np.abs(radius - 1.0) < 1e-9) & (y < 1e-9))[0]
     return 1.0 + done.last.u[at, 0]
+
+
+def test_a_tube_is_the_same_in_all_three_spaces():
+    """A solid slice held along z is the section in plane strain; a ring has no error around it."""
+    pressure = THICK["cylinder"][1]
+    section, slice_ = tube("quad4", (4, 8), (1.0, 2.0)), tube("hex8", (4, 8, 1), (1.0, 2.0), 0.3)
+    found = []
+    for mesh in (section, slice_):
+        x, y = mesh.points.T[:2]
+        inside = mesh.faces_at(np.abs(np.hypot(x, y) - 1.0) < 1e-9)
+        loads = no_loads(mesh).hold(y == 0.0, 1).hold(x == 0.0, 0).press(inside, pressure)
+        if mesh is slice_:
+            loads = loads.hold(x > -1.0, 2)
+        u = solve(make_part(mesh, neo_hooke(1.0, 1e4), loads)).last.u
+        found.append(u[np.lexsort((np.round(y, 9), np.round(x, 9)))])
+    for face in (0, 1):
+        np.testing.assert_allclose(found[1][face::2, :2], found[0], atol=1e-9)
+    ring = revolved_tube("quad4", (32, 1), (1.0, 2.0), 0.1)
+    r, z = ring.points.T
+    loads = no_loads(ring).hold(r > 0.0, 1).press(ring.faces_at(r == 1.0), pressure)
+    u = solve(make_part(ring, neo_hooke(1.0, 1e4), loads)).last.u
+    assert 1.0 + u[(r == 1.0) & (z == 0.0), 0] == pytest.approx(exact("cylinder"), rel=1e-4)
 
 
 def exact(name, bulk=1e4):

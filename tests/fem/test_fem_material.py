@@ -101,6 +101,7 @@ def test_the_first_unstable_stretches_are_the_nearest():
         ({"poisson_ratio": 0.5}, "poisson_ratio"),
         ({"c2_pa": float("nan")}, "c2_pa"),
         ({"stretch_range": [1.1, 2.0]}, "stretch_range"),
+        ({"source": ""}, "source"),
     ],
 )
 def test_what_is_refused(change, key):

@@ -155,3 +155,12 @@ def test_a_singular_matrix_has_no_factors():
 def test_loads_must_rise(loads):
     with fails(ModelError, key="loads"):
         solve(cube(), loads)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("first_step", 0.0), ("least_step", float("nan")), ("tolerance", 0.0), ("iterations", 0)],
+)
+def test_settings_that_are_refused(key, value):
+    with fails(ModelError, key=key):
+        Settings(**{key: value})

@@ -140,10 +140,21 @@ def test_what_is_refused():
     mesh = MESHES["quad4"]
     with fails(ModelError, key="is_averaged"):
         make_part(mesh, MATERIALS["svk"], no_loads(mesh), is_averaged=True)
+    free, like = no_loads(mesh), np.ones(mesh.points.shape)
     with fails(ModelError, key="pressure_pa"):
-        no_loads(mesh).press(mesh.boundary(), float("nan"))
-    with fails(ModelError, key="spring"):
-        no_loads(mesh).spring(np.full(mesh.points.shape, -1.0))
+        free.press(mesh.boundary(), float("nan"))
+    with fails(ModelError, key="faces"):
+        make_part(mesh, MATERIALS["svk"], free.press(np.array([[0, 8]]), 1.0))
+    with fails(ModelError, key="displacement_m"):
+        free.hold([0], 1, float("nan"))
+    with fails(ModelError, key="direction"):
+        free.hold([0], 2)
+    for wrong in (np.nan * like, like[1:]):
+        with fails(ModelError, key="force"):
+            free.pull(wrong)
+    for wrong in (-like, np.inf * like, like[1:]):
+        with fails(ModelError, key="stiffness"):
+            free.spring(wrong)
 
 
 def test_a_sheared_mesh_keeps_a_uniform_strain():

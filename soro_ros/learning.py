@@ -8,14 +8,15 @@ arm/learned: then the learned model. Only the stamp: there is none at this tick.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from numpy.typing import ArrayLike, NDArray
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from soro_core.adaptation import Learned
 from soro_core.control.laws import Certainty
+from soro_ros import messages
 
 Array = NDArray[np.float64]
 
@@ -25,9 +26,8 @@ _STAMP = 2
 def covariance(certainty: Certainty | None, stamp_ns: int) -> Float64MultiArray:
     """Return what a filter says of its estimate as a message."""
     if certainty is None:
-        return _message(stamp_ns, ())
-    values = [1.0 if certainty.positions else 0.0, *certainty.covariance.ravel().tolist()]
-    return _message(stamp_ns, values)
+        return _message(stamp_ns)
+    return _message(stamp_ns, [certainty.positions], certainty.covariance.ravel())
 
 
 def certainty_of(message: Float64MultiArray, n_q: int) -> Certainty | None:
@@ -41,7 +41,7 @@ def certainty_of(message: Float64MultiArray, n_q: int) -> Certainty | None:
 
 def learned(model: Learned | None, stamp_ns: int) -> Float64MultiArray:
     """Return a learned model as a message."""
-    return _message(stamp_ns, () if model is None else model.theta.tolist())
+    return _message(stamp_ns) if model is None else _message(stamp_ns, model.theta)
 
 
 def learned_of(message: Float64MultiArray) -> Learned | None:
@@ -58,8 +58,15 @@ def stamp_ns(message: Float64MultiArray) -> int:
     return int(stamp[0]) * 1_000_000_000 + int(stamp[1])
 
 
-def _message(stamp_ns: int, values: Sequence[float]) -> Float64MultiArray:
-    message = Float64MultiArray(data=[*map(float, divmod(stamp_ns, 1_000_000_000)), *values])
-    sizes = (("stamp", _STAMP), ("values", len(values)))
-    message.layout.dim = [MultiArrayDimension(label=label, size=size, stride=size) for label, size in sizes]
-    return message
+def _message(stamp_ns: int, *values: ArrayLike) -> Float64MultiArray:
+    data = messages.doubles(np.concatenate([divmod(stamp_ns, 1_000_000_000), *values]))
+    return Float64MultiArray(layout=_layout(len(data) - _STAMP), data=data)
+
+
+@lru_cache
+def _layout(size: int) -> MultiArrayLayout:
+    """Return the layout of a message of so many values."""
+    sizes = (("stamp", _STAMP), ("values", size))
+    return MultiArrayLayout(
+        dim=[MultiArrayDimension(label=label, size=size, stride=size) for label, size in sizes]
+    )

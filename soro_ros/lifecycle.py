@@ -16,12 +16,13 @@ from soro_core.config import Strict
 from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
 from soro_ros.clock_watch import ClockWatch
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
+from soro_ros.handover import NodeWithHandover
 from soro_ros.parameters import NodeWithParameters, declare, overrides, read
 
 Config = TypeVar("Config", bound=Strict)
 
 
-class SoroNode(NodeWithParameters, LifecycleNode, Generic[Config]):
+class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Config]):
     """A lifecycle node over a configuration model.
 
     A node overrides `setup`, `start`, `stop` and `teardown`; each may raise SoroError, which becomes one

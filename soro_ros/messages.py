@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import Imu, JointState
 
 from soro_core.estimation.samples import ImuSample, PoseSample
@@ -28,6 +29,11 @@ def to_ns(stamp: Time) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
+def doubles(values: ArrayLike) -> array[float]:
+    """Return numbers for a field of a message, which checks each one of another sequence."""
+    return array("d", np.asarray(values, dtype=np.float64).tobytes())
+
+
 def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointState:
     """Return set points or readings as the effort of a JointState.
 
@@ -40,7 +46,7 @@ def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointSt
     stamp_ns : int
         Time of the message [ns].
     """
-    message = JointState(name=list(names), effort=np.asarray(pressure_pa, dtype=np.float64).tolist())
+    message = JointState(name=list(names), effort=doubles(pressure_pa))
     message.header.stamp = to_time(stamp_ns)
     return message
 
@@ -104,7 +110,7 @@ def arm_state(names: Sequence[str], q: Array, qd: Array, force: Array, stamp_ns:
     stamp_ns : int
         Time of the message [ns].
     """
-    message = JointState(name=list(names), position=q.tolist(), velocity=qd.tolist(), effort=force.tolist())
+    message = JointState(name=list(names), position=doubles(q), velocity=doubles(qd), effort=doubles(force))
     message.header.stamp = to_time(stamp_ns)
     return message
 

@@ -17,6 +17,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from soro_core.errors import ConfigError, SoroError
 from soro_ros import command_line, middleware, signals, timing
 from soro_ros.command_line import Program
+from soro_ros.handover import Handover
 from soro_ros.lifecycle import Config, SoroNode
 
 RCLError = rclpy_implementation.RCLError
@@ -81,14 +82,16 @@ def run_until_end(
         Exit status, see `run_nodes`.
     """
     nodes: list[SoroNode[Any]] = []
+    handover = Handover()
     status = 0
     try:
         command_line.initialise(program, args)
         for node_class in node_classes:
             nodes.append(_make(node_class))
+            nodes[-1].handover = handover
         with signals.raised(stopping):
             _start(nodes, stopping)
-        _spin(nodes, stopping)
+        _spin(nodes, stopping, handover)
         status = 2 if _refused(nodes) else 1 if any(node.failure for node in nodes) else 0
     except ConfigError as error:
         print(f"{program.name}: {error}", file=sys.stderr)
@@ -97,6 +100,7 @@ def run_until_end(
         # A supervisor that reads the failure in /diagnostics may interrupt before the end.
         status = 2 if _refused(nodes) else 0
     finally:
+        handover.end()
         for node in reversed(nodes):
             if not _made_safe(node):
                 status = status or 1
@@ -162,7 +166,7 @@ def _stay_or_end(node: SoroNode[Any], step: str) -> None:
         node.get_logger().info(f"waiting for another try: {again}")
 
 
-def _spin(nodes: Sequence[SoroNode[Any]], stopping: list[int]) -> None:
+def _spin(nodes: Sequence[SoroNode[Any]], stopping: list[int], handover: Handover) -> None:
     from rclpy.experimental.events_executor import EventsExecutor
 
     if any(node.finished for node in nodes):
@@ -170,11 +174,14 @@ def _spin(nodes: Sequence[SoroNode[Any]], stopping: list[int]) -> None:
     executor = EventsExecutor()
     for node in nodes:
         executor.add_node(node)
+    handover.begin(executor)
     timing.shorten_pauses()
     _prioritise(max(nodes, key=lambda node: node.priority))
     try:
         while not stopping and not any(node.finished for node in nodes):
             executor.spin_once(timeout_sec=SPIN_WAIT_S)
+            if handover.failure is not None:
+                raise handover.failure
     except SoroError as error:  # raised in a callback
         nodes[-1].fail(error)
 

@@ -31,17 +31,19 @@ class LearnedForce:
         self.arm, self.scales = arm, scales_of(arm, pieces)
         self.size = size_of(arm.n_q)
 
-    def regressor(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def regressor(self, q: Array, by_mass: Array) -> Array:
         """Return Phi (n_q, size): the learned force is U Phi theta.
 
         Parameters
         ----------
-        q, qd, qdd : ndarray (n_q,)
-            Coordinates, rates, and the acceleration at which the mass is taken.
+        q : ndarray (n_q,)
+            Coordinates.
+        by_mass : ndarray (n_q,)
+            Y_m, see `SoftArm.tip_mass_force`.
         """
         n = self.arm.n_q
         rows = np.zeros((n, self.size))
-        rows[:, 0] = self.arm.tip_mass_force(q, qd, qdd) / self.scales.force
+        rows[:, 0] = by_mass / self.scales.force
         rows[:, 1:].reshape(n, n, n + 1)[np.arange(n), np.arange(n)] = self._features(q)
         return rows
 
@@ -55,8 +57,20 @@ class LearnedForce:
         q, qd, qdd : ndarray (n_q,)
             Coordinates, rates, and the acceleration at which the mass is taken.
         """
+        return self.with_mass(learned, q, self.arm.tip_mass_force(q, qd, qdd))
+
+    def with_mass(self, learned: Learned, q: Array, by_mass: Array) -> Array:
+        """Return the learned force (n_q,), the force Y_m of a mass being known.
+
+        Parameters
+        ----------
+        learned : Learned
+            The learned model.
+        q, by_mass : ndarray (n_q,)
+            As in `regressor`.
+        """
         shape = learned.weights(self.arm.n_q) @ self._features(q)
-        return np.asarray(self.arm.tip_mass_force(q, qd, qdd) * learned.mass_kg + self.scales.force * shape)
+        return np.asarray(by_mass * learned.mass_kg + self.scales.force * shape)
 
     def _features(self, q: Array) -> Array:
         return np.concatenate([[1.0], q / self.scales.q])

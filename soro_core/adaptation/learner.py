@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
@@ -124,6 +125,7 @@ class Learner:
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.slope = self._slope()
+        self.noise = config.noise**2 * np.eye(arm.n_q)
         self.prior = np.diag(deviation**-2)
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
@@ -230,9 +232,11 @@ class Learner:
     def _sides(self, sample: Sample, qdd: Array) -> tuple[Array, Array]:
         """Return r / U (n_q,) and Phi (n_q, size)."""
         arm, q, qd = self.arm, sample.q, sample.qd
-        model = arm.inverse_dynamics(q, qd, qd, qdd) + arm.elastic_force(q) + arm.damping_force(q, qd)
-        missing = arm.pressure_force(q, sample.pressure_pa) - model - arm.internal_force(q, sample.creep)
-        regressor = self.force.regressor(q, qd, qdd)
+        motion = arm.motion_forces(q, qd, qdd)
+        made = motion.actuation @ arm.acting_pressure(sample.pressure_pa)
+        model = motion.own + arm.damping_force(q, qd)
+        missing = made - model - arm.internal_force(q, sample.creep)
+        regressor = self.force.regressor(q, motion.by_mass)
         if sample.uneven is not None:
             lacks = sample.uneven
             missing = missing - (lacks.at(q) - lacks.mass_kg * lacks.by_mass)
@@ -244,12 +248,13 @@ class Learner:
     ) -> tuple[Array, Array]:
         """Return information and moment after a sample; the arrays are those of the low-pass."""
         config = self.config
-        noise = config.noise**2 * np.eye(len(residual)) + self.slope @ covariance @ self.slope.T
-        # Samples of a low-pass repeat each other for 2 / its rate.
-        weighed = 0.5 * config.low_pass_per_s * np.linalg.solve(noise, regressor).T
+        noise = self.noise + self.slope @ covariance @ self.slope.T
         missed = residual - regressor @ state.learned.theta
+        solved = np.linalg.solve(noise, np.column_stack([regressor, missed]))
+        # Samples of a low-pass repeat each other for 2 / its rate.
+        weighed = 0.5 * config.low_pass_per_s * solved[:, :-1].T
         # Against the noise and the doubt about q: what no position shows is no reason to forget.
-        large = float(missed @ np.linalg.solve(noise, missed)) / len(residual)
+        large = float(missed @ solved[:, -1]) / len(residual)
         large = min(large, config.forget_factor)
         forget = (1.0 + large) / config.forget_s
         # What fits the model so badly says little about W: an arm that swings after its load has changed.
@@ -290,11 +295,8 @@ def _solved(information: Array, moment: Array) -> Array | None:
     if not (np.isfinite(information).all() and np.isfinite(moment).all() and (diagonal > 0.0).all()):
         return None
     root = 1.0 / np.sqrt(diagonal)
-    try:
-        factor = np.linalg.cholesky(information * np.outer(root, root))
-    except np.linalg.LinAlgError:
+    factor, failed = dpotrf(information * np.outer(root, root), lower=True)
+    if failed or np.diag(factor).min() ** 2 * _SINGULAR < 1.0:
         return None
-    if np.diag(factor).min() ** 2 * _SINGULAR < 1.0:
-        return None
-    theta: Array = root * np.linalg.solve(factor.T, np.linalg.solve(factor, root * moment))
+    theta: Array = root * dpotrs(factor, root * moment, lower=True)[0]
     return theta

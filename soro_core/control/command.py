@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -90,8 +91,8 @@ class Command:
         Generalised force that the law asks for; generalised force of the measured pressures.
     estimates : dict
         What the law has learnt, by name.
-    deviations : dict
-        Their deviations, of laws that have them.
+    deviations : callable
+        Gives their deviations, of laws that have them; finding them takes long.
     learned : Learned or None
         The learned model for the filter.
     reference : Point
@@ -109,7 +110,7 @@ class Command:
     wished_force: Array
     applied_force: Array
     estimates: dict[str, float]
-    deviations: dict[str, float]
+    deviations: Callable[[], dict[str, float]]
     learned: Learned | None
     reference: Point
     tip_reference: Array
@@ -171,7 +172,7 @@ def held_command(
         wished_force=np.zeros(arm.n_q),
         applied_force=np.zeros(arm.n_q),
         estimates=estimates,
-        deviations={},
+        deviations=dict,
         learned=learned,
         reference=point,
         tip_reference=arm.pose(point.q, arm.robot.length),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -218,10 +219,11 @@ class Controller(GivenReferences):
         saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(wished, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, wished, wish)
+        tip_reference = self.arm.pose(point.q, self.robot.length)
         after = replace(
             state,
             law=inner,
-            watch=self._judged(state, q, point, missing, self.law.note(inner), dt),
+            watch=self._judged(state, q, tip_reference, missing, self.law.note(inner), dt),
             setpoint_pa=made.command_pa,
             model_pa=made.model_pa,
             wish_pa=wish.pressure_pa,
@@ -238,10 +240,10 @@ class Controller(GivenReferences):
             wished_force=wished,
             applied_force=np.asarray(believed @ acting),
             estimates=self.law.estimates(inner),
-            deviations=self.law.deviations(inner),
+            deviations=partial(self.law.deviations, inner),
             learned=self.law.learned(inner),
             reference=point,
-            tip_reference=self.arm.pose(point.q, self.robot.length),
+            tip_reference=tip_reference,
             saturated=made.at_bound,
             terms=terms,
             status=ControllerStatus(True, "", after.watch.note),
@@ -268,11 +270,11 @@ class Controller(GivenReferences):
         return shape, Preview(shaped, ahead, given.ahead_s, motions)
 
     def _judged(
-        self, state: ControllerState, q: Array, point: Point, missing: Array, event: str, dt: float
+        self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float
     ) -> WatchState:
-        """Return the watch after a tick."""
-        tip, wanted = (self.arm.pose(x, self.robot.length)[:3, 3] for x in (q, point.q))
-        away = float(np.linalg.norm(tip - wanted)) / self.robot.length
+        """Return the watch after a tick; `wanted` is the pose (4, 4) of the tip at the reference."""
+        tip = self.arm.pose(q, self.robot.length)
+        away = float(np.linalg.norm(tip[:3, 3] - wanted[:3, 3])) / self.robot.length
         if not self.law.learns:  # its lost arm is the verdict's
             away = 0.0
         start_s, names = self.config.reference.start_s, self.robot.chamber_names

@@ -23,6 +23,7 @@ from soro_core.adaptation.scales import q_scale_of
 from soro_core.adaptation.uneven import UnevenForce
 from soro_core.control.trajectory import Point
 from soro_core.model import SoftArm
+from soro_core.model.motion import MotionForces
 from soro_core.robot import Robot
 from soro_core.robot.discretisation import with_basis
 from soro_core.robot.parts import fields
@@ -102,7 +103,9 @@ class Uneven:
         """Return the state before the first tick."""
         return UnevenShape(np.zeros(self.varying.n_q))
 
-    def step(self, state: UnevenShape, point: Point, mass_kg: float) -> tuple[UnevenShape, UnevenForce]:
+    def step(
+        self, state: UnevenShape, point: Point, mass_kg: float, forces: MotionForces | None = None
+    ) -> tuple[UnevenShape, UnevenForce]:
         """Return state and force after one step of Newton.
 
         Parameters
@@ -113,6 +116,8 @@ class Uneven:
             Coordinates, near to those of the last tick, rates and accelerations.
         mass_kg : float
             Mass at the tip beyond the robot file's [kg].
+        forces : MotionForces, optional
+            Those of the arm at the point, where they are known.
 
         Raises
         ------
@@ -123,7 +128,7 @@ class Uneven:
         q, x = point.q, self.spread @ point.q + state.deviation
         moved_by = self.spread if state.moves is None else state.moves
         even_motion, motion = (point.qd, point.qdd), (moved_by @ point.qd, moved_by @ point.qdd)
-        even, even_load, here = arm.motion_forces(q, *even_motion)
+        even, even_load, here = forces or arm.motion_forces(q, *even_motion)
         now, load, there = varying.motion_forces(x, *motion)
         even = even + mass_kg * even_load
         force = even if state.force is None else state.force

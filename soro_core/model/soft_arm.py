@@ -14,6 +14,7 @@ from soro_core.model.arm_base import DEFAULT_STEPS, default_nodes
 from soro_core.model.build import build_tables, find_site
 from soro_core.model.checks import dimensions, finite, flat_wrench, number, refuse_unsupported, shaped
 from soro_core.model.forward import ForwardDynamics
+from soro_core.model.motion import MotionForces
 from soro_core.model.surroundings import ExternalForces
 from soro_core.model.tables import Site
 from soro_core.robot import Robot
@@ -185,7 +186,11 @@ class SoftArm(ForwardDynamics):
 
     def pose(self, q: ArrayLike, s: float) -> Array:
         """Pose (4, 4) in the world at `s` metres of undeformed length from the base."""
-        return self.pose_and_jacobian(q, s)[0]
+        q, _ = self._state(q)
+        poses = np.empty((1, 4, 4))
+        entries.sections(self._box, self._place(s), q.reshape(1, -1), poses)
+        found: Array = poses[0]
+        return found
 
     def poses(self, q: ArrayLike, s: float) -> Array:
         """Poses (m, 4, 4) of the section at `s` for coordinates (m, n_q), as `pose` gives each."""
@@ -204,9 +209,9 @@ class SoftArm(ForwardDynamics):
     def pose_and_jacobian(self, q: ArrayLike, s: float) -> tuple[Array, Array]:
         """`pose` and `jacobian` at `s`, found together."""
         q, _ = self._state(q)
-        T, R, p, J = np.eye(4), np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
+        T, R, p, J = np.zeros((4, 4)), np.empty((3, 3)), np.empty(3), np.empty((self.n_q, 6))
         entries.pose_and_jacobian(self._box, self._place(s), q, R, p, J)
-        T[:3, :3], T[:3, 3] = R, p
+        T[:3, :3], T[:3, 3], T[3, 3] = R, p, 1.0
         return T, np.ascontiguousarray(J.T)
 
     def _place(self, s: float) -> Site:
@@ -280,10 +285,10 @@ class SoftArm(ForwardDynamics):
         a : (n_q,)
             Accelerations.
         """
-        return self.motion_forces(q, qd, a)[1]
+        return self.motion_forces(q, qd, a).by_mass
 
-    def motion_forces(self, q: ArrayLike, qd: ArrayLike, a: ArrayLike) -> tuple[Array, Array, Array]:
-        """Return M a + C qd + G + dU_e/dq (n_q,), `tip_mass_force` and `actuation_matrix`, found together.
+    def motion_forces(self, q: ArrayLike, qd: ArrayLike, a: ArrayLike) -> MotionForces:
+        """Return the forces of a motion, found together.
 
         Parameters
         ----------
@@ -296,7 +301,7 @@ class SoftArm(ForwardDynamics):
         a = self._vector(a, self.n_q, "a")
         own, by_mass, gradients = np.empty(self.n_q), np.empty(self.n_q), np.empty((self.n_u, self.n_q))
         entries.motion_forces(self._box, self._no_masses, q, qd, a, own, by_mass, gradients)
-        return own, by_mass, np.ascontiguousarray(gradients.T)
+        return MotionForces(own, by_mass, np.ascontiguousarray(gradients.T))
 
     def elastic_regressor(self, q: ArrayLike) -> Array:
         """Columns of Y in docs/model.md (37): dU_e/dq per (a1, a2, a4, a5) of each link, (n_q, 4 n_links).

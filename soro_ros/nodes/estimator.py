@@ -17,7 +17,7 @@ from soro_ros.estimator_ticks import EstimatorTicks
 from soro_ros.frame_check import FrameCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
-from soro_ros.ports import Ports, Publishers, subscribe
+from soro_ros.ports import Ports, Publishers, is_read, subscribe
 from soro_ros.transforms import ArmTransforms
 
 
@@ -66,13 +66,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         if self.state is None or stamp_ns in (None, self._drawn_ns):
             return
         self._drawn_ns, arm, q = stamp_ns, self.estimator.arm, self.state.belief.q
-        places = np.linspace(0.0, self.estimator.length, self._config.backbone_points)
-        shape = [arm.pose(q, s) for s in places]
-        message = PoseArray(poses=[messages.pose_of(pose) for pose in shape])
-        message.header.frame_id = self._config.frames.world
-        message.header.stamp = messages.to_time(stamp_ns)
-        self._backbone.publish(message)
-        self._transforms.publish(shape[-1], stamp_ns)
+        if is_read(self._backbone):
+            places = np.linspace(0.0, self.estimator.length, self._config.backbone_points)
+            message = PoseArray(poses=[messages.pose_of(arm.pose(q, s)) for s in places])
+            message.header.frame_id = self._config.frames.world
+            message.header.stamp = messages.to_time(stamp_ns)
+            self._backbone.publish(message)
+        self._transforms.publish(arm.pose(q, self.estimator.length), stamp_ns)
 
     def _warn(self, line: str) -> None:
         self.get_logger().warning(line, throttle_duration_sec=1.0)

@@ -92,12 +92,14 @@ class Composite(Law[CompositeState]):
         learner = self._learned(state, belief, reference, s, dt)
         # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
         at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
-        model = self.setting.model_force(at, wanted.qd, wanted.qdd)
+        motion = arm.motion_forces(at, wanted.qd, wanted.qdd)
+        model = motion.own + arm.damping_force(at, wanted.qd)
         internal = arm.internal_force(at, state.creep)
-        learned = self.learner.force.force(learner.learned, at, wanted.qd, wanted.qdd)
+        learned = self.learner.force.with_mass(learner.learned, at, motion.by_mass)
         shape, lacking = state.shape, None
         if self.uneven is not None and shape is not None:
-            shape, lacking = self.uneven.step(shape, replace(wanted, q=at), learner.learned.mass_kg)
+            point = replace(wanted, q=at)
+            shape, lacking = self.uneven.step(shape, point, learner.learned.mass_kg, motion)
         uneven = np.zeros_like(at) if lacking is None else lacking.force
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {

@@ -1,0 +1,132 @@
+"""Messages between the nodes of one process, which need not pass the middleware."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy
+from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+
+
+class Reader:
+    """A subscription and the messages that wait for it, as many as its quality of service keeps."""
+
+    def __init__(self, subscription: Subscription) -> None:
+        self.subscription, qos = subscription, subscription.qos_profile
+        self.waiting: deque[Any] = deque(maxlen=qos.depth if qos.history == HistoryPolicy.KEEP_LAST else None)
+        kind = Subscription.CallbackType.MessageOnly
+        self.wants_message_alone = subscription._callback_type == kind
+
+    def take(self) -> None:
+        """Give the oldest message to the subscription."""
+        message = self.waiting.popleft()
+        self.subscription.callback(serialize_message(message) if self.subscription.raw else message)
+
+
+class Handover:
+    """Hands messages from node to node of one process as they are, in the order of the executor.
+
+    A message goes this way if every reader of its topic is in this process and wants nothing but the message,
+    and the topic has one publisher. Otherwise the middleware brings it to every reader, as it does before
+    `begin` and for topics that keep messages for later readers: none gets a message twice or out of order.
+    """
+
+    def __init__(self) -> None:
+        self._readers: dict[str, list[Reader]] = {}
+        self._executor: Executor | None = None
+        self.failure: Exception | None = None
+        """What a reader has raised; nothing is handed over after it."""
+
+    def begin(self, executor: Executor) -> None:
+        """Hand over from now on; the executor calls the readers."""
+        self._executor = executor
+
+    def end(self) -> None:
+        """Leave all messages to the middleware from now on."""
+        self._executor = None
+
+    def add(self, subscription: Subscription) -> None:
+        """Note a subscription of a node of this process."""
+        self._readers.setdefault(subscription.topic_name, []).append(Reader(subscription))
+
+    def remove(self, subscription: Subscription) -> None:
+        """Forget a subscription before it is destroyed, and what waits for it."""
+        for reader in self._readers.get(subscription.topic_name, ()):
+            if reader.subscription is subscription:
+                reader.waiting.clear()
+                self._readers[subscription.topic_name].remove(reader)
+                return
+
+    def give(self, publisher: HandingPublisher, message: Any) -> bool:
+        """Hand a message over; False if the middleware has to bring it."""
+        readers = self._readers.get(publisher.name)
+        if self._executor is None or not readers or not _is_private(publisher, readers):
+            return False
+        for reader in readers:
+            reader.waiting.append(message)
+            self._executor.create_task(self._take, reader)
+        return True
+
+    def _take(self, reader: Reader) -> None:
+        if self.failure is None and reader.waiting:
+            try:
+                reader.take()
+            except Exception as error:  # rclpy's events executor crashes if a task raises
+                self.failure = error
+
+
+class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
+    """A node whose messages need not all pass the middleware."""
+
+    handover: Handover | None = None
+    """That of the process; None for a node that is alone. It is set before the node has topics."""
+
+    def create_publisher(self, *arguments: Any, **options: Any) -> Publisher:
+        """Create a publisher; parameters as in rclpy."""
+        handing = {"publisher_class": partial(HandingPublisher, self)}
+        return super().create_publisher(*arguments, **handing | options)
+
+    def create_subscription(self, *arguments: Any, **options: Any) -> Subscription:
+        """Create a subscription; parameters as in rclpy."""
+        subscription = super().create_subscription(*arguments, **options)
+        if self.handover is not None:
+            self.handover.add(subscription)
+        return subscription
+
+    def destroy_subscription(self, subscription: Subscription) -> bool:
+        """Destroy a subscription; it gets nothing more."""
+        if self.handover is not None:
+            self.handover.remove(subscription)
+        return bool(super().destroy_subscription(subscription))
+
+
+class HandingPublisher(Publisher):  # type: ignore[misc]  # rclpy is not typed
+    """A publisher that hands over what need not pass the middleware."""
+
+    def __init__(self, node: NodeWithHandover, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._node, self.name = node, self.topic_name
+        self._keeps = self.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
+    def publish(self, msg: Any) -> None:
+        """Bring a message to all readers of the topic."""
+        handover = self._node.handover
+        if handover is None or self._keeps or not handover.give(self, msg):
+            super().publish(msg)
+
+
+def _is_private(publisher: Publisher, readers: list[Reader]) -> bool:
+    """Whether these are all readers of a topic, and it has no other publisher."""
+    return (
+        publisher.get_subscription_count() == len(readers)
+        and all(reader.wants_message_alone for reader in readers)
+        and readers[0].subscription.get_publisher_count() == 1
+    )

@@ -51,7 +51,7 @@ class ControlReport:
             self._publish("arm/desired/tip", tip)
         for topic, values in (
             ("controller/estimates", lambda: command.estimates),
-            ("controller/deviations", command.deviations),
+            ("controller/deviations", lambda: command.deviations()),
             ("controller/terms", lambda: self._terms(command)),
         ):
             if self._is_read(topic):

@@ -29,6 +29,7 @@ pytest: $(VENV)/.installed-test
 # The site of the pages: open build/docs/index.html, which needs no network. A warning is an error.
 docs: $(VENV)/.installed-test
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going -c docs -d build/.doctrees . build/docs
+	@echo "open build/docs/README.html"
 
 # The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
 alicatlib: $(VENV)/.installed-test

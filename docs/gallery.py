@@ -39,8 +39,9 @@ Each scene below is a file that you can run, read and change:
     soro scenes                                      # this list
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
     soro film runs/set_points-TIME                   # a film of your run
-    soro scenes set_points > my_scene.yaml           # a copy to change
-    soro scenes --folder my_scenes                   # lists your own scenes too
+    mkdir my_scenes                                  # a folder of your own,
+    soro scenes set_points > my_scenes/mine.yaml     # with a copy to change,
+    soro scenes --folder my_scenes                   # which is listed too
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
 its path in the last seconds), the path of its tip from above or the pressures, and the distance of the tip

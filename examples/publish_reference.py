@@ -7,6 +7,7 @@ import contextlib
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 CORNERS_M = ((0.008, 0.008), (-0.008, 0.008), (-0.008, -0.008), (0.008, -0.008))
@@ -18,8 +19,7 @@ class Square(Node):
 
     def __init__(self):
         super().__init__("square")
-        self.publisher = self.create_publisher(PoseStamped, "arm/reference/tip", 10)
-        self.sides = 0.0
+        self.publisher, self.sides = self.create_publisher(PoseStamped, "arm/reference/tip", 10), 0.0
         self.create_timer(1.0 / RATE_HZ, self.publish)
 
     def publish(self):
@@ -36,5 +36,5 @@ class Square(Node):
 
 if __name__ == "__main__":
     rclpy.init()
-    with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(Square())

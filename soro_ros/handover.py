@@ -109,7 +109,14 @@ class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
 
 
 class HandingPublisher(Publisher):  # type: ignore[misc]  # rclpy is not typed
-    """A publisher that hands over what need not pass the middleware."""
+    """A publisher that hands over what need not pass the middleware.
+
+    Parameters
+    ----------
+    node : NodeWithHandover
+    *arguments, **options : Any
+        As in rclpy.
+    """
 
     def __init__(self, node: NodeWithHandover, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)

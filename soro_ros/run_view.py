@@ -90,7 +90,9 @@ def open_run(
     begin, end = _span(recording)
     begin, end = begin if begin_s is None else begin_s, end if end_s is None else end_s
     if not begin < end:
-        raise ConfigError(str(run), "--end", end, f"more than --start, {begin:.3f} s")
+        if end_s is None:
+            raise ConfigError(str(run), "--start", begin, f"less than the end, {end:.3f} s")
+        raise ConfigError(str(run), "--end", end, f"more than the begin, {begin:.3f} s")
     folder = run if run.is_dir() else run.parent
     return OpenRun(folder, bag, chosen, scene, found, View(recording, scene, begin, end, kind))
 

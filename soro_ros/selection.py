@@ -22,6 +22,8 @@ from soro_ros.units import unit_of
 
 # What a picture can show; more is a mistake.
 MOST_LINES = 400
+# Fields that an error names.
+_NAMED = 20
 # A clock below this [ns] began at 0: it is simulated.
 _SIMULATED_NS = 10**15
 
@@ -92,7 +94,8 @@ def fields_of(
                     raise ConfigError("soro plot", "--field", f"more, as {topic.name} {path}", allowed)
             found += _found(topic, rows)
     if not found:
-        known = ", ".join(list(seen)[:20]) or "none in these topics"
+        more = f", and {len(seen) - _NAMED} more" if len(seen) > _NAMED else ""
+        known = ", ".join(list(seen)[:_NAMED]) + more or "none in these topics"
         raise ConfigError("soro plot", "--field", ", ".join(fields) or "no number", known)
     return found
 

@@ -17,7 +17,7 @@ Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
 # Columns of a law.
-KIND, C1, C2, C3, C01, BULK = range(6)
+KIND, C1, C2, C3, MIXED, BULK = range(6)
 HYPERELASTIC, SVK = 0.0, 1.0
 # In a law of St. Venant-Kirchhoff the second and third column.
 LAMBDA, MU = 1, 2
@@ -102,7 +102,7 @@ def respond(law: Array, bulk: float, F: Array, H: Array, work: Array, P: Array, 
             I2 -= 0.5 * C[i, j] * C[i, j]
     s, t = J ** (-2.0 / 3.0), J ** (-4.0 / 3.0)
     x, y = s * I1 - 3.0, t * I2 - 3.0
-    c01 = law[C01]
+    c01 = law[MIXED]
     first = law[C1] + x * (2.0 * law[C2] + 3.0 * law[C3] * x)
     second = 2.0 * law[C2] + 6.0 * law[C3] * x
     # Factors of dI1, dI2 and dJ in the stress.

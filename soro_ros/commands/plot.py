@@ -70,6 +70,7 @@ def plot(
     try:
         if file.suffix not in _ENDINGS:
             raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")
+        _check_folder("soro plot", file)
         if file.suffix == ".xml":
             _write_layout(run, arm, scene, file)
             return
@@ -107,6 +108,7 @@ def report(
     try:
         if file.suffix != ".html":
             raise ConfigError("soro report", "--out", str(file), "a name that ends with .html")
+        _check_folder("soro report", file)
         notes: list[str] = []
         text = page(open_run(run, arm, scene, start, end, notes.append), notes)
     except (BagError, ConfigError) as error:
@@ -157,6 +159,11 @@ def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) ->
     opened = open_run(run, arm, scene)
     file.write_text(layout(opened.bag, opened.arm), encoding="utf-8")
     typer.echo(str(file))
+
+
+def _check_folder(command: str, file: Path) -> None:
+    if not file.parent.is_dir():
+        raise ConfigError(command, "--out", str(file), "a file in a folder that exists")
 
 
 def _say(notes: list[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from soro_core.errors import ConfigError
+from soro_core.errors import BagError, ConfigError
 from soro_core.extras import require
 
 PORT = 8080
@@ -53,7 +53,11 @@ def view(
     if bag is None:
         _live(robot, namespace, {"port": port, "rate_hz": rate, "trail_s": trail})
     else:
-        _recorded(bag, robot, namespace, port, rate, trail)
+        try:
+            _recorded(bag, robot, namespace, port, rate, trail)
+        except BagError as error:
+            typer.echo(f"soro: {error}", err=True)
+            raise typer.Exit(2) from None
 
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
@@ -91,12 +95,12 @@ def _running(namespace: str, robot: str) -> tuple[str, str]:
 
 
 def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, trail: float) -> None:
+    from soro_core.bag import BagReader
     from soro_core.config import find_config
-    from soro_core.errors import BagError
     from soro_core.robot import load_robot
     from soro_core.scene import load_scene
     from soro_ros import signals
-    from soro_ros.run_folder import bag_and_scene
+    from soro_ros.run_folder import bag_and_scene, bag_of
     from soro_ros.view.access import Access
     from soro_ros.view.recorded import RecordedPage, read, shape_of
     from soro_ros.view.server import ViewServer
@@ -105,6 +109,8 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     try:
         folder, scene_file = bag_and_scene(bag)
     except BagError:
+        with BagReader(bag_of(bag)):  # what is no bag says so itself
+            pass
         if not robot:
             raise ConfigError("soro view", "--robot", None, f"given, as {bag} has no scene") from None
     else:

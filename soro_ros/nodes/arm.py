@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from itertools import pairwise
 
 from soro_core.errors import ConfigError
 from soro_ros import command_line
@@ -33,12 +34,17 @@ def chosen(arguments: list[str]) -> tuple[list[type[SoroNode]], list[str]]:
     Raises
     ------
     ConfigError
-        If a name is not one of a node of an arm.
+        If a name is not one of a node of an arm, or a parameter is for a node that is not chosen.
     """
     names = [name for name in command_line.own(arguments) if not name.startswith("-")]
     if unknown := [name for name in names if name not in NODES]:
         raise ConfigError("command line of arm", "", " ".join(unknown), ", ".join(NODES))
     wanted = names or DEFAULT
+    for option, value in pairwise(arguments):
+        key = value.partition(":=")[0]
+        node = key.rpartition(":")[0].rpartition("/")[2]
+        if option in ("-p", "--param") and node not in ("", "*", "**", *wanted):
+            raise ConfigError("command line of arm", option, value, f"for one of {', '.join(wanted)}")
     return [node for name, node in NODES.items() if name in wanted], arguments[len(names) :]
 
 

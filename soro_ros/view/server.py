@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 from collections.abc import Awaitable, Callable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -105,7 +106,10 @@ class _Guard:
         def guarded(handler: Handler, *args: Any, process_request: Any, **options: Any) -> Any:
             self.used = True
             request = self._checked(process_request)
-            return serve(self._watched(handler), *args, process_request=request, **options)
+            # A browser opens spare connections and closes them unused: no error that a user should read.
+            silent = logging.getLogger("soro_ros.view.connections")
+            silent.setLevel(logging.CRITICAL + 1)
+            return serve(self._watched(handler), *args, process_request=request, logger=silent, **options)
 
         module.serve = guarded  # type: ignore[misc, assignment]
         try:

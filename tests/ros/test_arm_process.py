@@ -37,6 +37,14 @@ def test_a_name_that_is_no_node_is_refused():
         arm.chosen(["twin", "recorder"])
 
 
+@pytest.mark.parametrize("name", ["contoller:rate_hz", "/left/regulator:rate_hz"])
+def test_a_parameter_for_a_node_that_is_not_chosen_is_refused(name):
+    with pytest.raises(ConfigError, match="for one of estimator, controller, twin"):
+        arm.chosen(["--ros-args", "-p", f"{name}:=10.0"])
+    for good in ("rate_hz", "twin:rate_hz", "/left/twin:rate_hz", "/**/twin:rate_hz", "/**:rate_hz"):
+        arm.chosen(["--ros-args", "-p", f"{good}:=10.0"])
+
+
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [(("nothing",), "arm"), (("twin", "--ros-args", "-p", "twin:refine:=0"), "refine")],

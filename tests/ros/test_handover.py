@@ -15,6 +15,8 @@ from soro_ros import middleware, qos
 from soro_ros.handover import Handover, NodeWithHandover
 from tests.ros.running import wait_until
 
+OPEN: list[Process] = []
+
 
 class Process:
     """Two nodes with one executor, and what their readers have got."""
@@ -29,7 +31,12 @@ class Process:
         self.got: list[object] = []
         self.writer = self.writing.create_publisher(String, "words", profile)
         self.reader = self.reading.create_subscription(String, "words", self.got.append, profile, **options)
+        OPEN.append(self)
         self.readers(1)
+
+    def close(self) -> None:
+        for node in (self.writing, self.reading):
+            node.destroy_node()
 
     def readers(self, count: int) -> None:
         # The executor learns of a reader while it spins.
@@ -55,6 +62,8 @@ class Process:
 def started(domain):
     middleware.init([])
     yield
+    while OPEN:  # a topic that stays would be found by the next test
+        OPEN.pop().close()
     rclpy.try_shutdown()
 
 

@@ -219,7 +219,10 @@ def test_any_number_of_any_topic(tmp_path):
         (["-t", "*/chambers/state", "-f", "position.*"], "effort.link0/chamber0"),
         (["-f", "*"], "at most 400"),
         (["--out", "plot.gif"], ".png"),
-        (["--start", "5"], "--start"),
+        (["--start", "5"], "--start: got 5.0"),
+        (["--start", "1", "--end", "0.5"], "--end: got 0.5"),
+        (["--out", "/no/such/folder/x.png"], "a folder that exists"),
+        (["-t", "*/chambers/command", "-t", "*/arm/*", "-f", "nothing"], " more"),
         (["--arm", "left"], "track_circle"),
     ],
 )

@@ -13,6 +13,9 @@ from soro_ros.report import WINDOW_S, Summary
 
 Word = Literal["good", "lost", "vented", "refused"]
 
+# Words of trips by which nodes or devices are late.
+_LATE = ("command lost", "stale_reading")
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -69,6 +72,19 @@ def judge(summary: Summary | None, scene: Scene, status: int, trouble: str) -> V
             f"{summary.saturated_part:.0%} of the set points at a bound, more than {limits.at_bound_part:.0%}"
         )
     return Verdict("lost", "; ".join(lost)) if lost else Verdict("good")
+
+
+def advice(verdict: Verdict, scene: Scene) -> str:
+    """Return what a user can do about a verdict, in one line; empty if that is not known.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    scene : Scene
+    """
+    if scene.mode != "real_time" or scene.faults or not any(word in verdict.reason for word in _LATE):
+        return ""
+    return "a node was late: is the machine busy? --set mode=lockstep has no deadlines (docs/real_time.md)"
 
 
 def with_verdict(summary: Summary, verdict: Verdict) -> Summary:

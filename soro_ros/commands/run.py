@@ -75,7 +75,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     """Judge a run, write and print the result; return the exit status."""
     from soro_ros.picture import draw
     from soro_ros.report import summarise, table
-    from soro_ros.verdict import judge, with_verdict, write
+    from soro_ros.verdict import advice, judge, with_verdict, write
 
     bag = folder / "bag"
     recorded = scene.recorder.enabled and bag.exists()
@@ -92,6 +92,8 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
         console.print("control was too short for a report")
     if verdict.word == "lost":
         console.print(f"[red]soro: {escape(str(verdict))}[/red]", soft_wrap=True)
+    if hint := advice(verdict, scene):
+        console.print(hint, soft_wrap=True)
     if recorded:
         console.print(f"bag:     {bag}")
         if summary is not None:

@@ -9,7 +9,7 @@ from soro_core import load_robot
 from soro_core.config import find_config, read_yaml
 from soro_core.scene import check_gains, load_scene
 from soro_ros.report import Summary
-from soro_ros.verdict import judge
+from soro_ros.verdict import Verdict, advice, judge
 from tests.refused import refused, refused_keys
 from tests.ros.running import run, summary
 
@@ -47,6 +47,20 @@ def test_a_run_is_judged_by_its_figures(figures, keys, status, word, names):
     assert verdict.word == word
     assert all(name in verdict.reason for name in names)
     assert bool(verdict.reason) == bool(names)
+
+
+@pytest.mark.parametrize(
+    ("reason", "keys", "is_given"),
+    [
+        ("regulator: vented: command lost: last one 102 ms old", {}, True),
+        ("stale_reading: link0/chamber0 (node 1): no pressure for 50 ms", {}, True),
+        ("regulator: vented: leak", {}, False),
+        ("regulator: vented: command lost", {"mode": "lockstep"}, False),
+        ("regulator: vented: stale_reading", {"faults": [LEAK]}, False),
+    ],
+)
+def test_a_run_that_lateness_ended_has_an_advice(reason, keys, is_given):
+    assert bool(advice(Verdict("vented", reason), load_scene("track_circle", keys))) == is_given
 
 
 def test_a_run_without_a_recording_is_not_judged():

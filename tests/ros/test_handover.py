@@ -35,6 +35,7 @@ class Process:
         self.readers(1)
 
     def close(self) -> None:
+        self.executor.shutdown()
         for node in (self.writing, self.reading):
             node.destroy_node()
 
@@ -62,7 +63,7 @@ class Process:
 def started(domain):
     middleware.init([])
     yield
-    while OPEN:  # a topic that stays would be found by the next test
+    while OPEN:  # an executor that is not shut down keeps its nodes in their domain
         OPEN.pop().close()
     rclpy.try_shutdown()
 

@@ -1,8 +1,8 @@
 """What the live view costs: its share of a core, and the lateness of a loop in real time beside it.
 
-Each is `soro run` as a user starts it, on emulated valves, in turns: without a view, with one that nobody
-looks at, and with one whose page is open. The page is a web socket that takes in all that a browser takes in
-but draws nothing: drawing costs what the browser and its graphics card make of it.
+Each is `soro run` as a user starts it, on emulated valves, in turns: without a viewer, with a viewer and no
+open page, with a viewer and one open page. The page is a web socket that takes in all that a browser takes in
+but draws nothing: the cost of drawing depends on the browser and its graphics card.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _SCENE, _PERIOD_S = "track_circle", 0.25
 _MOST_TRIPS = 10
 # What differs: name, whether the viewer runs, whether its page is open.
 _TURNS = (
-    ("without a view", False, False),
-    ("view, nobody looks", True, False),
-    ("view, a page open", True, True),
+    ("without a viewer", False, False),
+    ("viewer, no page", True, False),
+    ("viewer, one page", True, True),
 )
 _CAMERA = {"type": "ViewerCameraMessage", "fov": 1.0, "near": 0.01, "far": 10.0}
 _CAMERA |= {"image_height": 800, "image_width": 1200, "wxyz": [1.0, 0.0, 0.0, 0.0]}

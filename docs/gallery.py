@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -62,7 +63,8 @@ def comment_of(scene: Scene) -> str:
         if not line.startswith("#"):
             break
         top.append(line.removeprefix("#").strip())
-    return "\n".join(top)
+    # In the page, which lies in docs/, names of pages become links.
+    return re.sub(r"docs/(\w+\.md)", r"[\1](\1)", "\n".join(top))
 
 
 def run(scene: Scene, folder: Path) -> tuple[Path, dict[str, Any]]:
@@ -109,7 +111,7 @@ def draw(scene: Scene, run_folder: Path) -> None:
     drawn.axis("off")
     wanted = report.within(shown.recording.wanted_tip, scene.duration_s).value
     across = np.ptp(wanted[:, :2], axis=0)
-    if across[1] > FLAT * across[0]:
+    if across.min() > FLAT * across.max():
         panels.draw_path(axes[0], view(shown))
     else:
         draw_pressures(axes[0], shown)

@@ -67,12 +67,15 @@ Floats = Annotated[tuple[float, ...], Field(strict=False)]
 
 def _flat(value: Any) -> Any:
     if isinstance(value, list | tuple) and value and all(isinstance(row, list | tuple) for row in value):
+        for k, row in enumerate(value):
+            if len(row) != 3:
+                raise ValueError(f"rows of 3 numbers, not {len(row)} in row {k}")
         return [number for row in value for number in row]
     return value
 
 
-# A list of numbers that a file may divide into rows; a node's parameter cannot.
-Rows = Annotated[Floats, BeforeValidator(_flat)]
+# Coordinates of points, which a file may divide into rows of three; a node's parameter cannot.
+Points = Annotated[Floats, BeforeValidator(_flat)]
 Strings = Annotated[tuple[str, ...], Field(strict=False)]
 
 Model = TypeVar("Model", bound=Strict)

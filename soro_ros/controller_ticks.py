@@ -218,7 +218,8 @@ class ControllerTicks:
     ) -> None:
         if not self.enabled:
             self._publish_learned(None, stamp_ns)
-            if stamp_ns > self._zero_ns:
+            # A clock that has been set back would otherwise end the commands.
+            if stamp_ns > self._zero_ns or self._ports.now_ns() < self._zero_ns:
                 self._publish(np.zeros(len(self._names)), stamp_ns)
             return
         begun_s = time.monotonic()
@@ -250,7 +251,12 @@ class ControllerTicks:
         self.motions.tick(self.state, t, tip, begun_s)
 
     def stay_at_zero(self) -> None:
-        """Command zero once a period while no message is handled: without commands the driver would trip."""
+        """Command zero once a period while no message is handled: without commands the driver would trip.
+
+        In lockstep each state has its answer, and none comes beside them.
+        """
+        if self._lockstep:
+            return
         now_ns = self._ports.now_ns()
         if now_ns - self._zero_ns > 1e9 / self._config.rate_hz:
             self._zero_ns = now_ns

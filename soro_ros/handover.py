@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Reader:
     """A subscription and the messages that wait for it, as many as its quality of service keeps."""
 
-    def __init__(self, subscription: Subscription) -> None:
-        self.subscription, qos = subscription, subscription.qos_profile
+    def __init__(self, node: Node, subscription: Subscription) -> None:
+        self.node, self.subscription, qos = node, subscription, subscription.qos_profile
         self.waiting: deque[Any] = deque(maxlen=qos.depth if qos.history == HistoryPolicy.KEEP_LAST else None)
         kind = Subscription.CallbackType.MessageOnly
         self.wants_message_alone = subscription._callback_type == kind
@@ -37,13 +37,14 @@ class Handover:
     A message goes this way if every reader of its topic is in this process and wants nothing but the message,
     and the topic has one publisher. Otherwise the middleware brings it to every reader, as it does before
     `begin` and for topics that keep messages for later readers: none gets a message twice or out of order.
+    Writer and readers share the message: none of them may change it.
     """
 
     def __init__(self) -> None:
         self._readers: dict[str, list[Reader]] = {}
         self._executor: Executor | None = None
-        self.failure: Exception | None = None
-        """What a reader has raised; nothing is handed over after it."""
+        self.failure: tuple[Node, Exception] | None = None
+        """What a reader has raised, and its node; nothing is handed over after it."""
 
     def begin(self, executor: Executor) -> None:
         """Hand over from now on; the executor calls the readers."""
@@ -53,9 +54,9 @@ class Handover:
         """Leave all messages to the middleware from now on."""
         self._executor = None
 
-    def add(self, subscription: Subscription) -> None:
+    def add(self, node: Node, subscription: Subscription) -> None:
         """Note a subscription of a node of this process."""
-        self._readers.setdefault(subscription.topic_name, []).append(Reader(subscription))
+        self._readers.setdefault(subscription.topic_name, []).append(Reader(node, subscription))
 
     def remove(self, subscription: Subscription) -> None:
         """Forget a subscription before it is destroyed, and what waits for it."""
@@ -80,7 +81,7 @@ class Handover:
             try:
                 reader.take()
             except Exception as error:  # rclpy's events executor crashes if a task raises
-                self.failure = error
+                self.failure = reader.node, error
 
 
 class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
@@ -98,7 +99,7 @@ class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
         """Create a subscription; parameters as in rclpy."""
         subscription = super().create_subscription(*arguments, **options)
         if self.handover is not None:
-            self.handover.add(subscription)
+            self.handover.add(self, subscription)
         return subscription
 
     def destroy_subscription(self, subscription: Subscription) -> bool:

@@ -139,7 +139,16 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         super().on_activate(state)
-        return self._transition(self.start, "active")
+        result = self._transition(self.start, "active")
+        if result is TransitionCallbackReturn.FAILURE:
+            # What `start` began before its error would go on, and prevent the next try.
+            self._stop_timers()
+            try:
+                self.stop()
+            except Exception:
+                self.get_logger().error(traceback.format_exc())
+            super().on_deactivate(state)
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         self._stop_timers()
@@ -222,6 +231,6 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
 
     def _each_second(self) -> None:
         self.clock_watch.check()
-        if self._configured:
+        if self._configured and self.failure is None:
             self.diagnose()
         self.diagnostics.publish()

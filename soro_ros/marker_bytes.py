@@ -1,7 +1,6 @@
 """A MarkerArray in its serialised form, whose points, colours and stamps are exchanged as arrays.
 
-rclpy converts each Point by itself, which takes some microseconds: an arm of 5000 points at 20 Hz would take
-a fifth of a processor core.
+rclpy converts each Point by itself, about one a microsecond: too slow for thousands of points at 20 Hz.
 """
 
 from __future__ import annotations
@@ -68,8 +67,8 @@ class MarkerBytes:
 
     def _find(self, part: bytes) -> int:
         at = self._bytes.find(part)
-        assert at >= 0
-        assert self._bytes.find(part, at + 1) < 0
+        if at < 0 or self._bytes.find(part, at + 1) >= 0:
+            raise RuntimeError("markers are not serialised as this file expects")
         return at
 
 

@@ -156,31 +156,24 @@ class ArmMarkers:
             )
 
     def _on_backbone(self, message: PoseArray) -> None:
-        if len(message.poses) > 1 and all(_is_known(pose) for pose in message.poses):
+        if len(message.poses) > 1 and all(messages.is_pose(pose) for pose in message.poses):
             self._backbone = message
 
     def _on_tip(self, message: PoseWithCovarianceStamped) -> None:
-        if _is_known(message.pose.pose):
+        if messages.is_pose(message.pose.pose):
             position, _ = messages.pose_arrays(message.pose.pose)
             self._tip.add(messages.to_ns(message.header.stamp), position)
 
     def _on_reference(self, message: PoseStamped) -> None:
-        if _is_known(message.pose):
+        if messages.is_pose(message.pose):
             self._wanted = messages.transform(message.pose)[None]
             self._reference.add(messages.to_ns(message.header.stamp), self._wanted[0, :3, 3])
 
     def _on_pressures(self, message: JointState) -> None:
-        if len(message.name) == len(message.effort):
-            self._pressure = dict(zip(message.name, message.effort, strict=True))
+        self._pressure = messages.efforts(message) or self._pressure
 
     def _on_latch(self, message: DiagnosticStatus) -> None:
         self._vented = "" if message.level == DiagnosticStatus.OK else message.message
-
-
-def _is_known(pose: Pose) -> bool:
-    """Whether a pose is one: finite, with a quaternion that can be a rotation."""
-    position, quaternion = messages.pose_arrays(pose)
-    return bool(np.isfinite(position).all() and 0.5 < quaternion @ quaternion < 2.0)
 
 
 def _axes_of(poses: Array, length: float) -> Array:

@@ -130,6 +130,19 @@ def pose_arrays(message: Pose) -> tuple[Array, Array]:
     return np.array([p.x, p.y, p.z]), np.array([o.x, o.y, o.z, o.w])
 
 
+def is_pose(message: Pose) -> bool:
+    """Whether a Pose is one: finite, with a quaternion that can be a rotation."""
+    position, quaternion = pose_arrays(message)
+    return bool(np.isfinite(position).all() and 0.5 < quaternion @ quaternion < 2.0)
+
+
+def efforts(message: JointState | None) -> dict[str, float]:
+    """Return the efforts of a message by name; empty without a message, or with one that has not as many."""
+    if message is None or len(message.name) != len(message.effort):
+        return {}
+    return dict(zip(message.name, message.effort, strict=True))
+
+
 def transform(message: Pose) -> Array:
     """Homogeneous transform (4, 4) of a Pose; the inverse of `pose_of`."""
     position, quaternion = pose_arrays(message)

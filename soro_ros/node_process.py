@@ -17,6 +17,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from soro_core.errors import ConfigError, SoroError
 from soro_ros import command_line, middleware, signals, timing
 from soro_ros.command_line import Program
+from soro_ros.diagnostics import WARN
 from soro_ros.handover import Handover
 from soro_ros.lifecycle import Config, SoroNode
 
@@ -148,10 +149,14 @@ def _start(nodes: Sequence[SoroNode[Any]], stopping: list[int]) -> None:
     try:
         for step in ("configure", "activate"):
             for node in wanted:
-                if not any(one.failure for one in wanted):
+                failed = next((one for one in wanted if one.failure), None)
+                if failed is None:
                     getattr(node, f"trigger_{step}")()
                     if node.failure is not None:
                         _stay_or_end(node, step)
+                elif node is not failed:
+                    node.diagnostics.update(WARN, f"not started: {failed.get_name()} has failed")
+                    node.get_logger().warning(f"{failed.get_name()} has failed: no {step} of this node")
     finally:
         for node in nodes:
             node.stopping = []  # later errors are no interrupts
@@ -177,13 +182,15 @@ def _spin(nodes: Sequence[SoroNode[Any]], stopping: list[int], handover: Handove
     handover.begin(executor)
     timing.shorten_pauses()
     _prioritise(max(nodes, key=lambda node: node.priority))
+    failed: Any = nodes[-1]  # the executor does not say whose callback raises
     try:
         while not stopping and not any(node.finished for node in nodes):
             executor.spin_once(timeout_sec=SPIN_WAIT_S)
             if handover.failure is not None:
-                raise handover.failure
+                failed, error = handover.failure
+                raise error
     except SoroError as error:  # raised in a callback
-        nodes[-1].fail(error)
+        failed.fail(error)
 
 
 def _prioritise(node: SoroNode[Any]) -> None:

@@ -65,6 +65,7 @@ class RecorderControls:
 
     def _keep_clock(self, changes: list[Parameter]) -> SetParametersResult:
         """Refuse another clock within a bag: its times would be those of two."""
-        refused = any(change.name == "use_sim_time" for change in changes)
+        present = self._node.get_parameter("use_sim_time").value
+        refused = any(change.name == "use_sim_time" and change.value != present for change in changes)
         reason = "use_sim_time: a bag keeps its clock; deactivate the recorder first" if refused else ""
         return SetParametersResult(successful=not refused, reason=reason)

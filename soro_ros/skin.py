@@ -56,11 +56,11 @@ class Skin:
         Parameters
         ----------
         pressure : mapping of str to float
-            Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale, and one
-            that is not known (NaN, or missing).
+            Pressure of each chamber relative to the highest one, 0 to 1: an empty chamber is pale, one that
+            is not known (NaN, or missing) dark grey.
         """
         return [
-            shade(body.colour, full_part(np.nan_to_num(pressure.get(body.name, 0.0))))
+            shade(body.colour, full_part(pressure.get(body.name, np.nan)))
             if body.name in self._chambers
             else body.colour
             for body in self._bodies

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from soro_core.config import Floats, InnerError, Rows, Strict
+from soro_core.config import Floats, InnerError, Points, Strict
 from soro_core.control.adaptation_config import Adaptation
 from soro_core.control.laws.registry import find_law
 from soro_core.control.motion_config import EnableBounds, MotionConfig
@@ -148,7 +148,7 @@ class ReferenceConfig(Strict):
         (0.0, 0.0, 0.0),
         description="for kind set_point: one value a strain of a link, uniform along it, or the coordinates",
     )
-    path_m: Rows = Field(
+    path_m: Points = Field(
         (),
         description="for kind path: points of the tip in the world, x, y and z of each, in rows or not; the "
         "tip goes straight from one to the next, as fast as `motion` says, and rests at each",

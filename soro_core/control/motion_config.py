@@ -8,7 +8,7 @@ from soro_core.config import Strict
 
 
 class MotionConfig(Strict):
-    """Motions to references by topic, and along paths of the tip (arm/reference/path, soro move)."""
+    """Motions to references by topic, and along paths of the tip (configured, by topic, `soro move`)."""
 
     speed_m_s: float = Field(0.04, gt=0, le=10, description="fastest speed of the tip")
     acceleration_m_s2: float = Field(0.1, gt=0, le=1e3, description="largest acceleration of the tip")

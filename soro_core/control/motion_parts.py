@@ -158,6 +158,12 @@ class Motion(Reference):
             begins.append(begins[-1] + part.duration_s)
         return begins
 
+    def times(self, each: int) -> Array:
+        """Return `each` times [s] a part, from its begin on, and that of the end."""
+        shares = np.arange(each) / each
+        parts = zip(self._begins, self.parts, strict=False)
+        return np.array([begin + x * part.duration_s for begin, part in parts for x in shares] + [self.end_s])
+
     @property
     def path_s(self) -> float:
         """Time at which the path begins [s]."""

@@ -65,7 +65,7 @@ def _checked(reference: Reference, settings: ReferenceConfig) -> tuple[str, Arra
     if isinstance(reference, Circle):
         return "curvature_per_m", np.arange(POINTS) / POINTS * settings.period_s
     if isinstance(reference, Motion):
-        return "path_m", np.linspace(0.0, reference.end_s, PATH_POINTS * len(reference.parts))
+        return "path_m", reference.times(PATH_POINTS)
     return "set_point", np.zeros(1)
 
 

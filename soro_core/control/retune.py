@@ -119,6 +119,8 @@ def _with_keys(controller: Controller, config: ControllerConfig) -> Controller:
 
 
 def _moves_otherwise(before: ControllerConfig, config: ControllerConfig) -> bool:
+    if config.reference.kind == "path" and config.motion != before.motion:  # rules its speed
+        return True
     return any(getattr(before.reference, name) != getattr(config.reference, name) for name in MOTION)
 
 

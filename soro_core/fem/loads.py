@@ -95,9 +95,12 @@ class Loads:
 
 
 def no_loads(mesh: Mesh) -> Loads:
-    """Return loads under which all nodes are free."""
+    """Return loads under which all nodes are free; those on an axis of revolution stay on it."""
     shape = mesh.points.shape
-    return Loads(np.full(shape, np.nan), np.zeros(shape), np.zeros(shape))
+    held = np.full(shape, np.nan)
+    if mesh.space == "axisymmetric":
+        held[mesh.points[:, 0] == 0.0, 0] = 0.0
+    return Loads(held, np.zeros(shape), np.zeros(shape))
 
 
 def traction(mesh: Mesh, faces: Indices, stress_pa: ArrayLike) -> Array:
@@ -130,8 +133,9 @@ def spread_spring(mesh: Mesh, faces: Indices, stiffness: ArrayLike) -> Array:
     """
     face = element(mesh.element.face)
     # The square of a shape function, which is positive also where its own integral is not.
-    share = np.einsum("fg,ga->fa", _face_areas(mesh, faces), face.shape**2)
-    share *= (_face_areas(mesh, faces).sum(axis=1) / share.sum(axis=1))[:, None]
+    area = _face_areas(mesh, faces)
+    share = np.einsum("fg,ga->fa", area, face.shape**2)
+    share *= (area.sum(axis=1) / share.sum(axis=1))[:, None]
     return _spread(mesh, faces, share, np.asarray(stiffness, dtype=float))
 
 

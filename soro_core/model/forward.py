@@ -37,6 +37,23 @@ class ForwardDynamics(ArmBase):
     _no_wrench: Array
     _no_internal: Array
 
+    def acting_pressure(self, p: ArrayLike) -> Array:
+        """What acts of gauge pressures p (n_u,) [Pa]: beyond dead bands, on areas that they swell.
+
+        Raises
+        ------
+        ModelError
+            If a pressure is not below that at which the area of its chamber has no bound.
+        """
+        p, band = self._vector(p, self.n_u, "p"), self.tables.dead_band
+        beyond = np.maximum(p - band, 0.0) + np.minimum(p + band, 0.0)
+        room = 1.0 - self.tables.swell * np.abs(beyond)
+        if np.any(room <= 0.0):
+            u = int(np.argmin(room))
+            chamber = self.robot.chamber_names[u]
+            raise ModelError(f"p: got {p[u]:g} Pa of {chamber}; allowed: less, by its swell_per_pa", "p")
+        return np.asarray(beyond / room)
+
     def forward_dynamics(
         self,
         q: ArrayLike,
@@ -73,6 +90,7 @@ class ForwardDynamics(ArmBase):
         if code != dynamics.GOOD:
             for values, name in ((p, "p"), (w, "wrench"), (z, "internal")):
                 finite(values, name)
+            self.acting_pressure(p)
             raise fault(code, q, qd)
         return qdd
 

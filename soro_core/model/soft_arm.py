@@ -143,12 +143,6 @@ class SoftArm(ForwardDynamics):
 
     pressure_matrix = actuation_matrix
 
-    def acting_pressure(self, p: ArrayLike) -> Array:
-        """What acts of gauge pressures p (n_u,) [Pa]: beyond dead bands, on areas that they swell."""
-        p, band = self._vector(p, self.n_u, "p"), self.tables.dead_band
-        beyond = np.maximum(p - band, 0.0) + np.minimum(p + band, 0.0)
-        return np.asarray(beyond / (1.0 - self.tables.swell * np.abs(beyond)))
-
     def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
         """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times what acts of them."""
         return np.asarray(self.actuation_matrix(q) @ self.acting_pressure(p))

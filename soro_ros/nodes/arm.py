@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import tempfile
+from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 
 from soro_core.errors import ConfigError
 from soro_ros import command_line
@@ -40,12 +44,35 @@ def chosen(arguments: list[str]) -> tuple[list[type[SoroNode]], list[str]]:
     if unknown := [name for name in names if name not in NODES]:
         raise ConfigError("command line of arm", "", " ".join(unknown), ", ".join(NODES))
     wanted = names or DEFAULT
-    for option, value in pairwise(arguments):
-        key = value.partition(":=")[0]
-        node = key.rpartition(":")[0].rpartition("/")[2]
-        if option in ("-p", "--param") and node not in ("", "*", "**", *wanted):
-            raise ConfigError("command line of arm", option, value, f"for one of {', '.join(wanted)}")
+    for option, rule in pairwise(arguments):
+        node = _rule_of(option, rule)[0]
+        if node not in ("", *wanted):
+            raise ConfigError("command line of arm", option, rule, f"for one of {', '.join(wanted)}")
     return [node for name, node in NODES.items() if name in wanted], arguments[len(names) :]
+
+
+@contextlib.contextmanager
+def for_any_namespace(arguments: list[str]) -> Iterator[list[str]]:
+    """Give ROS arguments in which ``-p NODE:KEY:=VALUE`` counts for that node in whatever namespace.
+
+    ROS ignores such a rule, without a word, for a node in a namespace; an entry of a parameter file counts.
+    """
+    own = [_rule_of(option, rule) for option, rule in pairwise(arguments)]
+    entries = [f"/**/{node}:\n  ros__parameters:\n    {key}: {value}\n" for node, key, value in own if node]
+    with tempfile.TemporaryDirectory(prefix="soro-") as folder:
+        files: list[str] = []
+        for k, entry in enumerate(entries):  # one each: a node may have several
+            file = Path(folder) / f"{k}.yaml"
+            file.write_text(entry, encoding="utf-8")
+            files += ["--params-file", str(file)]
+        yield [*arguments, *files]
+
+
+def _rule_of(option: str, rule: str) -> tuple[str, str, str]:
+    """Return node, key and value of a rule for one node; empty for another argument."""
+    name, _, value = rule.partition(":=")
+    node, _, key = name.rpartition(":")
+    return (node, key, value) if option in ("-p", "--param") else ("", "", "")
 
 
 def main() -> None:
@@ -55,7 +82,8 @@ def main() -> None:
     except ConfigError as error:
         sys.stderr.write(f"arm: {error}\n")
         raise SystemExit(2) from None
-    run_nodes(nodes, PROGRAM, rest)
+    with for_any_namespace(rest) as arguments:
+        run_nodes(nodes, PROGRAM, arguments)
 
 
 if __name__ == "__main__":

@@ -136,9 +136,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._ticks.enabled = False
         self._ticks.motions.forget(VENTED, "commanding zero until ~/enable")
-        if self.get_parameter("mode").value == "real_time":
-            # Where readings have ended no state asks for a command, and a reset needs a last one of zero.
-            self._ticks.stay_at_zero()
+        # Where readings have ended no state asks for a command, and a reset needs a last one of zero.
+        self._ticks.stay_at_zero()
         response.success, response.message = True, "commanding zero until ~/enable"
         return response
 

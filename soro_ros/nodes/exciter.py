@@ -160,6 +160,9 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """End the excitation."""
         self._stop = "vent requested"
+        if not self._lockstep:
+            # Where readings have ended none asks for a command, and a reset needs a last one of zero.
+            self._publish(np.zeros(len(self._names)), int(self.get_clock().now().nanoseconds))
         response.success, response.message = True, "commanding zero"
         return response
 

@@ -57,7 +57,7 @@ class Viewer(SoroNode[ViewerConfig]):
         self._page = LivePage(self, self._server, robot, config.payload_kg)
         self._received = Received(self.get_namespace())
         self._past: deque[Moment] = deque(maxlen=round(config.trail_s * config.rate_hz))
-        # In no executor: thousands of messages a second wake nobody, the newest is taken when it is drawn.
+        # In no executor: a message does not wake this process, the newest one is taken when it is drawn.
         self._listener = Node(
             "_viewer_topics", namespace=self.get_namespace(), start_parameter_services=False
         )

@@ -91,5 +91,5 @@ class Access:
 
 
 def _cookie(port: int) -> str:
-    """Cookies do not know ports: two views on one host need two names."""
+    """Cookies know no ports: two views on one host need two names, and each server on it gets both."""
     return f"soro_view_{port}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
@@ -130,28 +130,37 @@ class Received:
             return message if now_s - at_s <= STALE_S else None
 
         backbone, tip, wanted = fresh(BACKBONE), fresh(TIP), fresh(WANTED)
-        latched, valves = self._latch()
+        poses = [] if backbone is None else backbone.poses
+        is_shape = len(poses) > 1 and all(messages.is_pose(one) for one in poses)
+        latched, valves = self._latch(now_s)
         return Moment(
             self.t_s,
-            messages.transforms(backbone) if backbone is not None and len(backbone.poses) > 1 else None,
-            None if tip is None else messages.pose_arrays(tip.pose.pose)[0],
-            None if wanted is None else messages.pose_arrays(wanted.pose)[0],
-            _efforts(fresh(PRESSURES)),
+            messages.transforms(backbone) if is_shape else None,
+            None if tip is None else _place(tip.pose.pose),
+            None if wanted is None else _place(wanted.pose),
+            messages.efforts(fresh(PRESSURES)),
             latched,
             valves,
             tuple(self._faults(now_s)),
         )
 
-    def _latch(self) -> tuple[bool | None, str]:
-        """Return whether the latch is closed, and the words of the node that drives the valves."""
+    def _latch(self, now_s: float) -> tuple[bool | None, str]:
+        """Return whether the latch is closed, and the words of the node that drives the valves.
+
+        Readings come also while a device is silent: without them the driver is gone, and what it said of an
+        open latch is not known to hold.
+        """
         if LATCH in self._newest:
-            status = self._newest[LATCH][1]
-            return _level(status) >= 2, status.message
-        for _, status in self._nodes.values():
-            if status.message.startswith(VENTED):
+            said = [self._newest[LATCH][1]]
+        else:
+            said = [status for _, status in self._nodes.values() if status.message.startswith(VENTED)]
+        for status in said:
+            if _level(status) >= 2:
                 return True, status.message
-        driven = PRESSURES in self._newest
-        return (False, "open") if driven else (None, Moment.valves)
+        if PRESSURES not in self._newest:
+            return (False, "open") if LATCH in self._newest else (None, Moment.valves)
+        age_s = now_s - self._newest[PRESSURES][0]
+        return (False, "open") if age_s <= STALE_S else (None, f"not known: no readings for {age_s:.0f} s")
 
     def _faults(self, now_s: float) -> list[str]:
         lines = []
@@ -168,7 +177,5 @@ def _level(status: DiagnosticStatus) -> int:
     return int.from_bytes(status.level, "little")
 
 
-def _efforts(message: JointState | None) -> dict[str, float]:
-    if message is None or len(message.name) != len(message.effort):
-        return {}
-    return dict(zip(message.name, message.effort, strict=True))
+def _place(pose: Pose) -> Array | None:
+    return messages.pose_arrays(pose)[0] if messages.is_pose(pose) else None

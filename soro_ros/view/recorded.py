@@ -138,7 +138,7 @@ class RecordedPage:
             time.sleep(1.0 / _FASTEST_HZ)
 
     def step(self, passed_s: float) -> None:
-        """Go on by a time [s], at the speed that is set, and draw; stand still while nobody looks."""
+        """Go on by a time [s], at the speed that is set, and draw; stand still while no page is open."""
         if not self._server.get_clients():
             return
         if self._playing:

@@ -12,8 +12,10 @@ def test_the_cycles_of_the_loop_in_one_process(tmp_path):
     assert [row["cycles"] for row in rates] == ["50"]
     assert float(rates[0]["CPU a cycle, ms"]) > 0.0
     costs = {row["part"]: float(row["us a cycle"]) for row in parts}
-    assert costs["controller"] > 0.0
-    assert sum(costs.values()) == pytest.approx(2 * costs["whole"], abs=len(costs))
+    assert {"controller", "estimator", "twin", "limiter", "rest", "whole"} == costs.keys()
+    assert min(costs.values()) > 0.0
+    # Where the hooks of the measurement are dead, no work begins or ends.
+    assert "-" not in (rates[0]["work ends after, ms"], rates[0]["begins late, ms"])
 
 
 def looks(per_s: float, handles: int) -> list[Look]:

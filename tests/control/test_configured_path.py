@@ -69,6 +69,7 @@ def test_a_later_begin_is_the_same_motion_later(points):
         ({"points": [0.1, 0.2]}, "reference", ("2 numbers",)),
         ({"points": []}, "reference", ("0 numbers",)),
         ({"points": [[0.0, 0.0, 0.06], 0.1]}, "reference.path_m[0]", ()),
+        ({"points": [[0.01, 0.0], [0.02, 0.06], [0.01, 0.03]]}, "reference.path_m", ("3 numbers",)),
         ({"points": [[0.0, 0.0, 0.06]]}, "poses[0].position", ("nearest",)),
     ],
 )
@@ -91,6 +92,25 @@ def test_a_path_that_the_pressures_cannot_hold_is_refused(points):
     weak = ROBOT.replace(pressure_range_pa=(0.0, 100.0))
     with refused("reference.path_m", names=("kPa can hold",)):
         check_reach(Controller(weak, config(points)), REACH)
+
+
+def test_a_leg_beyond_the_pressures_is_seen_beside_long_rests(points):
+    """The tip goes out and comes back at once; it waits for a minute where the pressures hold it."""
+    weak = ROBOT.replace(pressure_range_pa=(0.0, 3e3))
+    near = Controller(ROBOT, config(points)).arm.pose(np.array([0.0, 0.5, 0.0]), ROBOT.length)[:3, 3].tolist()
+    check_reach(Controller(weak, config([near], start_s=60.0)), REACH)
+    with refused("reference.path_m", names=("kPa can hold",)):
+        check_reach(Controller(weak, config([near, points[0], near], pause_s=0.0, start_s=60.0)), REACH)
+
+
+def test_a_running_controller_goes_along_its_path_at_another_speed(points):
+    controller = Controller(ROBOT, config(points))
+    state = controller.initial_state()
+    new = retune(controller, state, config(points, motion={"speed_m_s": 0.005}), 1.0)
+    assert new.moves
+    assert new.controller.configured.end_s > controller.configured.end_s + 1.0
+    with refused("motion.speed_m_s"):
+        retune(controller, state, config(points, motion={"speed_m_s": 5.0, "acceleration_m_s2": 500.0}), 1.0)
 
 
 def test_a_running_controller_takes_a_path(points):

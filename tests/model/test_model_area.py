@@ -90,6 +90,15 @@ def test_a_pressure_swells_the_area_that_it_acts_on():
     np.testing.assert_allclose(equilibrium(arm, PRESSURE), equilibrium(plain, acting), atol=1e-9)
 
 
+def test_a_pressure_beyond_the_pole_is_refused_with_its_name():
+    arm, q = arm_with(dead_band_pa=BAND, swell_per_pa=SWELL), np.zeros(3)
+    beyond = np.array([0.0, 1.01 * (BAND + 1.0 / SWELL), 0.0])
+    for call in (arm.acting_pressure, lambda p: arm.forward_dynamics(q, q, p)):
+        with pytest.raises(ModelError, match="chamber1") as caught:
+            call(beyond)
+        assert caught.value.key == "p"
+
+
 @pytest.mark.parametrize("swell", [0.0, SWELL])
 def test_derivatives_with_a_dead_band_and_a_bounded_area(swell):
     arm = arm_with(dead_band_pa=BAND, area_saturation=0.3, swell_per_pa=swell)

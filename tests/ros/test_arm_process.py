@@ -7,9 +7,12 @@ import subprocess
 import sys
 
 import pytest
+import rclpy
 
 from soro_core.errors import ConfigError
+from soro_ros import middleware
 from soro_ros.nodes import arm
+from soro_ros.nodes.twin import TwinNode
 from soro_ros.supervisor import Supervisor
 from tests.patience import COMPILED_S
 from tests.refused import refused_keys
@@ -37,12 +40,27 @@ def test_a_name_that_is_no_node_is_refused():
         arm.chosen(["twin", "recorder"])
 
 
-@pytest.mark.parametrize("name", ["contoller:rate_hz", "/left/regulator:rate_hz"])
+@pytest.mark.parametrize("name", ["contoller:rate_hz", "regulator:rate_hz", "/left/twin:rate_hz"])
 def test_a_parameter_for_a_node_that_is_not_chosen_is_refused(name):
     with pytest.raises(ConfigError, match="for one of estimator, controller, twin"):
         arm.chosen(["--ros-args", "-p", f"{name}:=10.0"])
-    for good in ("rate_hz", "twin:rate_hz", "/left/twin:rate_hz", "/**/twin:rate_hz", "/**:rate_hz"):
+    for good in ("rate_hz", "twin:rate_hz"):
         arm.chosen(["--ros-args", "-p", f"{good}:=10.0"])
+
+
+@pytest.mark.parametrize("namespace", ["/", "/left"])
+def test_a_parameter_for_one_node_counts_in_every_namespace(domain, namespace):
+    own = ("twin:limits.maximum_pa:=5e4", "twin:payload_kg:=0.02", "controller:rate_hz:=9.0")
+    rules = [part for rule in own for part in ("-p", rule)]
+    with arm.for_any_namespace(["--ros-args", "-r", f"__ns:={namespace}", *rules]) as arguments:
+        middleware.init(arguments)
+        node = TwinNode()
+        try:
+            values = [node.get_parameter(key).value for key in ("limits.maximum_pa", "payload_kg", "rate_hz")]
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()
+    assert values == [5e4, 0.02, 200.0]
 
 
 @pytest.mark.parametrize(

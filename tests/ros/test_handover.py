@@ -179,5 +179,6 @@ def test_what_a_reader_raises_is_kept_and_no_other_message_is_handed_over(starte
     wait_until(lambda: process.spun() and process.handover.failure is not None, "the failure")
     for _ in range(3):
         process.spun()
-    assert str(process.handover.failure) == "wrong word"
+    node, error = process.handover.failure
+    assert (node, str(error)) == (process.reading, "wrong word")
     assert words(taken) == ["one"]

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_core.errors import ConfigError, HardwareError
+from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.hardware.port import BusStatistics, Exchange, Fault
 from soro_core.scene import (
     ControllerNodeConfig,
@@ -38,6 +38,7 @@ from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.shadow import ShadowNode
+from soro_ros.nodes.twin import TwinNode
 from soro_ros.processes import NodeError
 from soro_ros.supervisor import Supervisor
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
@@ -602,3 +603,28 @@ def tip_pose(x: float, y: float, z: float) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
     return pose
+
+
+def test_an_activation_that_fails_is_undone_and_stays_an_error(domain, monkeypatch):
+    middleware.init(["--ros-args", "-p", "autostart:=false"])
+    node = TwinNode()
+    try:
+        node.trigger_configure()
+        begin = node._begin
+
+        def failing():
+            begin()
+            raise SoroError("no room")
+
+        monkeypatch.setattr(node, "_begin", failing)
+        node.trigger_activate()
+        node._each_second()
+        assert (node.diagnostics.level, node.diagnostics.message) == (ERROR, "no room")
+        assert not list(node._timers_active)
+        monkeypatch.setattr(node, "_begin", begin)
+        node.trigger_activate()
+        node._each_second()
+        assert (node.diagnostics.level, node.diagnostics.message) == (OK, "active")
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -86,6 +86,7 @@ def test_with_simulated_time_a_recording_begins_with_the_first_time(domain, tmp_
             rclpy.spin_once(node, timeout_sec=0.02)
         node.diagnose()
         assert node.diagnostics.status.message == "waiting for /clock"
+        assert node.set_parameters([Parameter("use_sim_time", value=True)])[0].successful  # as it is
         (refused,) = node.set_parameters([Parameter("use_sim_time", value=False)])
         assert not refused.successful
         assert "deactivate" in refused.reason

@@ -58,7 +58,10 @@ def test_a_chamber_is_the_fuller_the_higher_its_pressure():
     grey = [abs(colour(value) - 0.9).sum() for value in (0.0, 0.5, 1.0)]
     assert grey == sorted(grey)
     assert grey[2] > 4 * grey[0] > 0
-    assert colour(float("nan")) == pytest.approx(colour(0.0))
+    unknown = colour(float("nan"))
+    assert np.ptp(unknown) == 0.0
+    assert unknown[0] < 0.5
+    assert skin.colours({})[skin.names.index("link0/chamber1")] == pytest.approx(unknown)
     assert colour(7.0) == pytest.approx(colour(1.0))
     others = skin.colours({})
     assert others[skin.names.index("core")] == pytest.approx(skin.colours({"core": 1.0})[0])

@@ -77,9 +77,21 @@ def test_the_latch_and_its_cause_are_those_of_the_topic_or_of_the_diagnostics(re
     received.take(DIAGNOSTICS, DiagnosticArray(status=[vented]), 0.0)
     assert (received.moment(0.0).latched, received.moment(0.0).valves) == (True, "vented: command lost")
     received.take(LATCH, status("/arm/regulator", DiagnosticStatus.OK, "open", latched="false"), 0.0)
-    assert received.moment(99.0).latched is False  # a latched topic does not grow old
+    assert (received.moment(0.0).latched, received.moment(0.0).valves) == (False, "open")
+    gone = received.moment(9.0)  # the driver: its readings have ended
+    assert (gone.latched, gone.valves) == (None, "not known: no readings for 9 s")
     received.take(LATCH, status("/arm/regulator", DiagnosticStatus.ERROR, "vented: high pressure"), 0.0)
-    assert (received.moment(0.0).latched, received.moment(0.0).valves) == (True, "vented: high pressure")
+    assert (received.moment(99.0).latched, received.moment(99.0).valves) == (True, "vented: high pressure")
+
+
+@pytest.mark.parametrize("bad", [np.nan, 0.0])
+def test_a_message_that_is_no_pose_is_not_drawn(received, bad):
+    array = PoseArray(poses=[messages.pose_of(pose(0.1)), messages.pose_of(pose(0.2))])
+    received.take(BACKBONE, array, 0.0)
+    assert received.moment(0.0).backbone is not None
+    o = array.poses[1].orientation
+    o.x = o.y = o.z = o.w = bad
+    assert received.moment(0.0).backbone is None
 
 
 def test_faults_are_those_of_this_arm_and_a_node_that_falls_silent_is_one(received):

@@ -74,7 +74,7 @@ def test_play_pause_and_the_slider_set_the_time(recorded):
     try:
         player = RecordedPage(server, load_robot("tue_three_bellow"), recorded, 10.0)
         player.step(0.5)
-        assert player.shown()[-1].t_s == 0.0  # nobody looks
+        assert player.shown()[-1].t_s == 0.0  # no page is open
         server.get_clients = lambda: {0: None}
         player.step(0.5)
         assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)

@@ -126,7 +126,7 @@ def _of_link(robot: Robot, link: Link, name: str) -> Iterator[Number]:
         yield Number(f"{name}/area_slope", slope, "1", "shift", 5.0, -50.0, 50.0)
         saturation = max(c.area_saturation for c in link.chambers)
         yield Number(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
-        band, most = max(c.dead_band_pa for c in link.chambers), max(robot.pressure_range_pa)
+        band, most = max(c.dead_band_pa for c in link.chambers), max(map(abs, robot.pressure_range_pa))
         yield Number(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
         swell = max(c.swell_per_pa for c in link.chambers)
         yield Number(f"{name}/swell", swell, "1/Pa", "shift", 0.3 / most, 0.0, min(0.9 / most, 1e-4))

@@ -10,6 +10,8 @@ from types import FrameType
 
 # The terminal sends SIGHUP when it closes.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+# Period of the question whether the compiler is still in LLVM [s].
+LLVM_PERIOD_S = 0.01
 
 
 class Interrupt(KeyboardInterrupt):
@@ -34,21 +36,31 @@ def noted() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def raised(seen: list[int]) -> Iterator[None]:
-    """Append these signals to the list and raise `Interrupt`, for work that does not read the list."""
+    """Append these signals to the list and raise `Interrupt`, for work that does not read the list.
+
+    It is not raised in the Python code around LLVM, whose half-made objects fail when they are deleted, but
+    as soon as that has returned. SIGALRM is used for it.
+    """
 
     is_inside = False
 
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if is_inside and _is_in_llvm(frame):
+            signal.setitimer(signal.ITIMER_REAL, LLVM_PERIOD_S)
+        elif is_inside:
+            raise Interrupt
+
     def on_signal(number: int, frame: FrameType | None) -> None:
         seen.append(number)
-        if is_inside:
-            raise Interrupt
+        interrupt(number, frame)
 
     def on_ignored(ignored: sys.UnraisableHookArgs) -> None:
         # A callback of the compiler cannot raise the interrupt; the list has it.
         if not isinstance(ignored.exc_value, KeyboardInterrupt):
             hook(ignored)
 
-    previous = {number: signal.signal(number, on_signal) for number in SIGNALS}
+    previous = {signal.SIGALRM: signal.signal(signal.SIGALRM, interrupt)}
+    previous |= {number: signal.signal(number, on_signal) for number in SIGNALS}
     hook, sys.unraisablehook = sys.unraisablehook, on_ignored
     try:
         is_inside = True  # one signal earlier would leave the handlers in place
@@ -64,6 +76,15 @@ def raised(seen: list[int]) -> Iterator[None]:
             raise Interrupt
     finally:
         is_inside = False  # one more signal here would do so too, and interrupt a safe end
+        signal.setitimer(signal.ITIMER_REAL, 0)
         sys.unraisablehook = hook
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+def _is_in_llvm(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").partition(".")[0] == "llvmlite":
+            return True
+        frame = frame.f_back
+    return False

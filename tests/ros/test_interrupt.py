@@ -105,6 +105,26 @@ def test_an_interrupt_that_became_an_error_or_was_forgotten_is_the_interrupt(rai
     assert seen == [signal.SIGINT]
 
 
+HALF_MADE = """
+def make(interrupted):
+    interrupted()
+    made.append("whole")
+"""
+
+
+def test_an_interrupt_waits_until_llvm_has_returned():
+    """Half-made objects of llvmlite fail as they are deleted: a traceback, and once a crash."""
+    made: list[str] = []
+    llvm = {"__name__": "llvmlite.binding.passes", "made": made}
+    exec(HALF_MADE, llvm)
+    with pytest.raises(KeyboardInterrupt), signals.raised(seen := []):
+        llvm["make"](lambda: signal.raise_signal(signal.SIGINT))
+        time.sleep(LIMIT_S)
+        made.append("too late")
+    assert (seen, made) == ([signal.SIGINT], ["whole"])
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+
+
 def test_a_signal_that_comes_as_the_work_ends_leaves_no_handler(monkeypatch):
     """With one it would interrupt what follows: the node's safe end."""
     restore, coming = signal.signal, [signal.SIGTERM, signal.SIGTERM]

@@ -131,35 +131,6 @@ def pressure_bounds(pressures: CompletePressures, robot: Robot) -> tuple[float, 
     return low, high
 
 
-def dead_bands(robot: Robot, low_pa: float, high_pa: float) -> Array:
-    """Return the dead band of each chamber (n_u,) [Pa].
-
-    Parameters
-    ----------
-    robot : Robot
-        Discretised robot.
-    low_pa, high_pa : float
-        Range of the set points [Pa gauge].
-
-    Raises
-    ------
-    ConfigError
-        If the range is not above a dead band alone: across it no small change of a set point has an effect.
-        If an area swells with the pressure: the force is then not linear in the set points.
-    """
-    chambers = [chamber for link in robot.links for chamber in link.chambers]
-    for name, chamber in zip(robot.chamber_names, chambers, strict=True):
-        if chamber.swell_per_pa > 0.0:
-            got = f"{chamber.swell_per_pa:g} of {name}"
-            raise ConfigError("controller", "swell_per_pa", got, "0: an area that no pressure swells")
-    bands = np.array([chamber.dead_band_pa for chamber in chambers])
-    for name, band in zip(robot.chamber_names, bands, strict=True):
-        if band > 0.0 and not (low_pa > -band and high_pa > band):
-            allowed = f"set points above -{band:g} that reach beyond {band:g}, not {low_pa:g} to {high_pa:g}"
-            raise ConfigError("controller", "dead_band_pa", f"{band:g} of {name}", allowed)
-    return bands
-
-
 def _beyond(pressures: Pressures, limits: Limits) -> list[str]:
     """Return the keys whose stated values lie beyond the limits."""
     found = []

@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.control.acting import acting_of
 from soro_core.control.allocation import allocate, balanced_weight
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
@@ -133,7 +134,7 @@ def mean_static_pressure(
     wide = 1e3 * (maximum_pa - minimum_pa)
     middle = 0.5 * (minimum_pa + maximum_pa)
     found = allocate(actuation, load, middle - wide, middle + wide, weight, 1e-12, middle, middle)
-    return float(np.mean(found.pressure_pa + arm.tables.dead_band))
+    return float(np.mean(acting_of(arm.robot).pressure(found.pressure_pa)))
 
 
 def elongation_for_pressure(

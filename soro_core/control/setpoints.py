@@ -8,7 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.actuation import CompletePressures, dead_bands, pressure_bounds
+from soro_core.control.acting import acting_of, check_dead_bands
+from soro_core.control.actuation import CompletePressures, pressure_bounds
 from soro_core.control.allocation import Allocation, allocate, balanced_weight
 from soro_core.control.lag import compensate
 from soro_core.control.spread import per_coordinate
@@ -47,7 +48,8 @@ class Setpoints:
 class SetpointMaker:
     """Makes set points of one robot.
 
-    A chamber with a dead band is kept at the band or above: there its force is H (p - d), without a step.
+    A chamber with a dead band is kept at the band or above, where its force has no step. Forces are allocated
+    to what acts of the pressures, in which they are linear.
 
     Parameters
     ----------
@@ -68,10 +70,13 @@ class SetpointMaker:
         self.fields, self.pressures = fields, pressures
         self.force_weight, _ = per_coordinate(fields, pressures.force_weight, "pressures.force_weight")
         low, high = pressure_bounds(pressures, robot)
-        self.dead_band_pa = dead_bands(robot, low, high)
+        check_dead_bands(robot, low, high)
+        self.acting = acting_of(robot)
+        band = self.acting.dead_band_pa
         # Without a band a chamber takes pressures below zero too.
-        self.minimum_pa = np.where(self.dead_band_pa > 0.0, np.maximum(low, self.dead_band_pa), low)
+        self.minimum_pa = np.where(band > 0.0, np.maximum(low, band), low)
         self.maximum_pa = np.full(robot.n_u, high)
+        self._least, self._most = self.acting.of(self.minimum_pa), self.acting.of(self.maximum_pa)
         self.preferred_pa = np.clip(pressures.preferred_pa, self.minimum_pa, self.maximum_pa)
 
     def allocate(self, actuation: Array, wished: Array, start_pa: Array, wide: bool = False) -> Allocation:
@@ -88,19 +93,21 @@ class SetpointMaker:
         wide : bool
             Far beyond the bounds, for what a force would need.
         """
-        margin = _WIDE * (self.maximum_pa - self.minimum_pa) if wide else 0.0
-        idle = actuation @ self.dead_band_pa
+        margin = _WIDE * (self._most - self._least) if wide else 0.0
         found = allocate(
             actuation,
-            wished + idle,
-            self.minimum_pa - margin,
-            self.maximum_pa + margin,
+            wished,
+            self._least - margin,
+            self._most + margin,
             self.force_weight[:, None] * balanced_weight(actuation, self.fields),
             _WIDE_REGULARISATION if wide else self.pressures.regularisation,
-            self.preferred_pa,
-            start_pa,
+            self.acting.of(self.preferred_pa),
+            self.acting.of(start_pa),
         )
-        return replace(found, force=found.force - idle)
+        pressure = self.acting.pressure(found.pressure_pa)
+        if not wide:  # the way there and back rounds
+            pressure = np.minimum(np.maximum(pressure, self.minimum_pa), self.maximum_pa)
+        return replace(found, pressure_pa=pressure)
 
     def beyond_pa(self, pressure_pa: Array) -> Array:
         """Return how far pressures (..., n_u) [Pa gauge] are beyond the range of the set points."""

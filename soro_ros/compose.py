@@ -230,7 +230,7 @@ class Run:
             if not self._reported_compiling and kernels.compiled() > compiled:
                 self._reported_compiling = True
                 self._report(
-                    "the first start compiles the model's kernels: a minute or two, cached afterwards"
+                    "compiling kernels of the model that are not in the cache yet: up to two minutes, once"
                 )
 
         def active() -> bool:

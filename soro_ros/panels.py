@@ -166,7 +166,7 @@ def draw_estimates(axis: Any, recording: Recording) -> None:
     series = recording.estimates
     weights = [k for k, name in enumerate(series.names) if is_weight(name)]
     for k in weights:  # W of a learned force: too many for a legend
-        label = "entries of W" if k == weights[0] else None
+        label = "W of the learned force" if k == weights[0] else None
         axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
     for k, name in enumerate(series.names):
         if k in weights:

@@ -22,7 +22,7 @@ class Listing:
     wrong : tuple of str
         A line for each scene that cannot be read.
     others : tuple of str
-        Names of the files that are no scenes.
+        The files that are no scenes, and why.
     """
 
     scenes: tuple[Scene, ...]
@@ -45,8 +45,9 @@ def scenes_in(folder: Path) -> Listing:
     scenes, wrong, others = [], [], []
     for file in sorted(folder.glob("*.yaml")):
         try:
-            if not read_yaml(file).keys() <= Scene.model_fields.keys():
-                others.append(file.name)
+            foreign = [key for key in read_yaml(file) if key not in Scene.model_fields]
+            if foreign:
+                others.append(f"{file.name} (key {foreign[0]})")
                 continue
             scenes.append(load_scene(file))
         except ConfigError as error:

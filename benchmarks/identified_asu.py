@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.air_fit import DATA
+from benchmarks.asu_wires import wires
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core import SoftArm, load_robot
@@ -62,7 +63,7 @@ def run(options: Options) -> str:
         "without a frozen sensor. Frozen: one reading over more than a second, while what drives the sensor "
         f"moves or its noise has stopped. Goal: {_GOAL}."
     )
-    return f"{text}\n\n{table(header, rows)}"
+    return f"{text}\n\n{table(header, rows)}\n\n{wires(files)}"
 
 
 def is_held_out(name: str) -> bool:

@@ -26,8 +26,9 @@ def wires(files: list[Path]) -> str:
     ]
     off = 1e3 * np.max(np.abs([row[:2] - usual for row in found.values()]), axis=0)
     return (
-        "Draw wires, an independent witness of the plates: length of the wires of a segment minus the distance "
-        f"of its plates, less what it is in the median run ({1e3 * usual[0]:.1f} and {1e3 * usual[1]:.1f} mm, "
+        "Draw wires, an independent witness of the plates: length of the wires of a segment minus the "
+        "distance of its plates, less what it is in the median run "
+        f"({1e3 * usual[0]:.1f} and {1e3 * usual[1]:.1f} mm, "
         "where the wires begin and end); median of the run in mm, in brackets its deviation. Largest: "
         f"{off[0]:.1f} and {off[1]:.1f} mm.\n\n"
     ) + table(("run", "segment 0", "segment 1"), rows)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -18,6 +20,8 @@ class RecorderControls:
     ----------
     node : Node
         The recorder.
+    resumed : callable
+        Called when a pause has ended.
 
     Attributes
     ----------
@@ -25,8 +29,8 @@ class RecorderControls:
         Whether messages are left out.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node, self.paused = node, False
+    def __init__(self, node: Node, resumed: Callable[[], None]) -> None:
+        self._node, self._resumed, self.paused = node, resumed, False
         self._bag: BackgroundWriter | None = None
         actions = {"pause": self._pause, "resume": self._resume, "toggle_paused": self._toggle}
         create_triggers(node, actions | {"split": self._split})
@@ -49,6 +53,7 @@ class RecorderControls:
     def _resume(self) -> str:
         self._open_bag()
         self.paused = False
+        self._resumed()
         return "recording"
 
     def _toggle(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
 from datetime import datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -18,25 +17,14 @@ from soro_core.errors import ConfigError, SoroError
 from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.interfaces import definition, message_class, offered, request, topic_pattern
 from soro_ros.lifecycle import SoroNode
-from soro_ros.lost_messages import LossCounter
 from soro_ros.node_process import run_node
 from soro_ros.recorder_controls import RecorderControls
+from soro_ros.recorder_stream import Stream, essence
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
 REST = 5000
 # Known offer of a later publisher: renewing a subscription would lose or repeat messages.
 LATCHED = Qos(reliability="reliable", durability="transient_local")
-
-
-@dataclass
-class _Stream:
-    """A topic being recorded."""
-
-    type_name: str
-    subscription: Subscription
-    qos: tuple[object, object]
-    known_to_bag: bool = False
-    loss: LossCounter = field(default_factory=LossCounter)
 
 
 class Recorder(SoroNode[RecorderConfig]):
@@ -56,11 +44,11 @@ class Recorder(SoroNode[RecorderConfig]):
         wanted = [_split_topic(entry) for entry in config.topics]
         self._wanted = {topic_pattern(self, name, "topics"): first for name, *first in wanted}
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
-        self._controls = RecorderControls(self)
+        self._controls = RecorderControls(self, self._write_missed)
 
     def start(self) -> None:
         self._last_ns = 0
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, Stream] = {}
         self._refused: set[str] = set()
         folder = Path(self._config.folder or f"bag-{datetime.now():%Y%m%d-%H%M%S}").expanduser()
         self.diagnostics.hardware_id = folder.name
@@ -163,7 +151,7 @@ class Recorder(SoroNode[RecorderConfig]):
             stream = self._streams.get(name)
             if stream is None:
                 self._subscribe(name, types[0], offers)
-            elif stream.qos != _essence(request(offers)):
+            elif stream.qos != essence(request(offers)):
                 self.destroy_subscription(stream.subscription)
                 stream.subscription, stream.qos = self._subscription(name, stream.type_name, offers)
             self._introduce(name, endpoints)
@@ -186,7 +174,7 @@ class Recorder(SoroNode[RecorderConfig]):
         if not self.clock_watch.has_time and request(offers).durability is DurabilityPolicy.TRANSIENT_LOCAL:
             return  # `_discover` subscribes when there is time, and its publishers send their messages again
         subscription, qos = self._subscription(name, type_name, offers)
-        self._streams[name] = _Stream(type_name, subscription, qos)
+        self._streams[name] = Stream(type_name, subscription, qos)
 
     def _subscription(
         self, name: str, type_name: str, offers: tuple[Qos, ...]
@@ -201,7 +189,7 @@ class Recorder(SoroNode[RecorderConfig]):
             profile,
             raw=True,
         )
-        return subscription, _essence(profile)
+        return subscription, essence(profile)
 
     def _refuse(self, name: str, reason: str) -> None:
         if name not in self._refused:
@@ -237,18 +225,32 @@ class Recorder(SoroNode[RecorderConfig]):
         return taken is not None
 
     def _take(self, name: str, data: bytes, number: int | None = None) -> None:
+        if self._bag is None:
+            return
+        stream = self._streams[name]
+        stream.loss.receive(number)
+        now_ns = self.get_clock().now().nanoseconds
+        if self._controls.paused and stream.latched:
+            stream.missed = data
+        if self._controls.paused or not now_ns:  # no simulated time yet
+            return
+        self._write(name, data, now_ns)
+
+    def _write(self, name: str, data: bytes, now_ns: int) -> None:
         bag = self._bag
         if bag is None:
-            return
-        self._streams[name].loss.receive(number)
-        now_ns = self.get_clock().now().nanoseconds
-        if self._controls.paused or not now_ns:  # no simulated time yet
             return
         if not self._streams[name].known_to_bag:
             self._introduce(name, self.get_publishers_info_by_topic(name))
         # Times that never run backwards keep the order of arrival when the bag is read by time.
         self._last_ns = max(self._last_ns, now_ns)
         bag.write(name, data, self._last_ns)
+
+    def _write_missed(self) -> None:
+        for name, stream in self._streams.items():
+            missed, stream.missed = stream.missed, None
+            if missed is not None:
+                self._write(name, missed, self.get_clock().now().nanoseconds)
 
     def _take_the_rest(self) -> None:
         """Record messages that have arrived but are not yet processed; their senders count on them."""
@@ -258,10 +260,6 @@ class Recorder(SoroNode[RecorderConfig]):
             for _ in range(REST):
                 if not self._take_one(name):
                     break
-
-
-def _essence(profile: Any) -> tuple[object, object]:
-    return profile.reliability, profile.durability
 
 
 def _split_note(note: str) -> tuple[str, str]:

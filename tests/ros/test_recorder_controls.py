@@ -71,6 +71,20 @@ def test_services_pause_and_split_a_recording(domain, tmp_path):
     ]
 
 
+def test_a_latched_message_of_a_pause_is_recorded_when_it_ends(domain, tmp_path):
+    """It still holds then: a bag without it would show an arm that is vented as one that is not."""
+    topics = "topics:=['/a std_msgs/msg/String', '/latched std_msgs/msg/String transient_local']"
+    with recorder(tmp_path / "bag", topics, "paused:=true") as node:
+        node.trigger_activate()
+        for topic, text in (("/latched", "old"), ("/latched", "new"), ("/a", "left out")):
+            receive(node, topic, serialize_message(String(data=text)))
+        assert request(node, "~/resume").success
+        receive(node, "/a", serialize_message(String(data="later")))
+        assert request(node, "~/pause").success
+        assert request(node, "~/resume").success
+    assert [text for text, _ in recorded(tmp_path / "bag")] == ["new", "later"]
+
+
 def test_with_simulated_time_a_recording_begins_with_the_first_time(domain, tmp_path):
     topics = "topics:=['/a std_msgs/msg/String', '/latched std_msgs/msg/String transient_local']"
     with recorder(tmp_path / "bag", topics, "use_sim_time:=true", "discovery_s:=0.02") as node:

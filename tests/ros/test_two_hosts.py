@@ -14,6 +14,8 @@ import pytest
 from soro_ros import middleware
 from tests.ros import two_hosts
 
+# Longer than any run of it [s]: an end with what was printed, before the test itself is ended.
+HANG_S = 240
 # Ages that a busy machine does not reach.
 _LOOP = ("rate_hz:=50.0", "priority:=0")
 _TWIN = (*_LOOP, "twin:limits.command_age_s:=0.5", "twin:pose.rate_hz:=50.0", "twin:refine:=1")
@@ -49,6 +51,7 @@ def test_a_cut_of_the_cable_vents_until_a_reset(domain, tmp_path, monkeypatch):
         env={**os.environ, **chosen},
         capture_output=True,
         text=True,
+        timeout=HANG_S,
     )
     assert done.returncode == 0, done.stderr + (tmp_path / "remote.err").read_text()
     found = json.loads(done.stdout.splitlines()[-1])

@@ -11,7 +11,8 @@ CABLED = """
 set -e
 ip link set lo up
 unshare -n sh -c 'while [ ! -e linked ]; do sleep 0.05; done; exec sh remote.sh' > remote.txt 2> remote.err &
-sleep 0.5
+# Until it has its own network.
+until [ "$(readlink /proc/$!/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.05; done
 ip link add cable0 type veth peer name cable1 netns $!
 ip addr add 10.11.0.1/24 dev cable0
 ip link set cable0 up

@@ -16,7 +16,7 @@ from soro_ros.nodes.twin import TwinNode
 from soro_ros.supervisor import Supervisor
 from tests.patience import COMPILED_S
 from tests.refused import refused_keys
-from tests.ros.running import ClockListener, end
+from tests.ros.running import ClockListener, end, wait_until
 
 END_S = 0.5
 
@@ -72,6 +72,30 @@ def test_what_one_node_refuses_ends_the_process_in_one_line(node_main, arguments
     assert ended.status == 2, ended.err
     assert set(refused_keys(ended.err)) == {key}
     assert "Traceback" not in ended.out + ended.err
+
+
+def test_a_node_whose_start_fails_stays_and_the_others_say_so(domain):
+    command = [sys.executable, "-m", "soro_ros.nodes.arm", "estimator", "twin", "--ros-args"]
+    command += ["-r", "__ns:=/one", "-p", "twin:robot:=nobody"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        with Supervisor("one") as supervisor:
+
+            def said(name: str, words: str) -> bool:
+                return name in supervisor.status and words in supervisor.status[name].message
+
+            told = {"estimator": "not started: twin has failed", "twin": "nobody"}
+            wait_until(
+                lambda: supervisor.spin(0.05) or all(said(*one) for one in told.items()),
+                "both states",
+                limit_s=COMPILED_S,
+            )
+            assert not any(map(supervisor.active, told))
+    finally:
+        status, _, err = end(process, signal.SIGINT)
+    assert status == 2, err
+    assert "waiting for another try: ros2 lifecycle set /one/twin configure" in err
+    assert "Traceback" not in err
 
 
 def test_help_names_the_nodes(node_main):

@@ -186,22 +186,23 @@ def is_weight(name: str) -> bool:
     return any(part in name for part in _WEIGHTS)
 
 
-def mark(axis: Any, events: Sequence[Event], view: View) -> None:
+def mark(axis: Any, events: Sequence[Event], begin_s: float, end_s: float) -> None:
     """Mark events by their numbers: lines at their times; those that are close together share a label.
 
     Parameters
     ----------
     axis : matplotlib axes
     events : sequence of Event
-    view : View
+    begin_s, end_s : float
+        Time [s] that the axes show.
     """
     labels: list[tuple[float, str, str]] = []
     for number, event in enumerate(events, 1):
-        if not view.begin_s <= event.t_s <= view.end_s:
+        if not begin_s <= event.t_s <= end_s:
             continue
         colour = _EVENT_COLOURS[event.kind]
         axis.axvline(event.t_s, color=colour, lw=1.0, ls="--", zorder=0.5)
-        if labels and event.t_s - labels[-1][0] < _CLOSE * (view.end_s - view.begin_s):
+        if labels and event.t_s - labels[-1][0] < _CLOSE * (end_s - begin_s):
             labels[-1] = (labels[-1][0], f"{labels[-1][1]},{number}", colour)
         else:
             labels.append((event.t_s, str(number), colour))

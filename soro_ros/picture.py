@@ -16,6 +16,7 @@ from soro_ros.units import symbol_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from soro_ros.events import Event
     from soro_ros.selection import Field
 
 # Distance of a legend from its axes, which leaves room for the numbers and the name of the axis [inches].
@@ -86,14 +87,21 @@ def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
     if beside:
         draw_shadow(axes[-1], view)
     figure.suptitle(title)
-    if lines := panels.lines_of(view.recording.events):
-        more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
-        told = (textwrap.shorten(line, 75 * columns) for line in [*lines[:_MOST_EVENTS], *more])
-        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize="small")
+    _tell(figure, view.recording.events, 75 * columns)
     return figure
 
 
-def picture_of_fields(fields: Sequence[Field], begin_s: float | None, end_s: float | None) -> Figure:
+def _tell(figure: Figure, events: Sequence[Event], width: int) -> None:
+    """Write the first events below a picture, in lines of at most `width` letters."""
+    if lines := panels.lines_of(events):
+        more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
+        told = (textwrap.shorten(line, width) for line in [*lines[:_MOST_EVENTS], *more])
+        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize="small")
+
+
+def picture_of_fields(
+    fields: Sequence[Field], begin_s: float | None, end_s: float | None, events: Sequence[Event] = ()
+) -> Figure:
     """Return chosen fields over time, one above the other: a panel for each unit of each topic.
 
     Parameters
@@ -102,6 +110,8 @@ def picture_of_fields(fields: Sequence[Field], begin_s: float | None, end_s: flo
         At least one.
     begin_s, end_s : float or None
         Time [s] that is shown; None for all.
+    events : sequence of Event
+        What is marked.
     """
     import matplotlib
 
@@ -118,10 +128,14 @@ def picture_of_fields(fields: Sequence[Field], begin_s: float | None, end_s: flo
         for field in members:
             axis.plot(field.t, field.value, lw=0.9, label=field.path)
         many = f" ({len(members)} lines)" if len(members) > MOST_NAMES else ""
-        axis.set(title=f"{topic}{many}", ylabel=f"[{symbol_of(unit)}]" if unit else "", xlim=(begin_s, end_s))
+        axis.set_title(f"{topic}{many}", pad=14 if events else None)
+        axis.set(ylabel=f"[{symbol_of(unit)}]" if unit else "", xlim=(begin_s, end_s))
         axis.grid(alpha=0.3)
         legend(axis)
+    for axis in axes.flat:  # the limits that all of them share are known now
+        mark(axis, events, *axis.get_xlim())
     axes[-1, 0].set_xlabel("time [s]")
+    _tell(figure, events, 120)
     return figure
 
 
@@ -156,7 +170,7 @@ def style(axis: Any, view: View) -> None:
     axis.set_xlabel("time [s]")
     axis.set_xlim(view.begin_s, view.end_s)
     axis.grid(alpha=0.3)
-    mark(axis, view.recording.events, view)
+    mark(axis, view.recording.events, view.begin_s, view.end_s)
     legend(axis)
 
 

@@ -75,7 +75,7 @@ def plot(
             _write_layout(run, arm, scene, file)
             return
         if topic or field:
-            figure = _chosen(run, topic or [], field or [], start, end, notes)
+            figure = _chosen(run, topic or [], field or [], start, end, arm, scene, notes)
         else:
             figure = _all(run, start, end, arm, scene, notes)
     except (BagError, ConfigError) as error:
@@ -124,13 +124,23 @@ def _chosen(
     fields: list[str],
     start: float | None,
     end: float | None,
+    arm: str | None,
+    scene: Path | None,
     notes: list[str],
 ) -> Figure:
     from soro_ros.picture import picture_of_fields
     from soro_ros.run_folder import bag_of
+    from soro_ros.run_view import open_run
     from soro_ros.selection import fields_of
 
-    return picture_of_fields(fields_of(bag_of(run), topics, fields, notes.append), start, end)
+    chosen = fields_of(bag_of(run), topics, fields, notes.append)
+    try:
+        events = open_run(run, arm, scene).view.recording.events
+    except (BagError, ConfigError):
+        if arm is not None or scene is not None:
+            raise
+        events = ()  # a recording of no arm, or of several
+    return picture_of_fields(chosen, start, end, events)
 
 
 def _all(

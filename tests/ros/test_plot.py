@@ -212,6 +212,19 @@ def test_any_number_of_any_topic(tmp_path):
     assert (tmp_path / "tip.svg").stat().st_size > 10_000
 
 
+def test_chosen_fields_show_the_trip_too(tripped, monkeypatch):
+    figures = []
+    monkeypatch.setattr(pyplot, "close", figures.append)
+    result = soro("plot", tripped, "-t", "*/chambers/state", "-f", "effort.*0", "--out", tripped / "one.png")
+    monkeypatch.undo()
+    assert result.exit_code == 0, result.output
+    (figure,) = figures
+    (trip,) = [event for event in open_run(tripped).view.recording.events if event.kind == "trip"]
+    assert [line for line in figure.axes[0].lines if set(line.get_xdata()) == {trip.t_s}]
+    assert "vented: no command for 0.1 s" in figure.get_supxlabel()
+    pyplot.close(figure)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -95,7 +95,8 @@ def draw_path(axis: Any, view: View) -> None:
     if late.any():
         label = f"{view.kind} tip, last {WINDOW_S:g} s"
         axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=label)
-    axis.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    axis.set(xlabel="x [mm]", ylabel="y [mm]")
+    axis.set_aspect("equal", adjustable="datalim")  # the way of a planar arm is a line
 
 
 def draw_tip(axis: Any, view: View) -> None:

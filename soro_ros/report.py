@@ -12,6 +12,7 @@ from rich.table import Table
 
 from soro_core.scene import Scene
 from soro_ros import shadow_report
+from soro_ros.events import Event
 from soro_ros.recording import Recording, Series, read
 
 Array = NDArray[np.float64]
@@ -105,8 +106,14 @@ def pressure_bounds(scene: Scene) -> tuple[float, float]:
 
 def read_run(bag: Path, scene: Scene) -> Recording:
     """Read the bag of a run; the true tip of a real arm is the measured one."""
-    recording = read(bag, scene.name)
+    recording = with_injected(read(bag, scene.name), scene)
     return replace(recording, true_tip=recording.measured_tip) if scene.arm == "real" else recording
+
+
+def with_injected(recording: Recording, scene: Scene) -> Recording:
+    """Return a recording with the faults that its scene injects among its events."""
+    injected = (Event(fault.at, "injected", "scene", str(fault)) for fault in scene.faults)
+    return replace(recording, events=tuple(sorted((*recording.events, *injected))))
 
 
 def tip_error(recording: Recording, duration_s: float) -> tuple[Array, Array]:

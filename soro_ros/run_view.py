@@ -10,7 +10,6 @@ from soro_core.bag import BagReader
 from soro_core.errors import BagError, ConfigError
 from soro_core.scene import Scene, load_scene
 from soro_ros import report
-from soro_ros.events import Event
 from soro_ros.panels import View
 from soro_ros.recording import Recording, arms, read
 from soro_ros.run_folder import bag_and_scene, bag_of
@@ -85,8 +84,7 @@ def open_run(
     if not recording.true_tip.t.size:
         recording, kind = replace(recording, true_tip=recording.estimated_tip), "estimated"
     if scene is not None:
-        recording = replace(recording, events=(*recording.events, *_injected(scene)))
-    recording = replace(recording, events=tuple(sorted(recording.events)))
+        recording = report.with_injected(recording, scene)
     begin, end = _span(recording)
     begin, end = begin if begin_s is None else begin_s, end if end_s is None else end_s
     if not begin < end:
@@ -132,10 +130,6 @@ def _arm(bag: Path, given: str | None, scene: Scene | None) -> str:
     if len(known) > 1:
         raise ConfigError(str(bag), "--arm", "nothing", f"one of {', '.join(known)}")
     return known[0]
-
-
-def _injected(scene: Scene) -> list[Event]:
-    return [Event(fault.at, "injected", "scene", str(fault)) for fault in scene.faults]
 
 
 def _span(recording: Recording) -> tuple[float, float]:

@@ -37,6 +37,8 @@ _AGE_PART, _SHORTEST_S = 0.25, 0.2
 # Bounds of the misfit by which the deviation is judged: below, few rows fit by chance; above, the rows of an
 # arm without a learned force miss in elongation, which says nothing of the delay.
 _LEAST_MISFIT, _LARGEST_MISFIT = 0.3, 5.0
+# Part of the prior deviation below which the rows have said something of the delay: at rest they do not.
+_KNOWN_PART = 0.5
 # A delay is named after so many rows in sequence that find it.
 _LATE_ROWS = 3
 # Delay, mass, shift (3), softness.
@@ -268,7 +270,8 @@ class DelayModel:
         deviation = float(np.sqrt(max(covariance[0, 0], 0.0)))
         doubt = config.delay_deviations * min(max(misfit, _LEAST_MISFIT), _LARGEST_MISFIT) * deviation
         # No sensor is earlier than the truth: below 0 it is another error of the model, as after a load step.
-        late = age_s >= config.delay_known_after_s - _SAME_S and solution[0] - doubt > config.delay_allowed_s
+        known = age_s >= config.delay_known_after_s - _SAME_S and deviation < _KNOWN_PART * _DELAY_S
+        late = known and solution[0] - doubt > config.delay_allowed_s
         late_rows = state.late_rows + 1 if late else 0
         solved = information, moment, solution, deviation, state.residuals
         return DelayFit(t_s, state.begun_s, *solved, misfit, counted, late_rows)

@@ -16,6 +16,7 @@ from soro_core.fem.material import Hyperelastic, Material
 from soro_core.fem.mesh import Mesh
 from soro_core.fem.pattern import Pattern, make_pattern
 from soro_core.fem.response import Array, Indices
+from soro_core.fem.rim import check_closed
 from soro_core.fem.solid import assemble
 
 _NO_DATA = np.empty(0)
@@ -78,8 +79,15 @@ class Part:
     _faces: tuple[Indices, ...]
 
     def under(self, loads: Loads) -> Part:
-        """Return the part under other loads."""
+        """Return the part under other loads.
+
+        Raises
+        ------
+        ModelError
+            If a pressure acts on what is no face, or on a cavity that is open.
+        """
         entries = tuple(self.pattern.entries(one.faces) for one in loads.pressures)
+        check_closed(self.mesh, loads)
         return replace(self, loads=loads, _faces=entries)
 
     def balance(self, u: Array, load: float, with_stiffness: bool = True) -> Balance:
@@ -156,6 +164,11 @@ def make_part(mesh: Mesh, material: Material, loads: Loads, is_averaged: bool | 
         At load factor 1.
     is_averaged : bool, optional
         Whether each element has one volume ratio; by default quad4 and hex8 of a hyperelastic material do.
+
+    Raises
+    ------
+    ModelError
+        If `is_averaged` asks for what the material does not have, or a pressure acts on an open cavity.
     """
     can_average = isinstance(material, Hyperelastic)
     if is_averaged is None:

@@ -94,3 +94,19 @@ def test_what_is_refused(key, value):
     values = {name: getattr(SHAPE, name) for name in SHAPE.__dataclass_fields__}
     with fails(ModelError, key=key):
         Bellows(**{**values, key: value})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ({"lobes": 0.4}, "lobes"),
+        ({"lobes": -1.0}, "lobes"),
+        ({"lobes": 8.5}, "lobes"),
+        ({"lobes": float("nan")}, "lobes"),
+        ({"along": (4, 0, 3, 2)}, "along"),
+        ({"across": 0}, "counts"),
+    ],
+)
+def test_meshes_that_are_refused(arguments, key):
+    with fails(ModelError, key=key):
+        bellows_mesh("quad4", SHAPE, **arguments)

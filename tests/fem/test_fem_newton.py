@@ -90,7 +90,7 @@ def test_an_element_that_turns_inside_out_is_named():
 def test_a_part_that_nothing_holds_is_named():
     mesh = block("quad4", "plane_strain", (2, 2), (1.0, 1.0))
     faces = mesh.faces_at(mesh.points[:, 1] == 1.0)
-    loads = no_loads(mesh).press(faces, 1.0)
+    loads = no_loads(mesh).press(faces, 1.0, is_patch=True)
     # Held in one direction it still slides in the other.
     for one in (loads, loads.hold(mesh.points[:, 1] == 0.0, 1)):
         done = solve(make_part(mesh, SOFT, one))

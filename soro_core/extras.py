@@ -37,6 +37,7 @@ PACKAGES = {
     "board": ("smbus2",),
     "dask": ("distributed",),
     "parquet": ("pyarrow",),
+    "design": ("ipctk", "meshio", "shapely"),
     "view": ("viser", "websockets", "msgspec"),
 }
 EXTRA_OF = {package: extra for extra, packages in PACKAGES.items() for package in packages}

@@ -1,7 +1,9 @@
 """Nonlinear finite elements of soft parts: materials, meshes, loads and equilibrium (docs/design.md)."""
 
+from soro_core.fem.arc import follow
 from soro_core.fem.bellows import Bellows, bellows_mesh
 from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
+from soro_core.fem.contact import Contact, Obstacle
 from soro_core.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
 from soro_core.fem.material import (
     Hyperelastic,
@@ -13,16 +15,19 @@ from soro_core.fem.material import (
     nominal_stress,
 )
 from soro_core.fem.mesh import Mesh, make_mesh
-from soro_core.fem.newton import Settings, Solution, State, solve
+from soro_core.fem.newton import solve
 from soro_core.fem.part import Balance, Part, make_part
+from soro_core.fem.states import Settings, Solution, State
 from soro_core.fem.vtu import write_vtu
 
 __all__ = [
     "Balance",
     "Bellows",
+    "Contact",
     "Hyperelastic",
     "Loads",
     "Mesh",
+    "Obstacle",
     "Part",
     "Pressure",
     "SaintVenant",
@@ -33,6 +38,7 @@ __all__ = [
     "block",
     "drucker_modulus",
     "first_unstable",
+    "follow",
     "load_material",
     "make_mesh",
     "make_part",

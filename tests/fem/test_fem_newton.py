@@ -6,10 +6,12 @@ from scipy.sparse import csc_matrix
 
 from soro_core.errors import ModelError
 from soro_core.fem.blocks import block, revolved_tube
+from soro_core.fem.linear import factorised
 from soro_core.fem.loads import no_loads, traction
 from soro_core.fem.material import load_material, material_from_dict
-from soro_core.fem.newton import Settings, factorised, solve
+from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
+from soro_core.fem.states import Settings
 from tests.refused import fails
 
 SOFT = material_from_dict({"kind": "hyperelastic", "source": "a test", "c1_pa": 1e4, "poisson_ratio": 0.49})

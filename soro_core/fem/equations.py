@@ -1,0 +1,124 @@
+"""The linear equations of a part between its free nodes, with the held displacements taken out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import diags_array
+
+from soro_core.fem.linear import factorised
+from soro_core.fem.part import Balance, Part
+from soro_core.fem.response import Array
+
+# A least pivot below this share of the greatest is one of a part that can move freely.
+LOOSE = 1e-13
+# Share of stiffness times displacements to which forces are known: some times the precision of numbers.
+ROUNDING = 2e-15
+LOOSE_CAUSE = "nothing holds the part against some motion: hold it there"
+
+
+class Equations:
+    """The equations of a part, with its held displacements taken out.
+
+    Parameters
+    ----------
+    part : Part
+        The part.
+    """
+
+    def __init__(self, part: Part) -> None:
+        self.part = part
+        held = part.loads.held
+        self.is_held = np.isfinite(held)
+        self.target = np.where(self.is_held, held, 0.0)
+        self.span = float(np.ptp(part.mesh.points, axis=0).max())
+        pattern = part.pattern
+        flat = self.is_held.ravel()
+        column = np.repeat(np.arange(pattern.n), np.diff(pattern.start))
+        self.dropped = flat[pattern.row] | flat[column]
+        self.diagonal = pattern.diagonal()
+
+    def gap(self, u: Array, load: float) -> Array:
+        """Displacements (n, d) [m] that held nodes still lack."""
+        return np.where(self.is_held, load * self.target - u, 0.0)
+
+    def free(self, balance: Balance) -> Array:
+        """Unbalanced forces (n, d) [N] of the free nodes."""
+        return np.where(self.is_held, 0.0, balance.unbalanced)
+
+    def is_met(self, balance: Balance, u: Array, load: float, tolerance: float) -> bool:
+        """Whether held nodes are in their places and free ones in balance, as far as numbers show it."""
+        if not self.is_there(self.gap(u, load)):
+            return False
+        scale = max(balance.size, 1e-12 * float(np.abs(balance.data).max()) * self.span)
+        off = float(np.linalg.norm(self.free(balance)))
+        if off <= tolerance * scale:
+            return True
+        # Forces of nearly incompressible parts are small differences of large numbers.
+        large = self.part.pattern.matrix(np.abs(balance.data)) @ np.abs(u).ravel()
+        return off <= ROUNDING * float(np.linalg.norm(large))
+
+    def is_there(self, gap: Array) -> bool:
+        """Whether held nodes are in their places."""
+        return float(np.abs(gap).max()) <= 1e-14 * self.span
+
+    def is_loose(self) -> bool:
+        """Whether the undeformed part can move without a force."""
+        solver = factorised(self.reduced(self.part.balance(np.zeros_like(self.target), 0.0)))
+        pivots = np.abs(solver.U.diagonal()) if solver is not None else np.zeros(1)
+        return bool(pivots.min() <= LOOSE * pivots.max())
+
+    def reduced(self, balance: Balance) -> Any:
+        """Return the stiffness between free nodes, with a diagonal where nodes are held."""
+        data, flat = balance.data, self.is_held.ravel()
+        kept = np.where(self.dropped, 0.0, data)
+        # A stiffness of the usual size keeps the matrix as well scaled as it is.
+        kept[self.diagonal[flat]] = np.abs(data[self.diagonal]).mean()
+        matrix = self.part.pattern.matrix(kept)
+        if balance.coupling is None:
+            return matrix
+        is_free = diags_array(np.where(flat, 0.0, 1.0))
+        return (matrix + is_free @ balance.coupling @ is_free).tocsc()
+
+    def tangent(self, balance: Balance) -> Tangent | None:
+        """Return the factors of the stiffness, or None where it is singular."""
+        solver = factorised(self.reduced(balance))
+        return None if solver is None else Tangent(self, balance, solver)
+
+    def state_forces(self, balance: Balance) -> Array:
+        """Forces (n, d) [N] of the supports."""
+        return np.where(self.is_held, balance.unbalanced, 0.0)
+
+
+class Tangent:
+    """The factorised stiffness of a part at a state: how it moves under small forces and motions of supports.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the part.
+    balance : Balance
+        Its forces and its stiffness at the state.
+    solver : object
+        With `solve`, of the reduced stiffness.
+    """
+
+    def __init__(self, equations: Equations, balance: Balance, solver: Any) -> None:
+        self._is_held = equations.is_held
+        self._matrix = equations.part.matrix(balance)
+        self._solver = solver
+
+    def move(self, force: Array, held: Array) -> Array | None:
+        """Return displacements (n, d) [m], or None where they are not finite.
+
+        Parameters
+        ----------
+        force : ndarray, (n, d)
+            More force on the nodes [N]; what stands at held ones does not count.
+        held : ndarray, (n, d)
+            Motion of held nodes [m], 0 where a node is free.
+        """
+        right = force.ravel() - (self._matrix @ held.ravel() if held.any() else 0.0)
+        found = self._solver.solve(np.where(self._is_held.ravel(), 0.0, right)).reshape(force.shape) + held
+        return found if np.isfinite(found).all() else None

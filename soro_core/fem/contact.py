@@ -89,11 +89,15 @@ class Barrier:
             import ipctk
         self._ipc = ipctk
         d = mesh.points.shape[1]
-        pieces = surface(mesh.boundary())
+        faces, is_revolved = mesh.boundary(), mesh.space == "axisymmetric"
+        if is_revolved:
+            # The axis is no surface.
+            faces = faces[(mesh.points[faces, 0] > 0.0).any(axis=1)]
+        pieces = surface(faces)
         self.nodes, inverse = np.unique(pieces, return_inverse=True)
         points, all_pieces = [mesh.points[self.nodes]], [inverse.reshape(pieces.shape)]
         for one in contact.obstacles:
-            all_pieces.append(one.pieces + sum(len(these) for these in points))
+            all_pieces.append(np.asarray(one.pieces) + sum(len(these) for these in points))
             points.append(np.asarray(one.points, dtype=float))
         self._at_rest = np.asfortranarray(np.concatenate(points))
         joined = np.asfortranarray(np.concatenate(all_pieces).astype(np.int32))
@@ -105,7 +109,9 @@ class Barrier:
         self._potential = ipctk.BarrierPotential(
             contact.distance_m, contact.stiffness_pa or stiffness_pa, use_physical_barrier=True
         )
-        self._is_revolved = mesh.space == "axisymmetric"
+        self._around = _around(self._at_rest, np.asarray(edges, dtype=np.int64)) if is_revolved else None
+        # The default takes seconds where points move far along a face.
+        self._first_touch = ipctk.AdditiveCCD()
         self._shape = mesh.points.shape
         self._row = (self.nodes[:, None] * d + np.arange(d)).ravel()
 
@@ -120,13 +126,13 @@ class Barrier:
         near = self._ipc.NormalCollisions()
         near.use_area_weighting = True
         near.build(self._surfaces, x, self.distance_m)
-        if self._is_revolved:
+        if self._around is not None:
             edges, triangles = self._surfaces.edges, self._surfaces.faces
             for k in range(len(near)):
                 ids = near[k].vertex_ids(edges, triangles)
                 # A node beside a line, or two nodes; no triangles in a section.
                 of = ids[:1] if near.is_edge_vertex(k) else ids[:2]
-                near[k].weight *= 2.0 * np.pi * float(self._at_rest[list(of), 0].mean())
+                near[k].weight *= float(self._around[list(of)].mean())
         return near
 
     def add(self, u: Array, force: Array, with_stiffness: bool) -> Any:
@@ -158,13 +164,26 @@ class Barrier:
 
     def reach(self, u: Array, v: Array) -> float:
         """Return how much of the way from u to v surfaces can go before they meet, 0 to 1."""
+        start, end = self.places(u), self.places(v)
         return float(
-            self._ipc.compute_collision_free_stepsize(self._surfaces, self.places(u), self.places(v))
+            self._ipc.compute_collision_free_stepsize(
+                self._surfaces, start, end, narrow_phase_ccd=self._first_touch
+            )
         )
 
     def is_crossed(self, u: Array) -> bool:
         """Whether surfaces cross at u."""
         return bool(self._ipc.has_intersections(self._surfaces, self.places(u)))
+
+
+def _around(points: Array, lines: Indices) -> Array:
+    """Mean 2 pi r (n,) [m] of the halves of lines beside each point, which is not 0 on the axis."""
+    length = np.linalg.norm(points[lines[:, 1]] - points[lines[:, 0]], axis=1)
+    total, weighted = np.zeros(len(points)), np.zeros(len(points))
+    for one, other in (lines.T, lines.T[::-1]):
+        np.add.at(total, one, length)
+        np.add.at(weighted, one, length * 2.0 * np.pi * (0.75 * points[one, 0] + 0.25 * points[other, 0]))
+    return weighted / total
 
 
 def make_barrier(mesh: Mesh, contact: Contact, stiffness_pa: float) -> Barrier:
@@ -190,7 +209,9 @@ def make_barrier(mesh: Mesh, contact: Contact, stiffness_pa: float) -> Barrier:
     for one in contact.obstacles:
         shapes = (np.shape(one.points), np.shape(one.pieces))
         if any(len(shape) != 2 or shape[1] != d for shape in shapes):
-            raise ModelError(f"obstacle of shapes {shapes}; allowed: points and pieces (n, {d})", "obstacles")
+            raise ModelError(
+                f"obstacles of shapes {shapes}; allowed: points and pieces (n, {d})", "obstacles"
+            )
     barrier = Barrier(mesh, contact, stiffness_pa)
     nearest = barrier.distance(np.zeros_like(mesh.points))
     if nearest < contact.distance_m or barrier.is_crossed(np.zeros_like(mesh.points)):

@@ -4,7 +4,9 @@ from soro_core.fem.arc import follow
 from soro_core.fem.bellows import Bellows, bellows_mesh
 from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
 from soro_core.fem.contact import Contact, Obstacle
+from soro_core.fem.dynamics import Motion, Moving, march
 from soro_core.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
+from soro_core.fem.mass import Modes, modes
 from soro_core.fem.material import (
     Hyperelastic,
     SaintVenant,
@@ -27,6 +29,9 @@ __all__ = [
     "Hyperelastic",
     "Loads",
     "Mesh",
+    "Modes",
+    "Motion",
+    "Moving",
     "Obstacle",
     "Part",
     "Pressure",
@@ -43,7 +48,9 @@ __all__ = [
     "make_mesh",
     "make_part",
     "mapped",
+    "march",
     "material_from_dict",
+    "modes",
     "no_loads",
     "nominal_stress",
     "revolved_tube",

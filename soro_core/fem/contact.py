@@ -136,7 +136,17 @@ class Barrier:
         return near
 
     def add(self, u: Array, force: Array, with_stiffness: bool) -> Any:
-        """Add the forces (n, d) of the barrier at u to those of the part; return its stiffness, or None."""
+        """Add the forces of the barrier to those of the part; return its stiffness, or None.
+
+        Parameters
+        ----------
+        u : ndarray, (n, d)
+            Displacements of the nodes [m].
+        force : ndarray, (n, d)
+            Forces of the part [N], which grow by those of the barrier.
+        with_stiffness : bool
+            Whether to return a sparse matrix (n d, n d) where surfaces are near each other.
+        """
         x = self.places(u)
         near = self.pairs(x)
         if len(near) == 0:
@@ -209,9 +219,8 @@ def make_barrier(mesh: Mesh, contact: Contact, stiffness_pa: float) -> Barrier:
     for one in contact.obstacles:
         shapes = (np.shape(one.points), np.shape(one.pieces))
         if any(len(shape) != 2 or shape[1] != d for shape in shapes):
-            raise ModelError(
-                f"obstacles of shapes {shapes}; allowed: points and pieces (n, {d})", "obstacles"
-            )
+            allowed = f"points and pieces (n, {d})"
+            raise ModelError(f"obstacles of shapes {shapes}; allowed: {allowed}", "obstacles")
     barrier = Barrier(mesh, contact, stiffness_pa)
     nearest = barrier.distance(np.zeros_like(mesh.points))
     if nearest < contact.distance_m or barrier.is_crossed(np.zeros_like(mesh.points)):

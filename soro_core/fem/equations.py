@@ -33,6 +33,7 @@ class Equations:
         self.is_held = np.isfinite(held)
         self.target = np.where(self.is_held, held, 0.0)
         self.span = float(np.ptp(part.mesh.points, axis=0).max())
+        self.edge = float(np.ptp(part.mesh.points[part.mesh.cells], axis=1).mean())
         pattern = part.pattern
         flat = self.is_held.ravel()
         column = np.repeat(np.arange(pattern.n), np.diff(pattern.start))
@@ -48,15 +49,27 @@ class Equations:
         return np.where(self.is_held, 0.0, balance.unbalanced)
 
     def is_met(self, balance: Balance, u: Array, load: float, tolerance: float) -> bool:
-        """Whether held nodes are in their places and free ones in balance, as far as numbers show it."""
+        """Whether held nodes are in their places and free ones in balance, as far as numbers show it.
+
+        Parameters
+        ----------
+        balance : Balance
+            Of the part at `u` and `load`.
+        u : ndarray, (n, d)
+            Displacements [m].
+        load : float
+            Load factor.
+        tolerance : float
+            Greatest unbalanced force over the size of the forces.
+        """
         if not self.is_there(self.gap(u, load)):
             return False
         scale = max(balance.size, 1e-12 * float(np.abs(balance.data).max()) * self.span)
         off = float(np.linalg.norm(self.free(balance)))
         if off <= tolerance * scale:
             return True
-        # Forces of nearly incompressible parts are small differences of large numbers.
-        large = self.part.pattern.matrix(np.abs(balance.data)) @ np.abs(u).ravel()
+        # Forces of small strains, and of nearly incompressible parts, are small differences of large numbers.
+        large = self.part.pattern.matrix(np.abs(balance.data)) @ (np.abs(u) + self.edge).ravel()
         return off <= ROUNDING * float(np.linalg.norm(large))
 
     def is_there(self, gap: Array) -> bool:

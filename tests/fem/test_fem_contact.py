@@ -7,16 +7,14 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
-from soro_core.fem.bellows import Bellows, bellows_mesh
 from soro_core.fem.blocks import block, mapped
 from soro_core.fem.contact import Contact, Obstacle, make_barrier
 from soro_core.fem.loads import no_loads, spread_spring, traction
-from soro_core.fem.material import material_from_dict
 from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
+from tests.fem.moving_parts import SOFT, folded
 from tests.refused import fails
 
-SOFT = material_from_dict({"kind": "hyperelastic", "source": "a test", "c1_pa": 2e4, "poisson_ratio": 0.49})
 NEAR = 0.01
 FLOORS = {
     2: Obstacle(np.array([[-5.0, 0.0], [5.0, 0.0]]), np.array([[0, 1]])),
@@ -108,24 +106,6 @@ def test_a_ring_weighs_by_its_length():
         pushed[space] = np.zeros_like(u)
         make_barrier(mesh, Contact(NEAR, 1e4, (FLOORS[2],)), 1.0).add(u, pushed[space], False)
     assert pushed["axisymmetric"].sum() / pushed["plane_strain"].sum() == pytest.approx(np.pi)
-
-
-def folded(contact):
-    """One lobe of soft bellows under vacuum, ends in planes of symmetry: its walls close on each other."""
-    shape = Bellows(1, 6.975e-3, 4.3e-3, 12.6e-3, 3.6e-3, 1.1e-3, 0.8e-3)
-    mesh = bellows_mesh("quad4", shape, 2, (3, 6, 3, 2))
-    z = mesh.points[:, 1]
-    rows = np.arange(len(z)).reshape(3, -1)
-    inside = np.isin(np.arange(len(z)), rows[0])
-    ends = (z < 1e-9) | (z > z.max() - 1e-9)
-    loads = no_loads(mesh).hold(ends, 1).press(mesh.faces_at(inside), -800.0)
-    part = make_part(mesh, SOFT, loads, contact=contact)
-    done = solve(part, np.linspace(0.1, 1.0, 10))
-    assert done.status == "solved", done.cause
-    r, height = (mesh.points + [state.u for state in done.states])[:, rows[0]].transpose(2, 0, 1)
-    # Volume inside, of cones between neighbours.
-    area = np.pi / 3 * (r[:, 1:] ** 2 + r[:, 1:] * r[:, :-1] + r[:, :-1] ** 2)
-    return done, np.abs((area * np.diff(height, axis=1)).sum(axis=1)), part
 
 
 def test_a_fold_that_closes_under_vacuum_does_not_cross_and_gets_stiffer(figure):

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse import diags_array
 
-from soro_core.fem.linear import factorised
+from soro_core.fem.linear import Factors, factorised
 from soro_core.fem.part import Balance, Part
 from soro_core.fem.response import Array
 
-# A least pivot below this share of the greatest is one of a part that can move freely.
-LOOSE = 1e-13
 # Share of stiffness times displacements to which forces are known: some times the precision of numbers.
 ROUNDING = 2e-15
+# Greatest unbalanced force over the forces of stresses, whatever the rounding.
+LEAST = 1e-6
 LOOSE_CAUSE = "nothing holds the part against some motion: hold it there"
 
 
@@ -70,7 +70,7 @@ class Equations:
             return True
         # Forces of small strains, and of nearly incompressible parts, are small differences of large numbers.
         large = self.part.pattern.matrix(np.abs(balance.data)) @ (np.abs(u) + self.edge).ravel()
-        return off <= ROUNDING * float(np.linalg.norm(large))
+        return off <= min(ROUNDING * float(np.linalg.norm(large)), LEAST * scale)
 
     def is_there(self, gap: Array) -> bool:
         """Whether held nodes are in their places."""
@@ -78,9 +78,12 @@ class Equations:
 
     def is_loose(self) -> bool:
         """Whether the undeformed part can move without a force."""
-        solver = factorised(self.reduced(self.part.balance(np.zeros_like(self.target), 0.0)))
-        pivots = np.abs(solver.U.diagonal()) if solver is not None else np.zeros(1)
-        return bool(pivots.min() <= LOOSE * pivots.max())
+        solver = self.factors(self.part.balance(np.zeros_like(self.target), 0.0))
+        return solver is None or solver.is_loose()
+
+    def factors(self, balance: Balance) -> Factors | None:
+        """Return the factors of the stiffness between free nodes, or None where it is singular."""
+        return factorised(self.reduced(balance), is_solid=self.target.shape[1] == 3)
 
     def reduced(self, balance: Balance) -> Any:
         """Return the stiffness between free nodes, with a diagonal where nodes are held."""
@@ -96,7 +99,7 @@ class Equations:
 
     def tangent(self, balance: Balance) -> Tangent | None:
         """Return the factors of the stiffness, or None where it is singular."""
-        solver = factorised(self.reduced(balance))
+        solver = self.factors(balance)
         return None if solver is None else Tangent(self, balance, solver)
 
     def state_forces(self, balance: Balance) -> Array:
@@ -113,11 +116,11 @@ class Tangent:
         Of the part.
     balance : Balance
         Its forces and its stiffness at the state.
-    solver : object
-        With `solve`, of the reduced stiffness.
+    solver : Factors
+        Of the reduced stiffness.
     """
 
-    def __init__(self, equations: Equations, balance: Balance, solver: Any) -> None:
+    def __init__(self, equations: Equations, balance: Balance, solver: Factors) -> None:
         self._is_held = equations.is_held
         self._matrix = equations.part.matrix(balance)
         self._solver = solver

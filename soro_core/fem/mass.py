@@ -79,7 +79,7 @@ def modes(part: Part, state: State | None = None, count: int = 6) -> Modes:
     if abs(K - K.T).max() > SKEW * abs(K).max():
         raise ModelError("state under a pressure on an open surface; allowed: one with a potential", "state")
     shift = -BELOW * float(K.diagonal().sum() / M.diagonal().sum())
-    solver = factorised((K - shift * M).tocsc())
+    solver = factorised((K - shift * M).tocsc(), is_solid=u.shape[1] == 3)
     if solver is None:
         raise ModelError("state of a singular stiffness; allowed: one near by", "state")
     inverse = LinearOperator(K.shape, solver.solve, dtype=float)

@@ -17,9 +17,12 @@ from soro_core.fem.material import (
     nominal_stress,
 )
 from soro_core.fem.mesh import Mesh, make_mesh
+from soro_core.fem.mesh_files import MeshFile, mesh_step, read_mesh, write_mesh
 from soro_core.fem.newton import solve
 from soro_core.fem.part import Balance, Part, make_part
 from soro_core.fem.states import Settings, Solution, State
+from soro_core.fem.stl import read_stl, write_stl
+from soro_core.fem.surface import extruded, revolved, solid_surface
 from soro_core.fem.vtu import write_vtu
 
 __all__ = [
@@ -29,6 +32,7 @@ __all__ = [
     "Hyperelastic",
     "Loads",
     "Mesh",
+    "MeshFile",
     "Modes",
     "Motion",
     "Moving",
@@ -42,6 +46,7 @@ __all__ = [
     "bellows_mesh",
     "block",
     "drucker_modulus",
+    "extruded",
     "first_unstable",
     "follow",
     "load_material",
@@ -50,14 +55,21 @@ __all__ = [
     "mapped",
     "march",
     "material_from_dict",
+    "mesh_step",
     "modes",
     "no_loads",
     "nominal_stress",
+    "read_mesh",
+    "read_stl",
+    "revolved",
     "revolved_tube",
+    "solid_surface",
     "solve",
     "sphere",
     "spread_spring",
     "traction",
     "tube",
+    "write_mesh",
+    "write_stl",
     "write_vtu",
 ]

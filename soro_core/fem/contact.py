@@ -16,13 +16,7 @@ from soro_core.errors import ModelError
 from soro_core.extras import named_packages
 from soro_core.fem.mesh import Mesh
 from soro_core.fem.response import Array, Indices
-
-# Straight pieces of a face, by its number of nodes.
-_LINES = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
-_TRIANGLES = {
-    4: ((0, 1, 2), (0, 2, 3)),
-    8: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
-}
+from soro_core.fem.surface import pieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +59,6 @@ class Contact:
                 raise ModelError(f"{key} {value}; allowed: a number above 0", key)
 
 
-def surface(faces: Indices) -> Indices:
-    """Return straight pieces (p, d) of faces (f, m): lines of a section, triangles of a solid."""
-    cut = np.array((_LINES | _TRIANGLES)[faces.shape[1]])
-    return np.asarray(faces[:, cut].reshape(-1, cut.shape[1]))
-
-
 class Barrier:
     """The potential between the surface of a mesh, itself and obstacles; make one with `make_barrier`.
 
@@ -93,9 +81,9 @@ class Barrier:
         if is_revolved:
             # The axis is no surface.
             faces = faces[(mesh.points[faces, 0] > 0.0).any(axis=1)]
-        pieces = surface(faces)
-        self.nodes, inverse = np.unique(pieces, return_inverse=True)
-        points, all_pieces = [mesh.points[self.nodes]], [inverse.reshape(pieces.shape)]
+        own = pieces(faces)
+        self.nodes, inverse = np.unique(own, return_inverse=True)
+        points, all_pieces = [mesh.points[self.nodes]], [inverse.reshape(own.shape)]
         for one in contact.obstacles:
             all_pieces.append(np.asarray(one.pieces) + sum(len(these) for these in points))
             points.append(np.asarray(one.points, dtype=float))

@@ -14,7 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from soro_core.fem import Mesh, bellows_mesh, make_part, no_loads, solve
-from tests.fem.test_fem_bellows import MATERIAL, SHAPE, THESIS
+from tests.fem.three_bellow import MATERIAL, SHAPE, THESIS
 
 SHOWN_MM = (0.0, 10.0, 20.0)
 

@@ -37,11 +37,14 @@ PACKAGES = {
     "board": ("smbus2",),
     "dask": ("distributed",),
     "parquet": ("pyarrow",),
+    "design": ("ipctk", "meshio", "shapely"),
+    "mesh": ("netgen",),
+    "pardiso": ("pypardiso",),
     "view": ("viser", "websockets", "msgspec"),
 }
 EXTRA_OF = {package: extra for extra, packages in PACKAGES.items() for package in packages}
 # Where the name on the package index is another one.
-INDEX_NAMES = {"can": "python-can", "serial": "pyserial", "yaml": "PyYAML"}
+INDEX_NAMES = {"can": "python-can", "serial": "pyserial", "yaml": "PyYAML", "netgen": "netgen-mesher"}
 
 
 class MissingPackageError(ConfigError):

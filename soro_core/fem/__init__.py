@@ -1,8 +1,12 @@
 """Nonlinear finite elements of soft parts: materials, meshes, loads and equilibrium (docs/design.md)."""
 
+from soro_core.fem.arc import follow
 from soro_core.fem.bellows import Bellows, bellows_mesh
 from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
+from soro_core.fem.contact import Contact, Obstacle
+from soro_core.fem.dynamics import Motion, Moving, march
 from soro_core.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
+from soro_core.fem.mass import Modes, modes
 from soro_core.fem.material import (
     Hyperelastic,
     SaintVenant,
@@ -13,16 +17,26 @@ from soro_core.fem.material import (
     nominal_stress,
 )
 from soro_core.fem.mesh import Mesh, make_mesh
-from soro_core.fem.newton import Settings, Solution, State, solve
+from soro_core.fem.mesh_files import MeshFile, mesh_step, read_mesh, write_mesh
+from soro_core.fem.newton import solve
 from soro_core.fem.part import Balance, Part, make_part
+from soro_core.fem.states import Settings, Solution, State
+from soro_core.fem.stl import read_stl, write_stl
+from soro_core.fem.surface import extruded, revolved, solid_surface
 from soro_core.fem.vtu import write_vtu
 
 __all__ = [
     "Balance",
     "Bellows",
+    "Contact",
     "Hyperelastic",
     "Loads",
     "Mesh",
+    "MeshFile",
+    "Modes",
+    "Motion",
+    "Moving",
+    "Obstacle",
     "Part",
     "Pressure",
     "SaintVenant",
@@ -32,19 +46,30 @@ __all__ = [
     "bellows_mesh",
     "block",
     "drucker_modulus",
+    "extruded",
     "first_unstable",
+    "follow",
     "load_material",
     "make_mesh",
     "make_part",
     "mapped",
+    "march",
     "material_from_dict",
+    "mesh_step",
+    "modes",
     "no_loads",
     "nominal_stress",
+    "read_mesh",
+    "read_stl",
+    "revolved",
     "revolved_tube",
+    "solid_surface",
     "solve",
     "sphere",
     "spread_spring",
     "traction",
     "tube",
+    "write_mesh",
+    "write_stl",
     "write_vtu",
 ]

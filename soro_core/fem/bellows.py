@@ -28,6 +28,11 @@ class Bellows:
         Radius at the outer edges of a lobe [m].
     wall : float
         Thickness, laid inwards [m]; below the fillet.
+
+    Raises
+    ------
+    ModelError
+        If the outline would cross itself, or the wall fills a fillet.
     """
 
     lobes: int
@@ -110,9 +115,18 @@ def bellows_mesh(
     along : tuple of int
         Number of elements along half a neck, a side, a fillet, and half the top of a lobe.
     lobes : float
-        Of the outline, in halves, from z = 0; by default all.
+        Of the outline, in halves, from z = 0; by default, 0, all.
+
+    Raises
+    ------
+    ModelError
+        If `lobes` is no number of halves up to those of the shape, or the counts make no mesh.
     """
-    halves = round(2.0 * (lobes or shape.lobes))
+    halves = round(2.0 * (lobes or shape.lobes)) if np.isfinite(lobes) else 0
+    if not (1 <= halves <= 2 * shape.lobes) or (lobes and 2.0 * lobes != halves):
+        raise ModelError(f"lobes {lobes}; allowed: halves from 0.5 to {shape.lobes}, or 0 for all", "lobes")
+    if min(along) < 1:
+        raise ModelError(f"along {along}; allowed: 1 element or more on each piece", "along")
     each = sum(along)
     ends = np.concatenate([[0.0], np.cumsum(along)])
 

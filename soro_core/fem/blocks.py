@@ -22,6 +22,11 @@ def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Indices]:
         quad4, quad8, hex8 or hex20.
     counts : tuple of int
         Number of elements along each direction.
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind, or `counts` or the places of points make no mesh.
     """
     if kind not in SOLIDS:
         raise ModelError(f"kind {kind!r}; allowed: {', '.join(SOLIDS)}", "kind")
@@ -51,6 +56,11 @@ def mapped(kind: str, space: Space, counts: tuple[int, ...], place: Callable[[Ar
         Number of elements along each direction.
     place : callable
         From points of the unit cube (n, d) to places (n, d) [m].
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind, or `counts` or the places of points make no mesh.
     """
     points, cells = grid(kind, counts)
     return make_mesh(kind, space, place(points), cells)
@@ -69,6 +79,11 @@ def block(kind: str, space: Space, counts: tuple[int, ...], size: tuple[float, .
         Number of elements along each direction.
     size : tuple of float
         Lengths of the edges [m].
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind, or `counts` or the places of points make no mesh.
     """
     return mapped(kind, space, counts, lambda unit: unit * np.array(size))
 
@@ -86,6 +101,11 @@ def tube(kind: str, counts: tuple[int, ...], radii: tuple[float, float], length:
         Inner and outer [m].
     length : float
         Of a solid [m].
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind, or `counts` or the places of points make no mesh.
     """
     low, high = radii
 
@@ -109,6 +129,11 @@ def revolved_tube(kind: str, counts: tuple[int, int], radii: tuple[float, float]
         Inner and outer [m].
     length : float
         Along the axis [m].
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind, or `counts` or the places of points make no mesh.
     """
     low, high = radii
     return mapped(
@@ -127,6 +152,11 @@ def sphere(kind: str, counts: tuple[int, int], radii: tuple[float, float]) -> Me
         Number of elements across the wall and from the equator to the pole.
     radii : tuple of float
         Inner and outer [m].
+
+    Raises
+    ------
+    ModelError
+        If there is no such kind, or `counts` or the places of points make no mesh.
     """
     low, high = radii
 

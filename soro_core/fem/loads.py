@@ -23,10 +23,13 @@ class Pressure:
         Faces of the boundary, turned outwards (`Mesh.faces_at`).
     pressure_pa : float
         Above that of the surroundings; positive pushes into the material.
+    is_patch : bool
+        Whether the faces are meant to be an open surface; else they have to close a cavity (`fem.rim`).
     """
 
     faces: Indices
     pressure_pa: float
+    is_patch: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,11 @@ class Loads:
             0 for x or r, 1 for y or z of a section, 2 for z of a solid.
         displacement_m : float or ndarray
             Of them at load factor 1.
+
+        Raises
+        ------
+        ModelError
+            If there is no such direction, or a displacement is not finite.
         """
         if direction not in range(self.held.shape[1]):
             raise ModelError(f"direction {direction}; allowed: 0 to {self.held.shape[1] - 1}", "direction")
@@ -71,20 +79,47 @@ class Loads:
         held[np.asarray(nodes), direction] = displacement_m
         return replace(self, held=held)
 
-    def press(self, faces: Indices, pressure_pa: float) -> Loads:
-        """Return the loads with a pressure on faces (f, m)."""
+    def press(self, faces: Indices, pressure_pa: float, is_patch: bool = False) -> Loads:
+        """Return the loads with a pressure on faces.
+
+        Parameters
+        ----------
+        faces : ndarray of int, (f, m)
+            Faces of the boundary that close a cavity, but for a rim that is held or in a plane of symmetry.
+        pressure_pa : float
+            Above that of the surroundings; positive pushes into the material.
+        is_patch : bool
+            Whether the faces may be an open surface.
+
+        Raises
+        ------
+        ModelError
+            If the pressure is not finite.
+        """
         if not np.isfinite(pressure_pa):
             raise ModelError(f"pressure_pa {pressure_pa}; allowed: a finite number", "pressure_pa")
-        return replace(self, pressures=(*self.pressures, Pressure(faces, float(pressure_pa))))
+        return replace(self, pressures=(*self.pressures, Pressure(faces, float(pressure_pa), is_patch)))
 
     def pull(self, force: Array) -> Loads:
-        """Return the loads with more forces (n, d) [N]."""
+        """Return the loads with more forces (n, d) [N].
+
+        Raises
+        ------
+        ModelError
+            If they are not finite, or not of that shape.
+        """
         if force.shape != self.force.shape or not np.isfinite(force).all():
             raise ModelError(f"force of shape {force.shape}; allowed: finite, {self.force.shape}", "force")
         return replace(self, force=self.force + force)
 
     def spring(self, stiffness: Array) -> Loads:
-        """Return the loads with more springs (n, d) [N/m]."""
+        """Return the loads with more springs (n, d) [N/m].
+
+        Raises
+        ------
+        ModelError
+            If one is negative or not finite, or they are not of that shape.
+        """
         is_allowed = np.isfinite(stiffness) & (stiffness >= 0.0)
         if stiffness.shape != self.springs.shape or not is_allowed.all():
             raise ModelError(

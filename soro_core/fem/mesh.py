@@ -83,7 +83,7 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
     Raises
     ------
     ModelError
-        One line that names the element that is inverted or degenerate.
+        One line that names the element that is inverted, degenerate or there twice, or what else is wrong.
     """
     if kind not in SOLIDS:
         raise ModelError(f"kind {kind!r}; allowed: {', '.join(SOLIDS)}", "kind")
@@ -105,6 +105,9 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
     unused = len(places) - len(np.unique(nodes))
     if unused:
         raise ModelError(f"{unused} points belong to no element; allowed: points of elements", "points")
+    first, count = np.unique(np.sort(nodes, axis=1), axis=0, return_index=True, return_counts=True)[1:]
+    if (count > 1).any():
+        raise ModelError(f"cells: element {first[count > 1][0]} is there twice; allowed: once", "cells")
     return Mesh(kind, space, *_frozen(places, _turned(kind, places, nodes)))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.errors import ModelError
+from soro_core.fem.contact import Barrier, Contact, make_barrier
 from soro_core.fem.element import element
 from soro_core.fem.follower import add_pressure
 from soro_core.fem.loads import Loads
@@ -16,6 +17,7 @@ from soro_core.fem.material import Hyperelastic, Material
 from soro_core.fem.mesh import Mesh
 from soro_core.fem.pattern import Pattern, make_pattern
 from soro_core.fem.response import Array, Indices
+from soro_core.fem.rim import check_closed
 from soro_core.fem.solid import assemble
 
 _NO_DATA = np.empty(0)
@@ -37,6 +39,8 @@ class Balance:
         Forces of stresses and springs minus those of the loads [N]; at held nodes, of the support.
     data : ndarray
         Entries of d(unbalanced)/d(displacement) in the pattern of the part, or none.
+    coupling : sparse matrix or None
+        More of it, outside that pattern: of surfaces in contact.
     """
 
     inverted: int
@@ -44,6 +48,7 @@ class Balance:
     size: float
     unbalanced: Array
     data: Array
+    coupling: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +70,8 @@ class Part:
     slope, hoop, volume : ndarray, (e, g, a, d), (e, g, a) and (e, g)
         Derivatives of the shape functions [1/m], N / R [1/m] and volume [m3] at the points of integration;
         plane strain is 1 m thick, and about an axis the part is a whole ring.
+    contact : Barrier or None
+        Of surfaces that come near each other or obstacles.
     """
 
     mesh: Mesh
@@ -76,10 +83,18 @@ class Part:
     hoop: Array
     volume: Array
     _faces: tuple[Indices, ...]
+    contact: Barrier | None = None
 
     def under(self, loads: Loads) -> Part:
-        """Return the part under other loads."""
+        """Return the part under other loads.
+
+        Raises
+        ------
+        ModelError
+            If a pressure acts on what is no face, or on a cavity that is open.
+        """
         entries = tuple(self.pattern.entries(one.faces) for one in loads.pressures)
+        check_closed(self.mesh, loads)
         return replace(self, loads=loads, _faces=entries)
 
     def balance(self, u: Array, load: float, with_stiffness: bool = True) -> Balance:
@@ -111,29 +126,48 @@ class Part:
         )
         by_springs = self.loads.springs * u
         size = max(float(np.linalg.norm(inner)), float(np.linalg.norm(by_springs)))
-        unbalanced = inner + by_springs - load * self.loads.force
+        unbalanced, coupling = inner + by_springs, None
         if inverted < 0:
-            face = element(mesh.element.face)
-            for one, entries in zip(self.loads.pressures, self._faces, strict=True):
-                add_pressure(
-                    load * one.pressure_pa,
-                    mesh.space == "axisymmetric",
-                    one.faces,
-                    face.shape,
-                    face.slope,
-                    face.weight,
-                    entries,
-                    mesh.points + u,
-                    unbalanced,
-                    data,
-                )
+            self._add_loads(load, u, unbalanced, data)
             if with_stiffness:
                 data[self.pattern.diagonal()] += self.loads.springs.ravel()
-        return Balance(int(inverted), float(energy), size, unbalanced, data)
+            if self.contact is not None:
+                coupling = self.contact.add(u, unbalanced, with_stiffness)
+        return Balance(int(inverted), float(energy), size, unbalanced, data, coupling)
+
+    def _add_loads(self, load: float, u: Array, unbalanced: Array, data: Array) -> None:
+        """Subtract the forces of the loads at a factor, and add their stiffness unless `data` is empty."""
+        unbalanced -= load * self.loads.force
+        face, is_revolved = element(self.mesh.element.face), self.mesh.space == "axisymmetric"
+        tables = (face.shape, face.slope, face.weight)
+        x = self.mesh.points + u
+        for one, entries in zip(self.loads.pressures, self._faces, strict=True):
+            pressure = load * one.pressure_pa
+            add_pressure(pressure, is_revolved, one.faces, *tables, entries, x, unbalanced, data)
+
+    def push(self, u: Array) -> Array:
+        """Return the forces (n, d) of the loads at load factor 1 [N]; they are proportional to it."""
+        against = np.zeros_like(u)
+        self._add_loads(1.0, u, against, _NO_DATA)
+        return -against
+
+    def matrix(self, balance: Balance) -> Any:
+        """Return d(unbalanced)/d(displacement) as a sparse matrix (n d, n d)."""
+        inner = self.pattern.matrix(balance.data)
+        return inner if balance.coupling is None else (inner + balance.coupling).tocsc()
 
     def stiffness(self, u: Array, load: float) -> Any:
         """Return d(unbalanced)/d(displacement) as a sparse matrix (n d, n d), parameters as in `balance`."""
-        return self.pattern.matrix(self.balance(u, load).data)
+        return self.matrix(self.balance(u, load))
+
+    def reach(self, u: Array, v: Array) -> float:
+        """Return how much of the way between displacements u and v (n, d) no surfaces meet on, 0 to 1."""
+        return 1.0 if self.contact is None else self.contact.reach(u, v)
+
+    @property
+    def usual_iterations(self) -> int:
+        """Iterations that a load step may take: more where surfaces meet."""
+        return 12 if self.contact is None else 60
 
     def weight(self, gravity: ArrayLike) -> Array:
         """Return the forces (n, d) [N] of gravity (d,) [m/s2] on the undeformed mass, for `Loads.pull`."""
@@ -143,7 +177,13 @@ class Part:
         return total
 
 
-def make_part(mesh: Mesh, material: Material, loads: Loads, is_averaged: bool | None = None) -> Part:
+def make_part(
+    mesh: Mesh,
+    material: Material,
+    loads: Loads,
+    is_averaged: bool | None = None,
+    contact: Contact | None = None,
+) -> Part:
     """Return a part.
 
     Parameters
@@ -156,6 +196,16 @@ def make_part(mesh: Mesh, material: Material, loads: Loads, is_averaged: bool | 
         At load factor 1.
     is_averaged : bool, optional
         Whether each element has one volume ratio; by default quad4 and hex8 of a hyperelastic material do.
+    contact : Contact, optional
+        How its surfaces keep off each other and obstacles; needs the extra `design`.
+
+    Raises
+    ------
+    ModelError
+        If `is_averaged` asks for what the material does not have, a pressure acts on an open cavity, or
+        surfaces are nearer than contact allows before any load.
+    MissingPackageError
+        If there is contact, and ipctk is not installed.
     """
     can_average = isinstance(material, Hyperelastic)
     if is_averaged is None:
@@ -173,5 +223,7 @@ def make_part(mesh: Mesh, material: Material, loads: Loads, is_averaged: bool | 
         hoop = one.shape[None] / radius[:, :, None]
         volume = volume * 2.0 * np.pi * radius
     pattern = make_pattern(mesh.cells, *mesh.points.shape)
-    part = Part(mesh, material, loads, is_averaged, pattern, np.ascontiguousarray(slope), hoop, volume, ())
+    barrier = None if contact is None else make_barrier(mesh, contact, material.shear_modulus_pa)
+    slope = np.ascontiguousarray(slope)
+    part = Part(mesh, material, loads, is_averaged, pattern, slope, hoop, volume, (), barrier)
     return part.under(loads)

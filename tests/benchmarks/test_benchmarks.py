@@ -40,6 +40,15 @@ def test_a_section_is_written_with_numbers(run, name):
     assert name == "terms" or "soromox was not measured" in text
 
 
+def test_the_section_of_design_has_all_its_parts(run):
+    result, text = run("--only", "design")
+    assert result.exit_code == 0, result.output
+    assert text.count("### ") == len(SECTIONS["design"].PARTS)
+    assert "| 20 | 17.11 |" in text
+    assert "| SuperLU |" in text
+    assert "nan" not in text
+
+
 def test_sections_not_asked_for_stay(run, tmp_path):
     report.write(tmp_path / "RESULTS.md", {"Kept": "| 42 |", SECTIONS["terms"].TITLE: "old"})
     _, text = run("--only", "terms")

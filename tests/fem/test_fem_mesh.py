@@ -119,6 +119,7 @@ POINTS, CELLS = grid("quad4", (2, 2))
         (("quad4", "plane_strain", POINTS, CELLS + 1), "cells"),
         (("quad4", "plane_strain", POINTS, CELLS + 0.5), "cells"),
         (("quad4", "plane_strain", POINTS, CELLS[:1]), "points"),
+        (("quad4", "plane_strain", POINTS, [*CELLS, np.roll(CELLS[1], 1)]), "cells"),
         (("quad4", "axisymmetric", POINTS - [1.0, 0.0], CELLS), "points"),
     ],
 )

@@ -81,7 +81,7 @@ def test_a_pressure_on_a_closed_surface_has_a_symmetric_stiffness(name):
     assert size > 0.1
     assert np.abs(by_pressure - by_pressure.T).max() < 1e-12 * size
     # On a part of the surface it is not: the work depends on the way.
-    some = part.under(no_loads(mesh).press(mesh.boundary()[-1:], 1.0))
+    some = part.under(no_loads(mesh).press(mesh.boundary()[-1:], 1.0, is_patch=True))
     open_ = (some.stiffness(u, 1.0) - part.stiffness(u, 1.0)).toarray()
     assert np.abs(open_ - open_.T).max() > 1e-3 * size
 
@@ -109,7 +109,7 @@ def test_a_pressure_acts_the_same_on_a_mesh_numbered_the_other_way(kind):
     for sign in (np.ones(d), mirror):
         mesh = make_mesh(kind, space, points * sign, cells)
         faces = mesh.faces_at(mesh.points[:, 1] == 1.0)
-        part = make_part(mesh, MATERIALS["svk"], no_loads(mesh).press(faces, 3.0))
+        part = make_part(mesh, MATERIALS["svk"], no_loads(mesh).press(faces, 3.0, is_patch=True))
         pushed.append(-part.balance(np.zeros_like(points), 1.0).unbalanced)
     assert pushed[0][:, 1].sum() == pytest.approx(-3.0)
     np.testing.assert_allclose(pushed[1], pushed[0] * mirror, atol=1e-15)

@@ -1,0 +1,56 @@
+"""Bellows of the three-bellow part of the thesis, with its forces; for tests, benchmarks and pictures."""
+
+import numpy as np
+
+from soro_core.fem.bellows import Bellows, bellows_mesh
+from soro_core.fem.loads import no_loads
+from soro_core.fem.material import material_from_dict
+from soro_core.fem.newton import solve
+from soro_core.fem.part import make_part
+
+SHAPE = Bellows(
+    lobes=8,
+    pitch=6.975e-3,
+    lobe_width=4.3e-3,
+    outer_radius=12.6e-3,
+    neck_radius=3.6e-3,
+    fillet=1.1e-3,
+    wall=0.8e-3,
+)
+MATERIAL = material_from_dict(
+    {
+        "kind": "st_venant_kirchhoff",
+        "source": "three-bellow part of the thesis",
+        "youngs_modulus_pa": 80e6,
+        "poisson_ratio": 0.4,
+    }
+)
+# Extension [mm] and force of three bellows in parallel [N] of the thesis.
+THESIS = {
+    3.5: 1.7895,
+    5.5: 2.9289,
+    7.1: 3.9445,
+    8.7: 5.0759,
+    11.0: 6.8505,
+    12.4: 8.1245,
+    13.8: 9.5167,
+    15.2: 11.0292,
+    16.8: 12.9051,
+    18.4: 14.9354,
+    20.0: 17.1146,
+}
+ALONG = (8, 8, 5, 4)
+
+
+def forces(is_clamped, lobes):
+    """Force of three bellows [N] by extension, from some lobes at one end, up to a plane of symmetry."""
+    mesh = bellows_mesh("quad8", SHAPE, 3, ALONG, lobes=lobes)
+    z = mesh.points[:, 1]
+    end, middle = z < 1e-9, z > z.max() - 1e-9
+    share = lobes / SHAPE.lobes
+    loads = no_loads(mesh).hold(end, 1, -20e-3 * share).hold(middle, 1)
+    if is_clamped:
+        loads = loads.hold(end, 0)
+    done = solve(make_part(mesh, MATERIAL, loads), [x / 20.0 for x in THESIS])
+    assert done.status == "solved", done.cause
+    return np.array([-3.0 * state.reaction[end, 1].sum() for state in done.states])

@@ -1,0 +1,85 @@
+"""Linear stiffness under the pressure of the air: the arch that codes of topology optimisation compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from soro_core.design.darcy import Flow, pressures
+from soro_core.design.grid import Grid
+from soro_core.errors import ModelError
+from soro_core.fem.newton import factorised
+from soro_core.fem.response import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Compliance:
+    """Work of the pressure on a linear part in plane stress, docs/design.md (15).
+
+    Attributes
+    ----------
+    grid : Grid
+        The grid.
+    flow : Flow
+        How densities let air through.
+    held_pa : ndarray, (n,)
+        Given pressures [Pa], else NaN.
+    is_held : ndarray of bool, (n, 2)
+        Directions in which nodes do not move.
+    youngs_modulus_pa, poisson_ratio : float
+        Of solid.
+    void_stiffness : float
+        Stiffness of void over that of solid.
+    """
+
+    grid: Grid
+    flow: Flow
+    held_pa: Array
+    is_held: Array
+    youngs_modulus_pa: float
+    poisson_ratio: float
+    void_stiffness: float
+
+    def evaluate(self, density: Array, penalty: float) -> tuple[float, Array, Array, Array]:
+        """Return u . K u [J/m], its derivative by densities (e,), displacements (n, 2) and pressures (n,)."""
+        grid = self.grid
+        air = pressures(grid, self.flow, density, self.held_pa)
+        cells = grid.mesh.cells
+        load = self._load()
+        force = np.zeros_like(grid.mesh.points)
+        np.add.at(force, cells, (air.at_nodes[cells] @ load.T).reshape(-1, 4, 2))
+        one = self._stiffness()
+        scale = self.void_stiffness + (1.0 - self.void_stiffness) * density**penalty
+        pattern = grid.vectors
+        entries = (scale[:, None] * one.ravel()).ravel()
+        matrix = pattern.matrix(np.bincount(pattern.cells.ravel(), entries, len(pattern.keys)))
+        free = np.flatnonzero(~self.is_held.ravel())
+        solver = factorised(matrix[free][:, free].tocsc())
+        if solver is None:
+            raise ModelError("the part is loose: hold it against every motion", "held")
+        u = np.zeros(force.size)
+        u[free] = solver.solve(force.ravel()[free])
+        u = u.reshape(force.shape)
+        of_cells = u[cells].reshape(len(cells), 8)
+        energy = np.einsum("ei,ij,ej->e", of_cells, one, of_cells)
+        by_density = -(1.0 - self.void_stiffness) * penalty * density ** (penalty - 1.0) * energy
+        by_pressure = np.bincount(cells.ravel(), (2.0 * of_cells @ load).ravel(), len(air.at_nodes))
+        return float(scale @ energy), by_density + air.back(by_pressure), u, air.at_nodes
+
+    def _load(self) -> Array:
+        """Forces (8, 4) of unit pressures of the nodes: -int N dp/dX dV."""
+        grid = self.grid
+        gradient = grid.slope[0][:, :2, 0::2]
+        by_node = -np.einsum("g,ga,gkb->akb", grid.volume[0], grid.shape, gradient)
+        return by_node.reshape(8, 4)
+
+    def _stiffness(self) -> Array:
+        """Stiffness (8, 8) of a solid element."""
+        nu = self.poisson_ratio
+        strain = np.zeros((len(self.grid.shape), 3, 8))
+        slope = self.grid.slope[0]
+        strain[:, 0], strain[:, 1], strain[:, 2] = slope[:, 0], slope[:, 3], slope[:, 1] + slope[:, 2]
+        law = np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+        law *= self.youngs_modulus_pa / (1.0 - nu**2)
+        return np.asarray(np.einsum("g,gci,cd,gdj->ij", self.grid.volume[0], strain, law, strain))

@@ -1,0 +1,66 @@
+"""What acts of set points, and the set points of which a given part acts.
+
+With the dead band d and the swelling s of a chamber, of its set point p acts
+
+    a = b / (1 - s |b|),  b = p - d,    so that    p = d + a / (1 + s |a|),    docs/model.md (56), (57).
+
+A chamber with a dead band is kept at the band or above, where this is one line without a step. Below it the
+line goes on, for searches beyond the bounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import ConfigError
+from soro_core.robot import Robot
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Acting:
+    """Dead bands (n_u,) [Pa] and swelling (n_u,) [1/Pa] of the chambers of an arm."""
+
+    dead_band_pa: Array
+    swell_per_pa: Array
+
+    def of(self, pressure_pa: Array) -> Array:
+        """Return what acts (n_u,) [Pa] of set points (n_u,) [Pa gauge] within the range of the robot."""
+        beyond = pressure_pa - self.dead_band_pa
+        return np.asarray(beyond / (1.0 - self.swell_per_pa * np.abs(beyond)))
+
+    def pressure(self, acting_pa: Array) -> Array:
+        """Return the set points (n_u,) [Pa gauge] of which `acting_pa` (n_u,) acts."""
+        return np.asarray(self.dead_band_pa + acting_pa / (1.0 + self.swell_per_pa * np.abs(acting_pa)))
+
+
+def acting_of(robot: Robot) -> Acting:
+    """Return dead bands and swelling of a robot's chambers."""
+    chambers = [chamber for link in robot.links for chamber in link.chambers]
+    return Acting(np.array([c.dead_band_pa for c in chambers]), np.array([c.swell_per_pa for c in chambers]))
+
+
+def check_dead_bands(robot: Robot, low_pa: float, high_pa: float) -> None:
+    """Check that the set points reach beyond each dead band, and not to both sides of it.
+
+    Parameters
+    ----------
+    robot : Robot
+        Discretised robot.
+    low_pa, high_pa : float
+        Range of the set points [Pa gauge].
+
+    Raises
+    ------
+    ConfigError
+        If the range is not above a dead band alone: across it no small change of a set point has an effect.
+    """
+    for name, band in zip(robot.chamber_names, acting_of(robot).dead_band_pa, strict=True):
+        if band > 0.0 and not (low_pa > -band and high_pa > band):
+            allowed = f"set points above -{band:g} that reach beyond {band:g}, not {low_pa:g} to {high_pa:g}"
+            raise ConfigError("controller", "dead_band_pa", f"{band:g} of {name}", allowed)

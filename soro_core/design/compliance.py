@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.design.darcy import Flow, pressures
+from soro_core.design.evaluation import Evaluation
 from soro_core.design.grid import Grid
 from soro_core.errors import ModelError
 from soro_core.fem.newton import factorised
@@ -23,8 +24,8 @@ class Compliance:
         The grid.
     flow : Flow
         How densities let air through.
-    held_pa : ndarray, (n,)
-        Given pressures [Pa], else NaN.
+    held : ndarray, (n,)
+        Given pressures as a share of that of the inlet, else NaN.
     is_held : ndarray of bool, (n, 2)
         Directions in which nodes do not move.
     youngs_modulus_pa, poisson_ratio : float
@@ -35,16 +36,28 @@ class Compliance:
 
     grid: Grid
     flow: Flow
-    held_pa: Array
+    held: Array
     is_held: Array
     youngs_modulus_pa: float
     poisson_ratio: float
     void_stiffness: float
 
-    def evaluate(self, density: Array, penalty: float) -> tuple[float, Array, Array, Array]:
-        """Return u . K u [J/m], its derivative by densities (e,), displacements (n, 2) and pressures (n,)."""
+    def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
+        """Return u . K u [J/m] with its gradient.
+
+        Parameters
+        ----------
+        density : ndarray, (e,)
+            Densities of the elements.
+        penalty : float
+            Exponent of the stiffness.
+        pressure_pa : float
+            Of the inlet.
+        guess : ndarray
+            Not used: the part is linear.
+        """
         grid = self.grid
-        air = pressures(grid, self.flow, density, self.held_pa)
+        air = pressures(grid, self.flow, density, pressure_pa * self.held)
         cells = grid.mesh.cells
         load = self._load()
         force = np.zeros_like(grid.mesh.points)
@@ -65,7 +78,8 @@ class Compliance:
         energy = np.einsum("ei,ij,ej->e", of_cells, one, of_cells)
         by_density = -(1.0 - self.void_stiffness) * penalty * density ** (penalty - 1.0) * energy
         by_pressure = np.bincount(cells.ravel(), (2.0 * of_cells @ load).ravel(), len(air.at_nodes))
-        return float(scale @ energy), by_density + air.back(by_pressure), u, air.at_nodes
+        gradient = by_density + air.back(by_pressure)
+        return Evaluation(float(scale @ energy), gradient, np.nan, u, air.at_nodes, 0.0)
 
     def _load(self) -> Array:
         """Forces (8, 4) of unit pressures of the nodes: -int N dp/dX dV."""

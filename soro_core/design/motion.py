@@ -10,6 +10,7 @@ from scipy.sparse import csc_matrix
 
 from soro_core.design.darcy import Flow, pressures
 from soro_core.design.energy import assemble, sensitivities
+from soro_core.design.evaluation import Evaluation
 from soro_core.design.filter import projection
 from soro_core.design.grid import Grid
 from soro_core.errors import ModelError
@@ -22,8 +23,8 @@ _NONE = np.empty(0)
 # Where an element begins to count as solid in (17), and how suddenly.
 SOLID_FROM, SOLID_SHARPNESS = 0.01, 500.0
 TOLERANCE = 1e-7
-ROUNDS, SHORTENINGS = 25, 12
-LEAST_STEP = 1.0 / 64.0
+ROUNDS, SHORTENINGS = 15, 8
+LEAST_STEP = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,10 +256,8 @@ class Motion:
         x, y = 1e3 * self.grid.centres[e]
         return f"the solid at ({x:.4g}, {y:.4g}) mm turns inside out"
 
-    def evaluate(
-        self, density: Array, penalty: float, pressure_pa: float, guess: Array
-    ) -> tuple[float, float, Array, Rest, Array]:
-        """Return the objective, the motion of the output [m], the gradient (e,), the rest and pressures (n,).
+    def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
+        """Return -u_out / SE^m with its gradient, (19).
 
         Parameters
         ----------
@@ -270,11 +269,18 @@ class Motion:
             Of the inlet.
         guess : ndarray, (n, 2)
             Displacements to begin with [m].
+
+        Raises
+        ------
+        ModelError
+            Where there is no equilibrium, or the air strains nothing.
         """
         air = pressures(self.grid, self.flow, density, pressure_pa * self.held)
         at = self.rest(density, penalty, air.at_nodes, guess)
         kappa, gamma, kappa_by, gamma_by = self.interpolation(density, penalty)
         out, m = float((self.output * at.u).sum()), self.exponent
+        if at.stored <= 0.0:
+            raise ModelError("the air of the inlet strains nothing: it meets no solid that is held", "inlet")
         objective = -out / at.stored**m
         # d(objective) = by_out d(out) + by_energy d(stored)
         by_out, by_energy = -(at.stored**-m), m * out * at.stored ** (-m - 1.0)
@@ -307,4 +313,4 @@ class Motion:
         by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
         by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
         gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)
-        return objective, out, gradient, at, air.at_nodes
+        return Evaluation(objective, gradient, out, at.u, air.at_nodes, at.residual)

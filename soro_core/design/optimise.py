@@ -13,8 +13,10 @@ import numpy as np
 from soro_core.design.compliance import Compliance
 from soro_core.design.domain import Domain, analysis, make_domain
 from soro_core.design.filter import density_filter, greyness, projection
+from soro_core.design.flood import flood
 from soro_core.design.mma import Moves, mma_step, no_moves
 from soro_core.design.motion import Motion
+from soro_core.design.shape import contour
 from soro_core.design.task import Task
 from soro_core.errors import ConfigError, ModelError
 from soro_core.fem.response import Array
@@ -130,6 +132,7 @@ def optimise(
         Where a design has no equilibrium, or the output does not move; one line with the reason.
     """
     domain = make_domain(task, where)
+    _require_sealable(domain, where)
     found = analysis(domain, where)
     weights = density_filter(domain.grid, task.filter_radius_m)
     state = state or first_state(domain)
@@ -138,6 +141,15 @@ def optimise(
         if progress is not None:
             progress(state)
     return state
+
+
+def _require_sealable(domain: Domain, where: str) -> None:
+    """Refuse a task whose given void alone joins the inlet with the open."""
+    found = flood(domain, contour(domain, np.ones(len(domain.is_solid))))
+    if found.is_leak.any():
+        x, y = 1e3 * domain.grid.mesh.points[np.flatnonzero(found.is_leak)[0]]
+        place = f"a way of void from the inlet to the open at ({x:.4g}, {y:.4g}) mm"
+        raise ConfigError(where, "void", place, "room for a wall between them, else no part is sealed")
 
 
 def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple[Array, Array, Array]:
@@ -167,18 +179,13 @@ def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: St
     for retreats in range(RETREATS + 1):
         filtered, density, slope = densities(domain, weights, x, sharpness)
         try:
-            if isinstance(found, Motion):
-                objective, motion, gradient, at, air = found.evaluate(density, penalty, pressure, state.u)
-                u, residual = at.u, at.residual
-            else:
-                objective, gradient, u, air = found.evaluate(density, penalty, pressure)
-                motion, residual = np.nan, 0.0
+            at = found.evaluate(density, penalty, pressure, state.u)
             break
         except ModelError as error:
             if retreats == RETREATS or len(state.moves.before) == 0:
                 raise ModelError(f"iteration {k + 1}: {error}", error.key) from None
             x = 0.5 * (x + state.moves.before)
-    if not np.isfinite(gradient).all() or not gradient.any():
+    if not np.isfinite(at.gradient).all() or not at.gradient.any():
         raise ModelError(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material", "inlet"
         )
@@ -190,15 +197,15 @@ def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: St
     limit = task.volume_fraction
     by_volume = weights.T @ (share * slope) / limit
     following, moves = mma_step(
-        x, weights.T @ (gradient * slope), volume / limit - 1.0, by_volume, (least, most), state.moves
+        x, weights.T @ (at.gradient * slope), volume / limit - 1.0, by_volume, (least, most), state.moves
     )
     row = Row(
         k + 1,
-        objective,
-        motion,
+        at.objective,
+        at.motion_m,
         volume,
         greyness(density),
-        residual,
+        at.residual,
         pressure,
         penalty,
         sharpness,
@@ -208,10 +215,10 @@ def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: St
     return State(
         following,
         moves,
-        u,
+        at.u,
         density,
         filtered,
-        air,
+        at.pressure,
         np.vstack([state.frames, frame]),
         (*state.rows, row),
     )

@@ -87,7 +87,9 @@ def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]
         raise ModelError("space solid; allowed: plane_strain or axisymmetric", "space")
     mesh = block("quad4", space, counts, size_m)
     is_ring = space == "axisymmetric"
-    kind = np.repeat(np.arange(counts[0]), counts[1]) if is_ring else np.zeros(len(mesh.cells), dtype=np.int64)
+    kind = (
+        np.repeat(np.arange(counts[0]), counts[1]) if is_ring else np.zeros(len(mesh.cells), dtype=np.int64)
+    )
     first = mesh.cells[:: counts[1]] if is_ring else mesh.cells[:1]
     one = mesh.element
     at = mesh.points[first]

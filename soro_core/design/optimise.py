@@ -187,7 +187,8 @@ def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: St
             x = 0.5 * (x + state.moves.before)
     if not np.isfinite(at.gradient).all() or not at.gradient.any():
         raise ModelError(
-            f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material", "inlet"
+            f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
+            "inlet",
         )
     share = domain.grid.volumes / domain.grid.volumes.sum()
     volume = float(share @ density)

@@ -41,7 +41,7 @@ def extruded(mesh: Mesh, height_m: float) -> Array:
 
 
 def revolved(mesh: Mesh, pieces: int = 96) -> Array:
-    """Return the triangles (t, 3, 3) [m] of a section revolved about x = 0 in flat pieces, turned outwards."""
+    """Return the triangles (t, 3, 3) [m] of a section turned about x = 0 in flat pieces."""
     if pieces < 3:
         raise ModelError(f"pieces {pieces}; allowed: from 3", "pieces")
     if mesh.points[:, 0].min() < 0.0:

@@ -28,9 +28,9 @@ def run(
 ) -> None:
     """Distribute material in a rectangle so that air moves an output as far as it can (docs/design.md).
 
-    Prints each iteration, and keeps it: Ctrl-C loses the iteration under way alone, --resume goes on. The folder
-    gets task.yaml, state.npz, iterations.csv, film.gif and design.png. Exit status 1: no equilibrium, or the part
-    does not hold air; the reason is printed. 130: Ctrl-C.
+    Prints each iteration, and keeps it: Ctrl-C loses the one under way alone, --resume goes on. The folder
+    gets task.yaml, state.npz, iterations.csv, film.gif and design.png. Exit status 1: no equilibrium, or the
+    part does not hold air, with the reason; 130: Ctrl-C.
     """
     from soro_core.config import find_config
     from soro_core.design import load_state, load_task, optimise, save
@@ -167,9 +167,7 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
         raise typer.Exit(1)
 
 
-def _numbers(
-    domain: Domain, state: State, found: Shape, moved: Reanalysis | None
-) -> list[tuple[str, str]]:
+def _numbers(domain: Domain, state: State, found: Shape, moved: Reanalysis | None) -> list[tuple[str, str]]:
     from soro_core.design.solids import area
 
     row = state.rows[-1]

@@ -21,8 +21,9 @@ from soro_core.design.task import Task
 from soro_core.errors import ConfigError, ModelError
 from soro_core.fem.response import Array
 
-# A design without equilibrium is taken back towards the one before, by halves.
+# Where there is no equilibrium the pressure is lowered so often by this factor, and rises again by the other.
 RETREATS = 6
+EASED, RISING = 0.8, 1.2
 STATE = "state.npz"
 # Densities of the film are kept as whole numbers up to this.
 TONES = 255
@@ -46,10 +47,12 @@ class Row:
         Mean of 4 rho (1 - rho).
     residual : float
         Unbalanced force over the force of the air.
-    pressure_pa, penalty, sharpness : float
+    pressure_pa : float
+        At the inlet, below that of the schedule where a design has no equilibrium there.
+    penalty, sharpness : float
         Of the schedule.
-    retreats : int
-        How often the design was taken back, for want of equilibrium.
+    eased : float
+        Pressure over that of the schedule.
     """
 
     iteration: int
@@ -61,7 +64,7 @@ class Row:
     pressure_pa: float
     penalty: float
     sharpness: float
-    retreats: int
+    eased: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,17 +177,19 @@ def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple
 
 def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: State, k: int) -> State:
     task = domain.task
-    pressure, penalty, sharpness = task.schedule.at(k)
     x = state.x
-    for retreats in range(RETREATS + 1):
-        filtered, density, slope = densities(domain, weights, x, sharpness)
+    scheduled, penalty, sharpness = task.schedule.at(k)
+    filtered, density, slope = densities(domain, weights, x, sharpness)
+    eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
+    for attempt in range(RETREATS + 1):
+        pressure = eased * scheduled
         try:
             at = found.evaluate(density, penalty, pressure, state.u)
             break
         except ModelError as error:
-            if retreats == RETREATS or len(state.moves.before) == 0:
-                raise ModelError(f"iteration {k + 1}: {error}", error.key) from None
-            x = 0.5 * (x + state.moves.before)
+            if attempt == RETREATS:
+                raise ModelError(f"iteration {k + 1}, {pressure:.4g} Pa: {error}", error.key) from None
+            eased *= EASED
     if not np.isfinite(at.gradient).all() or not at.gradient.any():
         raise ModelError(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
@@ -210,7 +215,7 @@ def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: St
         pressure,
         penalty,
         sharpness,
-        retreats,
+        eased,
     )
     frame = np.round(TONES * density).astype(np.uint8)
     return State(

@@ -58,7 +58,7 @@ def revolved(mesh: Mesh, pieces: int = 96) -> Array:
     )
     a, b = mesh.boundary().T
     following = np.roll(ring, -1, axis=0)
-    found = _two(ring[:, b], ring[:, a], following[:, a], following[:, b]).reshape(-1, 3, 3)
+    found = _two(ring[:, a], ring[:, b], following[:, b], following[:, a]).reshape(-1, 3, 3)
     # What lies on the axis is no surface.
     is_flat = (found == np.roll(found, 1, axis=1)).all(axis=2).any(axis=1)
     return np.asarray(found[~is_flat])

@@ -113,7 +113,7 @@ _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>
 
 def _line(state: State) -> str:
     row = state.rows[-1]
-    back = f"  taken back {row.retreats} times: no equilibrium" if row.retreats else ""
+    back = "  pressure lowered: no equilibrium above" if row.eased < 1.0 else ""
     return (
         f"{row.iteration:9d} {row.objective:12.5g} {1e3 * row.motion_m:9.4f} {row.volume:7.4f} "
         f"{row.greyness:6.3f} {row.residual:8.1e} {1e-3 * row.pressure_pa:7.3g}{back}"
@@ -153,7 +153,8 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
     except ModelError:
         picture(domain, state, None, None, folder / "design.png")
         raise
-    moved = reanalyse(domain, found) if isinstance(domain.task.goal, Farthest) else None
+    is_moved = isinstance(domain.task.goal, Farthest) and not found.leak
+    moved = reanalyse(domain, found) if is_moved else None
     table = Table("", f"{folder}, {len(state.rows)} iterations")
     for name, value in _numbers(domain, state, found, moved):
         table.add_row(name, value)

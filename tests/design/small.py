@@ -5,10 +5,11 @@ from soro_core.design import task_from_dict
 
 
 def bellow(**changes):
-    """Return the shipped bellow on a coarse grid; `changes` replace keys, a mapping some of its keys."""
+    """Return the shipped bellow on a coarse grid; `changes` replace keys, a mapping without a kind some of its keys."""
     data = read_yaml(config_folder() / "design" / "bellow.yaml")
     data |= {"cells": [24, 12], "filter_radius_m": 0.0018}
     data["schedule"] |= {"iterations": 8, "ramp": 4, "pressure_pa": [1e3, 2e3]}
     for key, value in changes.items():
-        data[key] = {**data[key], **value} if isinstance(value, dict) and key in data else value
+        is_part = isinstance(value, dict) and "kind" not in value
+        data[key] = {**data[key], **value} if is_part else value
     return task_from_dict(data)

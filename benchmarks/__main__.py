@@ -16,6 +16,7 @@ from benchmarks import (
     composed,
     control,
     derivatives,
+    design,
     discovery,
     estimation,
     forward,
@@ -67,6 +68,7 @@ SECTIONS = {
     "recording": recording,
     "composed": composed,
     "view": view,
+    "design": design,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

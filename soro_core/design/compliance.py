@@ -8,7 +8,7 @@ import numpy as np
 
 from soro_core.design.darcy import Flow, pressures
 from soro_core.design.evaluation import Evaluation
-from soro_core.design.grid import Grid
+from soro_core.design.grid import Flags, Grid, assembled
 from soro_core.errors import ModelError
 from soro_core.fem.newton import factorised
 from soro_core.fem.response import Array
@@ -37,7 +37,7 @@ class Compliance:
     grid: Grid
     flow: Flow
     held: Array
-    is_held: Array
+    is_held: Flags
     youngs_modulus_pa: float
     poisson_ratio: float
     void_stiffness: float
@@ -64,21 +64,17 @@ class Compliance:
         np.add.at(force, cells, (air.at_nodes[cells] @ load.T).reshape(-1, 4, 2))
         one = self._stiffness()
         scale = self.void_stiffness + (1.0 - self.void_stiffness) * density**penalty
-        pattern = grid.vectors
-        entries = (scale[:, None] * one.ravel()).ravel()
-        matrix = pattern.matrix(np.bincount(pattern.cells.ravel(), entries, len(pattern.keys)))
+        matrix = assembled(grid.vectors, scale[:, None, None] * one)
         free = np.flatnonzero(~self.is_held.ravel())
         solver = factorised(matrix[free][:, free].tocsc())
         if solver is None:
             raise ModelError("the part is loose: hold it against every motion", "held")
-        u = np.zeros(force.size)
-        u[free] = solver.solve(force.ravel()[free])
-        u = u.reshape(force.shape)
+        u = np.zeros_like(force)
+        u.ravel()[free] = solver.solve(force.ravel()[free])
         of_cells = u[cells].reshape(len(cells), 8)
         energy = np.einsum("ei,ij,ej->e", of_cells, one, of_cells)
         by_density = -(1.0 - self.void_stiffness) * penalty * density ** (penalty - 1.0) * energy
-        by_pressure = np.bincount(cells.ravel(), (2.0 * of_cells @ load).ravel(), len(air.at_nodes))
-        gradient = by_density + air.back(by_pressure)
+        gradient = by_density + air.back(grid.gathered(2.0 * of_cells @ load))
         return Evaluation(float(scale @ energy), gradient, np.nan, u, air.at_nodes, 0.0)
 
     def _load(self) -> Array:
@@ -86,7 +82,7 @@ class Compliance:
         grid = self.grid
         gradient = grid.slope[0][:, :2, 0::2]
         by_node = -np.einsum("g,ga,gkb->akb", grid.volume[0], grid.shape, gradient)
-        return by_node.reshape(8, 4)
+        return np.asarray(by_node.reshape(8, 4))
 
     def _stiffness(self) -> Array:
         """Stiffness (8, 8) of a solid element."""

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from soro_core.design.filter import projection
-from soro_core.design.grid import Grid
+from soro_core.design.grid import Grid, assembled
 from soro_core.errors import ModelError
 from soro_core.fem.newton import factorised
-from soro_core.fem.response import Array
+from soro_core.fem.response import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Pressures:
     _grid: Grid
     _flow: Flow
     _density: Array
-    _free: Array
+    _free: Indices
 
     def back(self, by_pressure: Array) -> Array:
         """Return the derivative of a number by the densities (e,) from that by the pressures (n,)."""
@@ -97,8 +97,7 @@ def pressures(grid: Grid, flow: Flow, density: Array, held_pa: Array) -> Pressur
     conductivity, drainage, _, _ = flow.coefficients(density)
     of_cells = conductivity[:, None, None] * grid.diffusion[grid.kind]
     of_cells += drainage[:, None, None] * grid.mass[grid.kind]
-    pattern = grid.scalars
-    matrix = pattern.matrix(np.bincount(pattern.cells.ravel(), of_cells.ravel(), len(pattern.keys)))
+    matrix = assembled(grid.scalars, of_cells)
     free = np.flatnonzero(np.isnan(held_pa))
     if len(free) == len(held_pa):
         raise ModelError("no node has a given pressure; allowed: an inlet and an open edge", "inlet")

@@ -8,7 +8,7 @@ import numpy as np
 
 from soro_core.design.compliance import Compliance
 from soro_core.design.darcy import Flow
-from soro_core.design.grid import Grid, make_grid
+from soro_core.design.grid import Flags, Grid, make_grid
 from soro_core.design.motion import Motion
 from soro_core.design.task import Box, Disc, Farthest, Stiffest, Task
 from soro_core.errors import ConfigError, ModelError
@@ -41,15 +41,15 @@ class Domain:
 
     task: Task
     grid: Grid
-    is_solid: Array
-    is_void: Array
-    is_inlet: Array
-    is_open: Array
-    is_held: Array
+    is_solid: Flags
+    is_void: Flags
+    is_inlet: Flags
+    is_open: Flags
+    is_held: Flags
     output: Array
 
     @property
-    def is_given(self) -> Array:
+    def is_given(self) -> Flags:
         """Elements that do not change, (e,) of bool."""
         return np.asarray(self.is_solid | self.is_void)
 
@@ -79,13 +79,13 @@ def make_domain(task: Task, where: str = "task") -> Domain:
     points, centres = grid.mesh.points, grid.centres
     near = NEAR * min(grid.edge_m)
 
-    def nodes(region: Box | Disc, key: str) -> Array:
+    def nodes(region: Box | Disc, key: str) -> Flags:
         found = inside(region, points, near)
         if not found.any():
             raise ConfigError(where, key, region, f"a region with nodes of the grid, {size_text(task)}")
         return found
 
-    def elements(regions: tuple[Box | Disc, ...], key: str) -> Array:
+    def elements(regions: tuple[Box | Disc, ...], key: str) -> Flags:
         every = np.zeros(len(centres), dtype=bool)
         for k, region in enumerate(regions):
             found = inside(region, centres, 0.0)
@@ -154,7 +154,7 @@ def analysis(domain: Domain, where: str = "task") -> Motion | Compliance:
     )
 
 
-def inside(region: Box | Disc, points: Array, near: float) -> Array:
+def inside(region: Box | Disc, points: Array, near: float) -> Flags:
     """Return which points (n, 2) lie in a region, or `near` [m] its border: (n,) of bool."""
     if isinstance(region, Box):
         found = np.ones(len(points), dtype=bool)
@@ -171,7 +171,7 @@ def size_text(task: Task) -> str:
     return f"0 to {task.size_m[0]:g} along x and 0 to {task.size_m[1]:g} m along y"
 
 
-def patch(mesh: Mesh, is_there: Array, along: Array) -> Array:
+def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
     """Return weights (n, 2) that make the mean motion of a patch of the border along a direction.
 
     Parameters
@@ -188,7 +188,7 @@ def patch(mesh: Mesh, is_there: Array, along: Array) -> Array:
     ModelError
         If no edge of the border has both its nodes there.
     """
-    faces = mesh.faces_at(is_there)
+    faces = mesh.faces_at(np.asarray(is_there))
     length = np.hypot(*(mesh.points[faces[:, 1]] - mesh.points[faces[:, 0]]).T)
     weight = np.zeros(len(mesh.points))
     np.add.at(weight, faces, length[:, None])

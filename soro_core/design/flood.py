@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from soro_core.design.domain import Domain
+from soro_core.design.grid import Flags
 from soro_core.design.shape import Contour, grid_edges, is_bridged
 from soro_core.fem import Mesh
 from soro_core.fem.response import Array, Indices
@@ -29,9 +30,9 @@ class Flood:
         In void that reaches neither the inlet nor the open.
     """
 
-    is_wet: Array
-    is_leak: Array
-    is_closed: Array
+    is_wet: Flags
+    is_leak: Flags
+    is_closed: Flags
 
 
 def flood(domain: Domain, cut: Contour) -> Flood:
@@ -46,7 +47,7 @@ def flood(domain: Domain, cut: Contour) -> Flood:
     n = len(is_void)
     _, label = connected_components(coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
 
-    def joined(with_: Array) -> Array:
+    def joined(with_: Flags) -> Flags:
         return np.asarray(is_void & np.isin(label, np.unique(label[is_void & with_])))
 
     wet, dry = joined(domain.is_inlet), joined(domain.is_open)

@@ -7,8 +7,10 @@ once for a kind of element: one kind in plane strain, one for each column about 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
 from soro_core.fem import Mesh
@@ -16,6 +18,8 @@ from soro_core.fem.blocks import block
 from soro_core.fem.mesh import Space
 from soro_core.fem.pattern import Pattern, make_pattern
 from soro_core.fem.response import Array, Indices
+
+Flags: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +70,20 @@ class Grid:
         """Volumes of the elements, (e,) [m3]."""
         return np.asarray(self.volume.sum(axis=1)[self.kind])
 
+    def gathered(self, of_cells: Array) -> Array:
+        """Return the sums at the nodes (n,) of what elements give to theirs (e, 4)."""
+        given = np.bincount(self.mesh.cells.ravel(), of_cells.ravel(), len(self.mesh.points))
+        return np.asarray(given, dtype=float)
+
     def as_rows(self, values: Array) -> Array:
         """Return values of elements (e,) as an array (y, x)."""
         return np.asarray(values).reshape(self.counts).T
+
+
+def assembled(pattern: Pattern, of_cells: Array) -> Any:
+    """Return the sparse matrix of matrices of elements (e, m, m)."""
+    data = np.bincount(pattern.cells.ravel(), of_cells.ravel(), len(pattern.keys))
+    return pattern.matrix(np.asarray(data, dtype=float))
 
 
 def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]) -> Grid:

@@ -82,7 +82,7 @@ def mma_step(
 
     def best(price: float) -> Array:
         up, down = np.sqrt(p0 + price * p1), np.sqrt(q0 + price * q1)
-        return np.clip((low * up + high * down) / (up + down), from_, to)
+        return np.asarray(np.clip((low * up + high * down) / (up + down), from_, to))
 
     def left(price: float) -> float:
         at = best(price)

@@ -12,7 +12,7 @@ from soro_core.design.darcy import Flow, pressures
 from soro_core.design.energy import assemble, sensitivities
 from soro_core.design.evaluation import Evaluation
 from soro_core.design.filter import projection
-from soro_core.design.grid import Grid
+from soro_core.design.grid import Flags, Grid
 from soro_core.errors import ModelError
 from soro_core.fem import Hyperelastic
 from soro_core.fem.material import Material
@@ -76,7 +76,7 @@ class Motion:
     grid: Grid
     flow: Flow
     held: Array
-    is_held: Array
+    is_held: Flags
     material: Material
     void_stiffness: float
     output: Array

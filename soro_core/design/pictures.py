@@ -16,6 +16,7 @@ from soro_core.design.optimise import TONES, State
 from soro_core.fem.response import Array
 
 WIDTH_PIXELS = 480
+GREYS = 32
 FRAME_MS, LAST_MS = 120, 2000
 
 
@@ -35,7 +36,7 @@ def film(domain: Domain, state: State, path: Path) -> None:
     edge = domain.grid.edge_m
     height = round(WIDTH_PIXELS * first.shape[0] * edge[1] / (first.shape[1] * edge[0]))
     pictures = [
-        Image.fromarray((TONES - whole(domain, frame)).astype(np.uint8)).resize((WIDTH_PIXELS, height))
+        Image.fromarray(TONES - whole(domain, frame)).resize((WIDTH_PIXELS, height)).quantize(GREYS)
         for frame in state.frames
     ]
     lasts = [FRAME_MS] * (len(pictures) - 1) + [LAST_MS]
@@ -82,10 +83,10 @@ def picture(domain: Domain, state: State, found: Shape | None, moved: Reanalysis
         ("part: wet red, open blue", "under pressure, with spring", "under pressure, without spring"),
         strict=True,
     ):
-        axes.set_title(title)
         if found is None or u is None:
             axes.axis("off")
             continue
+        axes.set_title(title)
         _part(axes, found, u)
     for axes in (top[0], top[1], *bottom):
         axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
@@ -94,7 +95,9 @@ def picture(domain: Domain, state: State, found: Shape | None, moved: Reanalysis
 
 def _part(axes: Any, found: Shape, u: Array | float) -> None:
     at = 1e3 * (found.mesh.points + u)
-    axes.add_collection(PolyCollection(at[found.mesh.cells], facecolor="0.75", edgecolor="none"))
+    axes.add_collection(
+        PolyCollection(list(at[found.mesh.cells]), facecolor="0.75", edgecolor="face", lw=0.3)
+    )
     for faces, colour in ((found.wet, "tab:red"), (found.outer, "tab:blue")):
-        axes.add_collection(LineCollection(at[faces], color=colour, lw=1.2))
+        axes.add_collection(LineCollection(list(at[faces]), color=colour, lw=1.2))
     axes.autoscale_view()

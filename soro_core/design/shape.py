@@ -14,7 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from soro_core.design.domain import Domain
-from soro_core.design.grid import Grid
+from soro_core.design.grid import Flags, Grid
 from soro_core.errors import ModelError
 from soro_core.fem import Mesh, make_mesh
 from soro_core.fem.response import Array, Indices
@@ -43,9 +43,8 @@ def contour(domain: Domain, filtered: Array) -> Contour:
     """Return the contour of the filtered densities (e,) at the threshold of the projection."""
     grid = domain.grid
     density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, filtered))
-    cells = grid.mesh.cells
-    count = np.bincount(cells.ravel(), minlength=len(grid.mesh.points))
-    total = np.bincount(cells.ravel(), np.repeat(density, 4), len(count))
+    # Mean of the elements about a node.
+    total, count = (grid.gathered(np.repeat(one, 4)) for one in (density, np.ones_like(density)))
     return snapped(grid, total / count - domain.task.schedule.threshold)
 
 
@@ -77,7 +76,7 @@ def grid_edges(grid: Grid) -> Indices:
     return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
 
 
-def is_bridged(level: Array, cells: Indices) -> Array:
+def is_bridged(level: Array, cells: Indices) -> Flags:
     """Return which cells (e,) with two solid corners across from each other join them by solid."""
     signs = np.sign(level[cells])
     is_saddle = (signs[:, 0] == signs[:, 2]) & (signs[:, 1] == signs[:, 3]) & (signs[:, 0] * signs[:, 1] < 0)

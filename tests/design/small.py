@@ -5,7 +5,7 @@ from soro_core.design import task_from_dict
 
 
 def bellow(**changes):
-    """Return the shipped bellow on a coarse grid; `changes` replace keys, a mapping without a kind some of its keys."""
+    """Return the shipped bellow on a coarse grid; a mapping without a kind replaces some of the keys."""
     data = read_yaml(config_folder() / "design" / "bellow.yaml")
     data |= {"cells": [24, 12], "filter_radius_m": 0.0018}
     data["schedule"] |= {"iterations": 8, "ramp": 4, "pressure_pa": [1e3, 2e3]}

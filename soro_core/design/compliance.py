@@ -16,7 +16,7 @@ from soro_core.fem.response import Array
 
 @dataclass(frozen=True, eq=False)
 class Compliance:
-    """Work of the pressure on a linear part in plane stress, docs/design.md (15).
+    """Work of the pressure on a linear part in plane stress, docs/design.md (T5).
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Pressure of the air in a part that is not yet solid or void: Darcy flow with drainage (Kumar et al. 2020).
 
 Void lets the air through, solid hardly does, and drains what comes in: so the pressure falls within a short
-way into a wall. docs/design.md (13) and (14).
+way into a wall. docs/design.md (T3) and (T4).
 """
 
 from __future__ import annotations

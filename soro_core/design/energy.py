@@ -1,4 +1,4 @@
-"""Kernel of elements between solid and void, with the air in them; docs/design.md (16) to (18).
+"""Kernel of elements between solid and void, with the air in them; docs/design.md (T6) to (T8).
 
     phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - int p J(u) dV
 

@@ -13,7 +13,7 @@ from soro_core.fem.response import Array
 
 
 def density_filter(grid: Grid, radius_m: float) -> Any:
-    """Return the matrix (e, e) of a weighted mean over the neighbours, docs/design.md (11).
+    """Return the matrix (e, e) of a weighted mean over the neighbours, docs/design.md (T1).
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def density_filter(grid: Grid, radius_m: float) -> Any:
 
 
 def projection(x: Array, sharpness: float, threshold: float) -> tuple[Array, Array]:
-    """Return the smooth step from 0 to 1 at a threshold and its derivative, docs/design.md (12).
+    """Return the smooth step from 0 to 1 at a threshold and its derivative, docs/design.md (T2).
 
     Parameters
     ----------

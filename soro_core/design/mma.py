@@ -1,4 +1,4 @@
-"""The method of moving asymptotes for one constraint (Svanberg 1987), docs/design.md (20) to (22)."""
+"""The method of moving asymptotes for one constraint (Svanberg 1987), docs/design.md (T10) and (T11)."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from soro_core.fem.newton import factorised
 from soro_core.fem.response import Array, Indices
 
 _NONE = np.empty(0)
-# Where an element begins to count as solid in (17), and how suddenly.
+# Where an element begins to count as solid in (T7), and how suddenly.
 SOLID_FROM, SOLID_SHARPNESS = 0.01, 500.0
 TOLERANCE = 1e-7
 ROUNDS, SHORTENINGS = 15, 8
@@ -49,7 +49,7 @@ class Rest:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A soft part whose output moves, docs/design.md (16) to (19).
+    """A soft part whose output moves, docs/design.md (T6) to (T9).
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class Motion:
         return stored, by_air, bad, force
 
     def interpolation(self, density: Array, penalty: float) -> tuple[Array, Array, Array, Array]:
-        """Return kappa, gamma of (17) and their derivatives by density."""
+        """Return kappa, gamma of (T7) and their derivatives by density."""
         power = density**penalty
         slope = penalty * density ** (penalty - 1.0)
         gamma, by_power = projection(power, SOLID_SHARPNESS, SOLID_FROM)
@@ -165,7 +165,7 @@ class Motion:
         Parameters
         ----------
         kappa, gamma : ndarray, (e,)
-            Of (17).
+            Of (T7).
         pressure : ndarray, (n,)
             Of the nodes [Pa].
         u : ndarray, (n, 2)
@@ -257,7 +257,7 @@ class Motion:
         return f"the solid at ({x:.4g}, {y:.4g}) mm turns inside out"
 
     def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
-        """Return -u_out / SE^m with its gradient, (19).
+        """Return -u_out / SE^m with its gradient, (T9).
 
         Parameters
         ----------

@@ -36,7 +36,9 @@ def film(domain: Domain, state: State, path: Path) -> None:
     edge = domain.grid.edge_m
     height = round(WIDTH_PIXELS * first.shape[0] * edge[1] / (first.shape[1] * edge[0]))
     pictures = [
-        Image.fromarray(TONES - whole(domain, frame)).resize((WIDTH_PIXELS, height)).quantize(GREYS)
+        Image.fromarray(TONES - whole(domain, frame))
+        .resize((WIDTH_PIXELS, height), Image.Resampling.NEAREST)
+        .quantize(GREYS)
         for frame in state.frames
     ]
     lasts = [FRAME_MS] * (len(pictures) - 1) + [LAST_MS]

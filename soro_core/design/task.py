@@ -129,7 +129,7 @@ class Farthest(Strict):
 
 
 class Air(Strict):
-    """How densities let air through, docs/design.md (13).
+    """How densities let air through, docs/design.md (T3).
 
     Parameters
     ----------

@@ -91,15 +91,16 @@ def export(
     from soro_core.design.solids import enclosed, extruded, mirrored, open_edges, revolved, write_stl
 
     if (extrude is not None) == revolve:
-        raise ConfigError("soro design export", "", "both or none", "one of --extrude MM and --revolve")
+        found = "both" if revolve else "neither"
+        raise ConfigError("soro design export", "--extrude", found, "one of --extrude MM and --revolve")
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
     if stl.suffix != ".stl":
         raise ConfigError("soro design export", "--stl", str(stl), "a name that ends with .stl")
     domain, state = _loaded(folder)
-    found = shape(domain, state)
+    part = shape(domain, state)
     axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
-    section = mirrored(found.mesh, axes)
+    section = mirrored(part.mesh, axes)
     triangles = revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)
     gaps = open_edges(triangles)
     if gaps:

@@ -1,13 +1,13 @@
-"""Design of soft parts: finite elements against closed forms and published forces, and how long they take."""
+"""Design of soft parts: finite elements and topology optimisation, and how long they take."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import design_fem
+from benchmarks import design_fem, design_topology
 from benchmarks.options import Options
 
-TITLE = "Design with finite elements"
+TITLE = "Design"
 
 # Each part measures and returns its title and its text.
 PARTS: tuple[Callable[[Options], tuple[str, str]], ...] = (
@@ -15,6 +15,7 @@ PARTS: tuple[Callable[[Options], tuple[str, str]], ...] = (
     design_fem.paths_and_motion,
     design_fem.three_bellow_part,
     design_fem.times,
+    design_topology.topology,
 )
 
 

@@ -28,7 +28,7 @@ def application() -> typer.Typer:
     """Import every command; this takes half a second or more."""
     import typer
 
-    from soro_ros.commands import bag, fit, hil, services
+    from soro_ros.commands import bag, design, fit, hil, services
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
@@ -78,6 +78,7 @@ def application() -> typer.Typer:
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
+    app.add_typer(design.app, name="design", help="Find the shape of soft parts, check it, export it.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     app.add_typer(hil.app, name="hil", help="Hardware in the loop: first pressurisation, latency.")
     return app

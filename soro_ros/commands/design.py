@@ -1,0 +1,194 @@
+"""`soro design`: topology optimisation of soft parts under pressure, and what becomes of its result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from soro_core.errors import ConfigError, ModelError
+
+if TYPE_CHECKING:
+    from soro_core.design import Reanalysis, Shape, State
+    from soro_core.design.domain import Domain
+
+app = typer.Typer(no_args_is_help=True)
+TASK_FILE = "task.yaml"
+Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, file_okay=False)]
+
+
+@app.command()
+def run(
+    task: Annotated[str, typer.Argument(help="Task file, or the name of a shipped one (config/design).")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the run; default TASK_design.", show_default=False)
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in that folder.")] = False,
+) -> None:
+    """Distribute material in a rectangle so that air moves an output as far as it can (docs/design.md).
+
+    Prints each iteration, and keeps it: Ctrl-C loses the one under way alone, --resume goes on. The folder
+    gets task.yaml, state.npz, iterations.csv, film.gif and design.png. Exit status 1: no equilibrium, or the
+    part does not hold air, with the reason; 130: Ctrl-C.
+    """
+    from soro_core.config import find_config
+    from soro_core.design import load_state, load_task, optimise, save
+    from soro_core.design.domain import make_domain
+    from soro_core.design.optimise import STATE
+    from soro_core.design.pictures import film
+
+    file = find_config(task, "design")
+    loaded = load_task(file)
+    domain = make_domain(loaded, str(file))
+    folder = Path(f"{file.stem}_design") if out is None else out
+    state = None
+    if resume:
+        state = load_state(folder, domain)
+        if load_task(folder / TASK_FILE) != loaded:
+            raise ConfigError(str(file), "", "another task than that of the run", f"{folder / TASK_FILE}")
+    elif (folder / STATE).exists():
+        raise ConfigError("soro design run", "--out", str(folder), "a folder without a run, or --resume")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / TASK_FILE).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+
+    def keep(now: State) -> None:
+        save(now, folder)
+        typer.echo(_line(now))
+
+    typer.echo(_HEAD)
+    try:
+        state = optimise(loaded, state, keep, str(file))
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; go on with: soro design run {task} --out {folder} --resume")
+        raise typer.Exit(130) from None
+    _write_rows(state, folder / "iterations.csv")
+    film(domain, state, folder / "film.gif")
+    _report(domain, state, folder)
+
+
+@app.command()
+def check(folder: Folder) -> None:
+    """Analyse the final part of a run on a mesh of its own shape: leak, thinnest wall, motion.
+
+    Exit status 1: the part does not hold air, or has no equilibrium under the last pressure.
+    """
+    _report(*_loaded(folder), folder)
+
+
+@app.command()
+def export(
+    folder: Folder,
+    stl: Annotated[Path, typer.Option(help="File to write, in millimetres.")],
+    extrude: Annotated[
+        float | None, typer.Option(metavar="MM", help="Height along z.", show_default=False)
+    ] = None,
+    revolve: Annotated[bool, typer.Option("--revolve", help="Revolve about x = 0.")] = False,
+    pieces: Annotated[int, typer.Option(min=3, help="Flat pieces of a revolution.")] = 96,
+) -> None:
+    """Write the final part of a run as the surface of a solid, with its mirror images."""
+    from soro_core.design import shape
+    from soro_core.design.solids import enclosed, extruded, mirrored, open_edges, revolved, write_stl
+
+    if (extrude is not None) == revolve:
+        found = "both" if revolve else "neither"
+        raise ConfigError("soro design export", "--extrude", found, "one of --extrude MM and --revolve")
+    if extrude is not None and not 0.0 < extrude < float("inf"):
+        raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
+    if stl.suffix != ".stl":
+        raise ConfigError("soro design export", "--stl", str(stl), "a name that ends with .stl")
+    domain, state = _loaded(folder)
+    part = shape(domain, state)
+    axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
+    section = mirrored(part.mesh, axes)
+    triangles = revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)
+    gaps = open_edges(triangles)
+    if gaps:
+        raise ModelError(f"the surface has {gaps} open edges: no solid to export", "stl")
+    write_stl(stl, triangles)
+    typer.echo(f"{stl}: {len(triangles)} triangles, {1e9 * enclosed(triangles):.6g} mm3, watertight")
+
+
+_HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
+
+
+def _line(state: State) -> str:
+    row = state.rows[-1]
+    back = "  pressure lowered: no equilibrium above" if row.eased < 1.0 else ""
+    return (
+        f"{row.iteration:9d} {row.objective:12.5g} {1e3 * row.motion_m:9.4f} {row.volume:7.4f} "
+        f"{row.greyness:6.3f} {row.residual:8.1e} {1e-3 * row.pressure_pa:7.3g}{back}"
+    )
+
+
+def _write_rows(state: State, path: Path) -> None:
+    from dataclasses import asdict
+
+    rows = [asdict(row) for row in state.rows]
+    lines = [",".join(rows[0]), *(",".join(map(str, row.values())) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _loaded(folder: Path) -> tuple[Domain, State]:
+    from soro_core.design import load_state, load_task
+    from soro_core.design.domain import make_domain
+
+    domain = make_domain(load_task(folder / TASK_FILE), str(folder / TASK_FILE))
+    state = load_state(folder, domain)
+    if not state.rows:
+        raise ConfigError(str(folder), "", "a run without an iteration", "`soro design run` first")
+    return domain, state
+
+
+def _report(domain: Domain, state: State, folder: Path) -> None:
+    """Print what the final part is, draw it, and end with status 1 where it is of no use."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from soro_core.design import reanalyse, shape
+    from soro_core.design.pictures import picture
+    from soro_core.design.task import Farthest
+
+    try:
+        found = shape(domain, state)
+    except ModelError:
+        picture(domain, state, None, None, folder / "design.png")
+        raise
+    is_moved = isinstance(domain.task.goal, Farthest) and not found.leak
+    moved = reanalyse(domain, found) if is_moved else None
+    table = Table("", f"{folder}, {len(state.rows)} iterations")
+    for name, value in _numbers(domain, state, found, moved):
+        table.add_row(name, value)
+    Console().print(table)
+    picture(domain, state, found, moved, folder / "design.png")
+    typer.echo(f"written: {folder / 'design.png'}")
+    reasons = [reason for reason in (found.leak, moved.cause if moved else "") if reason]
+    for reason in reasons:
+        typer.echo(f"soro: {reason}", err=True)
+    if reasons:
+        raise typer.Exit(1)
+
+
+def _numbers(domain: Domain, state: State, found: Shape, moved: Reanalysis | None) -> list[tuple[str, str]]:
+    from soro_core.design.solids import area
+
+    row = state.rows[-1]
+    x, y = 1e3 * found.wall_at
+    grid_area = domain.task.size_m[0] * domain.task.size_m[1]
+    rows = [
+        ("goal, first and last", f"{state.rows[0].objective:.5g}, {row.objective:.5g}"),
+        ("solid, of the grid and of the part", f"{row.volume:.4f}, {area(found.mesh) / grid_area:.4f}"),
+        ("greyness", f"{row.greyness:.3f}"),
+        ("leak", found.leak or "none"),
+        ("closed void, nodes", f"{int(found.air.is_closed.sum())}"),
+        ("thinnest wall", f"{1e3 * found.wall_m:.3f} mm at ({x:.2f}, {y:.2f}) mm"),
+    ]
+    if moved is None:
+        return rows
+    gap = moved.motion_m / row.motion_m - 1.0
+    return [
+        *rows,
+        ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm"),
+        ("motion with spring, own mesh", f"{1e3 * moved.motion_m:.3f} mm ({gap:+.1%})"),
+        ("motion without spring, own mesh", f"{1e3 * moved.free_m:.3f} mm"),
+    ]

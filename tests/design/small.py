@@ -1,0 +1,15 @@
+"""A small task for tests: a bellow of 24 x 12 elements."""
+
+from soro_core.config import config_folder, read_yaml
+from soro_core.design import task_from_dict
+
+
+def bellow(**changes):
+    """Return the shipped bellow on a coarse grid; a mapping without a kind replaces some of the keys."""
+    data = read_yaml(config_folder() / "design" / "bellow.yaml")
+    data |= {"cells": [24, 12], "filter_radius_m": 0.0018}
+    data["schedule"] |= {"iterations": 8, "ramp": 4, "pressure_pa": [1e3, 2e3]}
+    for key, value in changes.items():
+        is_part = isinstance(value, dict) and "kind" not in value
+        data[key] = {**data[key], **value} if is_part else value
+    return task_from_dict(data)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from soro_core.errors import ModelError
 from soro_core.fem.element import element
+from soro_core.fem.fibres import add_fibres
 from soro_core.fem.follower import add_pressure
 from soro_core.fem.loads import Loads
 from soro_core.fem.material import Hyperelastic, Material
@@ -32,9 +33,9 @@ class Balance:
     energy : float
         Strain energy [J]; in plane strain per thickness [J/m].
     size : float
-        The greater norm of the forces of the stresses and of those of the springs [N].
+        The greater norm of the forces of stresses and fibres and of those of the springs [N].
     unbalanced : ndarray, (n, d)
-        Forces of stresses and springs minus those of the loads [N]; at held nodes, of the support.
+        Forces of stresses, fibres and springs minus those of the loads [N]; at held nodes, of the support.
     data : ndarray
         Entries of d(unbalanced)/d(displacement) in the pattern of the part, or none.
     """
@@ -76,11 +77,13 @@ class Part:
     hoop: Array
     volume: Array
     _faces: tuple[Indices, ...]
+    _pieces: tuple[Indices, ...]
 
     def under(self, loads: Loads) -> Part:
         """Return the part under other loads."""
-        entries = tuple(self.pattern.entries(one.faces) for one in loads.pressures)
-        return replace(self, loads=loads, _faces=entries)
+        faces = tuple(self.pattern.entries(one.faces) for one in loads.pressures)
+        pieces = tuple(self.pattern.entries(one.pieces) for one in loads.fibres)
+        return replace(self, loads=loads, _faces=faces, _pieces=pieces)
 
     def balance(self, u: Array, load: float, with_stiffness: bool = True) -> Balance:
         """Return the forces of the part.
@@ -109,6 +112,9 @@ class Part:
             inner,
             data,
         )
+        for fibre, entries in zip(self.loads.fibres, self._pieces, strict=True):
+            stretched = (mesh.points, mesh.points + u, entries, inner, data)
+            energy += add_fibres(fibre.pieces, fibre.stiffness_n, load * fibre.tension_n, *stretched)
         by_springs = self.loads.springs * u
         size = max(float(np.linalg.norm(inner)), float(np.linalg.norm(by_springs)))
         unbalanced = inner + by_springs - load * self.loads.force
@@ -173,5 +179,7 @@ def make_part(mesh: Mesh, material: Material, loads: Loads, is_averaged: bool | 
         hoop = one.shape[None] / radius[:, :, None]
         volume = volume * 2.0 * np.pi * radius
     pattern = make_pattern(mesh.cells, *mesh.points.shape)
-    part = Part(mesh, material, loads, is_averaged, pattern, np.ascontiguousarray(slope), hoop, volume, ())
+    part = Part(
+        mesh, material, loads, is_averaged, pattern, np.ascontiguousarray(slope), hoop, volume, (), ()
+    )
     return part.under(loads)

@@ -28,7 +28,7 @@ def application() -> typer.Typer:
     """Import every command; this takes half a second or more."""
     import typer
 
-    from soro_ros.commands import bag, design, fit, hil, services
+    from soro_ros.commands import bag, design, fem, fit, hil, services
     from soro_ros.commands.board import board
     from soro_ros.commands.doctor import doctor
     from soro_ros.commands.emulate import emulate
@@ -36,6 +36,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.film import film
     from soro_ros.commands.gains import gains
     from soro_ros.commands.identify import identify
+    from soro_ros.commands.identify_fem import identify_fem
     from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.new import new
     from soro_ros.commands.place_sensors import place_sensors
@@ -73,10 +74,12 @@ def application() -> typer.Typer:
     app.command("place-sensors")(place_sensors)
     app.command()(gains)
     app.command()(identify)
+    app.command("identify-fem")(identify_fem)
     app.command()(new)
     app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)
+    app.add_typer(fem.app, name="fem", help="Compute parts by finite elements.")
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
     app.add_typer(design.app, name="design", help="Find the shape of soft parts, check it, export it.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")

@@ -1,10 +1,12 @@
 """Nonlinear finite elements of soft parts: materials, meshes, loads and equilibrium (docs/design.md)."""
 
 from soro_core.fem.arc import follow
+from soro_core.fem.backbone import section_poses, section_strains
 from soro_core.fem.bellows import Bellows, bellows_mesh
 from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
 from soro_core.fem.contact import Contact, Obstacle
 from soro_core.fem.dynamics import Motion, Moving, march
+from soro_core.fem.fibres import Fibres, fibres, pieces_of
 from soro_core.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
 from soro_core.fem.mass import Modes, modes
 from soro_core.fem.material import (
@@ -20,6 +22,7 @@ from soro_core.fem.mesh import Mesh, make_mesh
 from soro_core.fem.mesh_files import MeshFile, mesh_step, read_mesh, write_mesh
 from soro_core.fem.newton import solve
 from soro_core.fem.part import Balance, Part, make_part
+from soro_core.fem.rod import Rod, RodCounts, RodShape, rod_mesh
 from soro_core.fem.states import Settings, Solution, State
 from soro_core.fem.stl import read_stl, write_stl
 from soro_core.fem.surface import extruded, revolved, solid_surface
@@ -29,6 +32,7 @@ __all__ = [
     "Balance",
     "Bellows",
     "Contact",
+    "Fibres",
     "Hyperelastic",
     "Loads",
     "Mesh",
@@ -39,6 +43,9 @@ __all__ = [
     "Obstacle",
     "Part",
     "Pressure",
+    "Rod",
+    "RodCounts",
+    "RodShape",
     "SaintVenant",
     "Settings",
     "Solution",
@@ -47,6 +54,7 @@ __all__ = [
     "block",
     "drucker_modulus",
     "extruded",
+    "fibres",
     "first_unstable",
     "follow",
     "load_material",
@@ -59,10 +67,14 @@ __all__ = [
     "modes",
     "no_loads",
     "nominal_stress",
+    "pieces_of",
     "read_mesh",
     "read_stl",
     "revolved",
     "revolved_tube",
+    "rod_mesh",
+    "section_poses",
+    "section_strains",
     "solid_surface",
     "solve",
     "sphere",

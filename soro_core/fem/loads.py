@@ -1,4 +1,4 @@
-"""Loads of a part: what is held, pressed, pulled and sprung."""
+"""Loads of a part: what is held, pressed, pulled, sprung and reinforced."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from soro_core.errors import ModelError
 from soro_core.fem.element import element
+from soro_core.fem.fibres import Fibres
 from soro_core.fem.mesh import Mesh
 from soro_core.fem.response import Array, Indices
 
@@ -47,12 +48,15 @@ class Loads:
         Stiffness [N/m] of springs between nodes and the ground; the load factor does not scale it.
     pressures : tuple of Pressure
         Pressures that follow the faces.
+    fibres : tuple of Fibres
+        Fibres and tendons; the load factor scales the tension alone.
     """
 
     held: Array
     force: Array
     springs: Array
     pressures: tuple[Pressure, ...] = ()
+    fibres: tuple[Fibres, ...] = ()
 
     def hold(self, nodes: ArrayLike, direction: int, displacement_m: float | Array = 0.0) -> Loads:
         """Return the loads with nodes held in a direction.
@@ -127,6 +131,10 @@ class Loads:
                 "stiffness",
             )
         return replace(self, springs=self.springs + stiffness)
+
+    def reinforce(self, fibres: Fibres) -> Loads:
+        """Return the loads with more fibres or tendons."""
+        return replace(self, fibres=(*self.fibres, fibres))
 
 
 def no_loads(mesh: Mesh) -> Loads:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from soro_core.errors import ModelError
 from soro_core.fem.contact import Barrier, Contact, make_barrier
 from soro_core.fem.element import element
+from soro_core.fem.fibres import add_fibres
 from soro_core.fem.follower import add_pressure
 from soro_core.fem.loads import Loads
 from soro_core.fem.material import Hyperelastic, Material
@@ -34,9 +35,9 @@ class Balance:
     energy : float
         Strain energy [J]; in plane strain per thickness [J/m].
     size : float
-        The greater norm of the forces of the stresses and of those of the springs [N].
+        The greater norm of the forces of stresses and fibres and of those of the springs [N].
     unbalanced : ndarray, (n, d)
-        Forces of stresses and springs minus those of the loads [N]; at held nodes, of the support.
+        Forces of stresses, fibres and springs minus those of the loads [N]; at held nodes, of the support.
     data : ndarray
         Entries of d(unbalanced)/d(displacement) in the pattern of the part, or none.
     coupling : sparse matrix or None
@@ -83,6 +84,7 @@ class Part:
     hoop: Array
     volume: Array
     _faces: tuple[Indices, ...]
+    _pieces: tuple[Indices, ...]
     contact: Barrier | None = None
 
     def under(self, loads: Loads) -> Part:
@@ -93,9 +95,10 @@ class Part:
         ModelError
             If a pressure acts on what is no face, or on a cavity that is open.
         """
-        entries = tuple(self.pattern.entries(one.faces) for one in loads.pressures)
+        faces = tuple(self.pattern.entries(one.faces) for one in loads.pressures)
+        pieces = tuple(self.pattern.entries(one.pieces) for one in loads.fibres)
         check_closed(self.mesh, loads)
-        return replace(self, loads=loads, _faces=entries)
+        return replace(self, loads=loads, _faces=faces, _pieces=pieces)
 
     def balance(self, u: Array, load: float, with_stiffness: bool = True) -> Balance:
         """Return the forces of the part.
@@ -124,6 +127,9 @@ class Part:
             inner,
             data,
         )
+        for fibre, entries in zip(self.loads.fibres, self._pieces, strict=True):
+            stretched = (mesh.points, mesh.points + u, entries, inner, data)
+            energy += add_fibres(fibre.pieces, fibre.stiffness_n, load * fibre.tension_n, *stretched)
         by_springs = self.loads.springs * u
         size = max(float(np.linalg.norm(inner)), float(np.linalg.norm(by_springs)))
         unbalanced, coupling = inner + by_springs, None
@@ -149,6 +155,10 @@ class Part:
         """Return the forces (n, d) of the loads at load factor 1 [N]; they are proportional to it."""
         against = np.zeros_like(u)
         self._add_loads(1.0, u, against, _NO_DATA)
+        places = (self.mesh.points, self.mesh.points + u)
+        for fibre, entries in zip(self.loads.fibres, self._pieces, strict=True):
+            slack = np.zeros_like(fibre.stiffness_n)  # their stiffness is none of the loads
+            add_fibres(fibre.pieces, slack, fibre.tension_n, *places, entries, against, _NO_DATA)
         return -against
 
     def matrix(self, balance: Balance) -> Any:
@@ -225,5 +235,5 @@ def make_part(
     pattern = make_pattern(mesh.cells, *mesh.points.shape)
     barrier = None if contact is None else make_barrier(mesh, contact, material.shear_modulus_pa)
     slope = np.ascontiguousarray(slope)
-    part = Part(mesh, material, loads, is_averaged, pattern, slope, hoop, volume, (), barrier)
+    part = Part(mesh, material, loads, is_averaged, pattern, slope, hoop, volume, (), (), barrier)
     return part.under(loads)

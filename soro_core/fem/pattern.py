@@ -48,7 +48,9 @@ class Pattern:
         keys = _keys(groups, self.d, self.n)
         found = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1).astype(np.int64)
         if (self.keys[found] != keys).any():
-            raise ModelError("faces with nodes of different elements; allowed: faces of the mesh", "faces")
+            raise ModelError(
+                "faces or fibres with nodes of different elements; allowed: nodes of one element", "faces"
+            )
         return found
 
     def diagonal(self) -> Indices:

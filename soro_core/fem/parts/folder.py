@@ -1,0 +1,113 @@
+"""The folder of a run: a VTU file and a row of a table for each state, written as they come."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soro_core.errors import ConfigError
+from soro_core.fem.newton import State
+from soro_core.fem.parts.file import PartFile, Sweep
+from soro_core.fem.parts.specimen import RodSpecimen, Specimen
+from soro_core.fem.parts.sweeps import Backbone, backbone
+from soro_core.fem.response import Array
+from soro_core.fem.vtu import write_vtu
+
+TABLE, BACKBONE, PART = "table.csv", "backbone.npz", "part.json"
+_COLUMNS = ("sweep", "load", "pressures_pa", "force_n", "held_out", "poses")
+
+
+@dataclass
+class SweepFolder:
+    """What a run writes, as it comes: a VTU file and a row of the table for each state.
+
+    Attributes
+    ----------
+    folder : Path
+        Where to.
+    specimen : Specimen
+        The part.
+    rows : list of dict
+        Of the table.
+    backbones : list of Backbone
+        Of a rod.
+    shapes : dict of str to ndarray, (n, d)
+        Last displacements of each sweep.
+    """
+
+    folder: Path
+    specimen: Specimen
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    backbones: list[Backbone] = field(default_factory=list)
+    shapes: dict[str, Array] = field(default_factory=dict)
+
+    def keep(self, sweep: Sweep, state: State) -> None:
+        """Take in a state in equilibrium; one at a load of the sweep becomes files."""
+        self.shapes[sweep.name] = state.u
+        if state.load not in sweep.loads:
+            return
+        number = sweep.loads.index(state.load) + 1
+        self._write_shape(f"{sweep.name}_{number:02d}", state.u)
+        pressures = sweep.pressures_pa or (0.0,) * self.specimen.chambers
+        row: dict[str, Any] = {"sweep": sweep.name, "load": state.load}
+        row |= {f"pressure_{c}_pa": state.load * p for c, p in enumerate(pressures)}
+        if isinstance(self.specimen, RodSpecimen):
+            row |= {f"force_{axis}_n": state.load * f for axis, f in zip("xyz", sweep.force_n, strict=True)}
+            self.backbones.append(backbone(self.specimen, sweep, state))
+        row |= self.specimen.measured(state) | {"energy_j": state.energy}
+        self.rows.append(row)
+        with (self.folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.DictWriter(stream, list(row), restval="", lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self.rows)
+        if self.backbones and isinstance(self.specimen, RodSpecimen):
+            save_backbones(self.folder / BACKBONE, self.specimen.z, self.backbones)
+
+    def keep_last(self, sweep: Sweep) -> Path | None:
+        """Write the last state of a sweep that ended early; None if it did not leave the undeformed state."""
+        if sweep.name not in self.shapes:
+            return None
+        return self._write_shape(f"{sweep.name}_last", self.shapes[sweep.name])
+
+    def _write_shape(self, name: str, u: Array) -> Path:
+        path = self.folder / f"{name}.vtu"
+        write_vtu(path, self.specimen.part.mesh, {"displacement": u})
+        return path
+
+
+def save_backbones(path: Path, z: Array, backbones: list[Backbone]) -> None:
+    """Write backbones and the places of their sections (s,) [m] as one file of arrays."""
+    columns: dict[str, Any] = {name: np.array([getattr(one, name) for one in backbones]) for name in _COLUMNS}
+    np.savez_compressed(path, z=z, **columns)
+
+
+def load_backbones(folder: Path, part: PartFile) -> tuple[Array, list[Backbone]]:
+    """Return places of sections (s,) [m] and backbones of a folder of `soro fem run`.
+
+    Raises
+    ------
+    ConfigError
+        If the folder has none, is of another part, or lacks a sweep.
+    """
+    path = folder / BACKBONE
+    if not path.is_file():
+        raise ConfigError(str(folder), "", f"no {BACKBONE}", "a folder that `soro fem run` made of a rod")
+    kept = PartFile.model_validate_json((folder / PART).read_text(encoding="utf-8"))
+    if kept != part:
+        raise ConfigError(
+            str(folder), "", f"another part or other sweeps than {part.name}", "those of this file"
+        )
+    with np.load(path) as data:
+        rows = zip(*(data[name] for name in _COLUMNS), strict=True)
+        found = [Backbone(str(row[0]), float(row[1]), row[2], row[3], bool(row[4]), row[5]) for row in rows]
+        z = np.asarray(data["z"])
+    missing = [sweep.name for sweep in part.sweeps if sweep.name not in {one.sweep for one in found}]
+    if missing:
+        raise ConfigError(
+            str(folder), "", f"no state of sweep {missing[0]}", "a run that was not interrupted"
+        )
+    return z, found

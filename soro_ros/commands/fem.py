@@ -1,0 +1,110 @@
+"""`soro fem run`: a part under pressures and forces, by finite elements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from soro_core.errors import ConfigError, ModelError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from soro_core.fem.newton import State
+    from soro_core.fem.parts.file import PartFile, Sweep
+    from soro_core.fem.parts.folder import SweepFolder
+    from soro_core.fem.parts.specimen import Specimen
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
+
+
+@app.callback()
+def fem() -> None:
+    """Compute parts by finite elements."""
+
+
+@app.command()
+def run(
+    part: Annotated[str, typer.Argument(help="Part file, or the name of a shipped one (config/parts).")],
+    out: Annotated[Path | None, typer.Option(help="Folder to write; default NAME_fem.")] = None,
+    force: Annotated[bool, typer.Option(help="Replace the files of an existing folder.")] = False,
+) -> None:
+    """Follow a part through the sweeps of its file; write VTU files, a table and pictures.
+
+    The folder gets SWEEP_NN.vtu for each state, table.csv, backbone.npz of a rod (for `soro identify-fem
+    --run`), shapes.png and curves.png. Everything is written as it comes: Ctrl-C keeps what is done. Exit
+    status: 0 all sweeps ended; 1 one stopped early, its last state is SWEEP_last.vtu; 2 wrong use; 130 after
+    Ctrl-C. See docs/design.md.
+    """
+    from rich.console import Console
+
+    from soro_core.fem.parts.file import load_part
+    from soro_core.fem.parts.folder import SweepFolder
+    from soro_core.fem.parts.picture import draw_curves, draw_shapes
+    from soro_core.fem.parts.specimen import make_specimen
+
+    file = load_part(part)
+    folder = Path(f"{file.name}_fem") if out is None else out
+    prepare(folder, file, force)
+    try:
+        specimen = make_specimen(file)
+    except ModelError as error:
+        raise ConfigError(part, "geometry", str(error), "a mesh without such elements") from None
+    kept = SweepFolder(folder, specimen)
+    console = Console(stderr=True)
+    stopped, interrupted = follow_all(file, specimen, kept, console)
+    if kept.rows:
+        draw_curves(folder / "curves.png", kept.rows)
+        draw_shapes(folder / "shapes.png", specimen, kept.shapes)
+    typer.echo(f"written: {folder}, {len(kept.rows)} states")
+    if interrupted or stopped:
+        raise typer.Exit(130 if interrupted else 1)
+
+
+def prepare(folder: Path, file: PartFile, force: bool) -> None:
+    """Make the folder of a run and write the part into it; refuse one that exists unless `force`."""
+    from soro_core.fem.parts.folder import PART
+
+    if folder.exists() and not (force and folder.is_dir()):
+        raise ConfigError("soro fem run", "--out", str(folder), "a folder that does not exist, or --force")
+    folder.mkdir(parents=True, exist_ok=True)
+    if force:
+        for old in (*folder.glob("*.vtu"), *folder.glob("*.npz"), *folder.glob("*.csv")):
+            old.unlink()
+    (folder / PART).write_text(file.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def follow_all(
+    file: PartFile, specimen: Specimen, kept: SweepFolder, console: Console
+) -> tuple[list[str], bool]:
+    """Follow all sweeps; return the names of those that stopped early, and whether Ctrl-C ended it."""
+    from soro_core.fem.parts.sweeps import follow
+
+    mesh = specimen.part.mesh
+    console.print(
+        f"{file.name}: {len(mesh.cells)} {mesh.kind}, {mesh.points.size} displacements", highlight=False
+    )
+    stopped: list[str] = []
+    with console.status("") as shown:
+        for sweep in file.sweeps:
+
+            def reached(state: State, sweep: Sweep = sweep) -> None:
+                kept.keep(sweep, state)
+                shown.update(f"{sweep.name}: load factor {state.load:.3g} of 1")
+
+            shown.update(sweep.name)
+            try:
+                found = follow(specimen, sweep, reached)
+            except KeyboardInterrupt:
+                kept.keep_last(sweep)
+                console.print(f"{sweep.name}: interrupted; what is done is kept", highlight=False)
+                return stopped, True
+            text = f"{found.status}, {found.steps} load steps, {found.iterations} iterations"
+            if found.cause:
+                last = kept.keep_last(sweep)
+                text = f"stopped: {found.cause}; last state: {last or 'the undeformed one'}"
+                stopped.append(sweep.name)
+            console.print(f"{sweep.name}: {text}", highlight=False, markup=False)
+    return stopped, False

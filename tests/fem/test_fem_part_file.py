@@ -1,0 +1,106 @@
+"""Part files: what loads, and the one line for what does not."""
+
+import numpy as np
+import pytest
+import yaml
+
+from soro_core.config import config_folder
+from soro_core.fem.parts.file import load_part, material_of
+from soro_core.fem.parts.specimen import RingSpecimen, RodSpecimen, make_specimen
+from tests.refused import refused
+
+ROD = {
+    "geometry": {
+        "kind": "rod_with_chambers",
+        "length_m": 0.06,
+        "radius_m": 0.012,
+        "chamber_radius_m": 0.004,
+        "chamber_offset_m": 0.007,
+        "plug_m": 0.003,
+        "around": 2,
+        "across": 1,
+        "along": 6,
+    },
+    "material": "dragonskin_10",
+    "sweeps": [{"name": "one", "pressures_pa": [1e3, 0.0, 0.0]}],
+}
+TUBE = {
+    "geometry": {"kind": "tube", "length_m": 0.02, "inner_radius_m": 0.004, "outer_radius_m": 0.008},
+    "material": "dragonskin_10",
+    "sweeps": [{"name": "blown", "pressures_pa": [1e3]}],
+}
+
+
+def written(tmp_path, part, **changes):
+    path = tmp_path / "part.yaml"
+    path.write_text(yaml.safe_dump({**part, **changes}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (config_folder() / "parts").glob("*.yaml")))
+def test_shipped_parts_have_meshes(name):
+    part = load_part(name)
+    specimen = make_specimen(part)
+    assert len(specimen.part.mesh.cells) > 100
+    for sweep in part.sweeps:
+        specimen.under(sweep)
+
+
+def test_the_ratio_of_moduli_takes_the_place_of_poissons():
+    part = load_part("silicone_rod_three_chambers")
+    material = material_of(part)
+    assert material.bulk_modulus_pa / material.shear_modulus_pa == pytest.approx(50.0, rel=1e-12)
+
+
+def test_the_kind_decides_what_is_held(tmp_path):
+    rod = make_specimen(load_part(written(tmp_path, ROD)))
+    assert isinstance(rod, RodSpecimen)
+    assert np.isfinite(rod.part.loads.held).all(axis=1).sum() == len(rod.rod.base)
+    tube = make_specimen(load_part(written(tmp_path, TUBE)))
+    assert isinstance(tube, RingSpecimen)
+    assert (tube.part.mesh.points[tube.inside][:, :, 0] == 0.004).all()
+    assert (tube.part.mesh.points[tube.tip, 1] == 0.02).all()
+
+
+def with_geometry(**changes):
+    return {"geometry": {**ROD["geometry"], **changes}}
+
+
+def with_sweep(**changes):
+    return {"sweeps": [{**ROD["sweeps"][0], **changes}]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"material": ""}, "material"),
+        ({"colour": "blue"}, "colour"),
+        ({"sweeps": []}, "sweeps"),
+        ({"bulk_over_shear": 0.5}, "bulk_over_shear"),
+        ({"material": "ninjaflex_85", "bulk_over_shear": "many"}, "bulk_over_shear"),
+        (with_geometry(kind="sponge"), "geometry.kind"),
+        (with_geometry(chamber_radius_m=0.0055), "geometry.chamber_radius_m"),
+        (with_geometry(plug_m=0.05), "geometry.plug_m"),
+        (with_geometry(around=1), "geometry.around"),
+        (with_geometry(hoops={"stiffness_n": -1.0, "spacing_m": 1e-3}), "geometry.hoops.stiffness_n"),
+        (with_sweep(pressures_pa=[1e3]), "sweeps[0].pressures_pa"),
+        (with_sweep(pressures_pa=[0.0, 0.0, 0.0]), "sweeps[0]"),
+        (with_sweep(extension_m=1e-3), "sweeps[0].extension_m"),
+        (with_sweep(states=0), "sweeps[0].states"),
+        (with_sweep(name="a/b"), "sweeps[0].name"),
+        ({"sweeps": ROD["sweeps"] * 2}, "sweeps"),
+    ],
+)
+def test_what_is_refused(tmp_path, changes, key):
+    with refused(key):
+        load_part(written(tmp_path, ROD, **changes))
+
+
+def test_parts_about_an_axis_take_extensions(tmp_path):
+    with refused("sweeps[0].force_n", names=("extension_m",)):
+        load_part(written(tmp_path, TUBE, sweeps=[{"name": "pulled", "force_n": [0.0, 0.0, 1.0]}]))
+    geometry = {**TUBE["geometry"], "outer_radius_m": 0.003}
+    with refused("geometry.outer_radius_m"):
+        load_part(written(tmp_path, TUBE, geometry=geometry))
+    printed = {"material": "tpu_90", "bulk_over_shear": 10.0}
+    load_part(written(tmp_path, TUBE, **printed))

@@ -32,7 +32,7 @@ class Reader:
 
 
 class Handover:
-    """Hands messages from node to node of one process as they are, in the order of the executor.
+    """Hands messages from node to node of one process as they are, in a task of the executor.
 
     A message goes this way if every reader of its topic is in this process and wants nothing but the message,
     and the topic has one publisher. Otherwise the middleware brings it to every reader, as it does before
@@ -42,6 +42,7 @@ class Handover:
 
     def __init__(self) -> None:
         self._readers: dict[str, list[Reader]] = {}
+        self._turns: deque[Reader] = deque()
         self._executor: Executor | None = None
         self.failure: tuple[Node, Exception] | None = None
         """What a reader has raised, and its node; nothing is handed over after it."""
@@ -71,17 +72,26 @@ class Handover:
         readers = self._readers.get(publisher.name)
         if self._executor is None or not readers or not _is_private(publisher, readers):
             return False
+        if not self._turns:
+            self._executor.create_task(self._take)
         for reader in readers:
             reader.waiting.append(message)
-            self._executor.create_task(self._take, reader)
+            self._turns.append(reader)
         return True
 
-    def _take(self, reader: Reader) -> None:
-        if self.failure is None and reader.waiting:
-            try:
-                reader.take()
-            except Exception as error:  # rclpy's events executor crashes if a task raises
-                self.failure = reader.node, error
+    def _take(self) -> None:
+        """Give all that waits, in order, and what is handed over meanwhile: a task costs more than a reader.
+
+        That ends with the commands to the valves, which pass the middleware.
+        """
+        while self._turns:
+            reader = self._turns[0]
+            if self.failure is None and reader.waiting:
+                try:
+                    reader.take()
+                except Exception as error:  # rclpy's events executor crashes if a task raises
+                    self.failure = reader.node, error
+            self._turns.popleft()  # only now: while one has its turn, there is a task
 
 
 class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed

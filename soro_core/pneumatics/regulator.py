@@ -220,7 +220,8 @@ def _follow(model: RegulatorModel, pressure: Array, target: Array, dt: float) ->
         return pressure
     gap = target - pressure
     # The gap never changes its sign, so that one time constant holds for each chamber.
-    tau = np.where(gap < 0.0, model.falling_tau_s, model.tau_s)
+    rising, falling = model.tau_s, model.falling_tau_s
+    tau = rising if rising == falling else np.where(gap < 0.0, falling, rising)
     if model.rate_limit_pa_s == 0:
         return follow(pressure, target, dt, tau)
     # While the lag asks for more than the limit the gap closes linearly, then exponentially.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
 
 import numpy as np
 
@@ -50,8 +50,10 @@ def offer(
     taken = np.array(command_pa, dtype=np.float64)
     # A clock that runs ahead must not lengthen the watchdog: a command is never younger than now.
     made_ns = min(stamp_ns, now_ns)
-    state = replace(state, command_pa=taken, command_ns=made_ns, command_stamp_ns=stamp_ns)
-    return replace(state, command_source=source), None
+    accepted = state._replace(
+        command_pa=taken, command_ns=made_ns, command_stamp_ns=stamp_ns, command_source=source
+    )
+    return accepted, None
 
 
 def doubt(state: SafetyState, reason: str, source: str) -> SafetyState:
@@ -74,7 +76,7 @@ def doubt(state: SafetyState, reason: str, source: str) -> SafetyState:
     """
     state = counted(state, reason)
     in_force = source == state.command_source and not state.vented
-    return replace(state, command_pa=state.setpoint_pa) if in_force else state
+    return state._replace(command_pa=state.setpoint_pa) if in_force else state
 
 
 def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
@@ -97,7 +99,7 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     SafetyState
     """
     dt = 0.0 if state.cycle_ns is None else max(now_ns - state.cycle_ns, 0) * 1e-9
-    state = replace(state, cycle_ns=now_ns)
+    state = state._replace(cycle_ns=now_ns)
     if state.vented or state.command_ns is None:
         return state
     age = (now_ns - state.command_ns) * 1e-9
@@ -110,7 +112,7 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     slewed = np.minimum(np.maximum(state.command_pa, lowest), highest)
     # The last set points are within the limits, unless these have become narrower since.
     least, most = np.minimum(limits.minimum_pa, highest), np.maximum(limits.maximum_pa, lowest)
-    return replace(state, setpoint_pa=np.minimum(np.maximum(slewed, least), most))
+    return state._replace(setpoint_pa=np.minimum(np.maximum(slewed, least), most))
 
 
 def judge(
@@ -151,22 +153,21 @@ def judge(
     -------
     SafetyState
     """
-    fresh = np.broadcast_to(fresh, state.setpoint_pa.shape)
+    fresh = _each(fresh, state.setpoint_pa.shape)
     known = np.full(fresh.shape, now_ns) if state.reading_ns is None else state.reading_ns
-    state = replace(
-        state,
+    state = state._replace(
         reading_ns=np.where(fresh, now_ns, known),
         over_ns=_over_since(limits, state, reading_pa, now_ns),
     )
     if state.vented:
         names = state.monitors.names
-        return replace(state, emptying=watch_vent(limits, state.emptying, names, reading_pa, fresh, now_ns))
+        return state._replace(emptying=watch_vent(limits, state.emptying, names, reading_pa, fresh, now_ns))
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
     if cause is None:
         monitors, cause = watch(
             limits.monitors, response, state.monitors, state.setpoint_pa, reading_pa, fresh, supply_pa, now_ns
         )
-        state = replace(state, monitors=monitors)
+        state = state._replace(monitors=monitors)
     return state if cause is None else request_vent(state, cause)
 
 
@@ -191,13 +192,13 @@ def interpolated(state: SafetyState, reading_pa: Array, fresh: bool | Flags) -> 
         Pressures [Pa gauge].
     """
     monitors = state.monitors
-    carried = monitors.seen & ~np.broadcast_to(fresh, monitors.seen.shape) & (not state.vented)
+    carried = monitors.seen & ~_each(fresh, monitors.seen.shape) & (not state.vented)
     return np.where(carried, monitors.expected.pressure_pa + monitors.residual_pa, reading_pa)
 
 
 def request_vent(state: SafetyState, cause: str) -> SafetyState:
     """Latch with zero set points; the first cause stays, and so does the last command, for `reset`."""
-    return replace(state, setpoint_pa=np.zeros_like(state.setpoint_pa), cause=state.cause or cause)
+    return state._replace(setpoint_pa=np.zeros_like(state.setpoint_pa), cause=state.cause or cause)
 
 
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:
@@ -231,8 +232,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     if state.kept is not None:
         return state, state.kept
     return (
-        replace(
-            initial_state(state.setpoint_pa.shape[0], state.monitors.names),
+        initial_state(state.setpoint_pa.shape[0], state.monitors.names)._replace(
             # A source that was silent for long does not trip again; the order of its commands still holds.
             command_ns=state.command_ns if live else None,
             command_stamp_ns=state.command_stamp_ns,
@@ -252,9 +252,10 @@ def _refuse(
     command = np.asarray(command_pa, dtype=np.float64)
     if command.shape != state.command_pa.shape:
         return f"wrong length: {command.shape} for {state.command_pa.shape[0]} chambers"
-    if not np.all(np.isfinite(command)):
+    asked = command.tolist()
+    if not all(map(math.isfinite, asked)):
         return f"not finite: {chamber(names, int(np.argmin(np.isfinite(command))))}"
-    if np.any(command < limits.minimum_pa) or np.any(command > limits.maximum_pa):
+    if any(not limits.minimum_pa <= value <= limits.maximum_pa for value in asked):
         worst = int(np.argmax(np.maximum(limits.minimum_pa - command, command - limits.maximum_pa)))
         return (
             f"out of range: {chamber(names, worst)} {command[worst]:.0f} Pa, allowed "
@@ -277,25 +278,33 @@ def _refuse(
     return None
 
 
+def _each(fresh: bool | Flags, shape: tuple[int, ...]) -> Flags:
+    """Return the flag of each chamber."""
+    return np.broadcast_to(fresh, shape) if isinstance(fresh, np.ndarray) else np.full(shape, fresh)
+
+
 def _over_since(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: int) -> int | None:
-    if not np.any(reading_pa > limits.over_pressure_pa):
+    # A few numbers are compared faster one by one than by numpy; a comparison with NaN is false.
+    if not any(reading > limits.over_pressure_pa for reading in reading_pa.tolist()):
         return None
     return now_ns if state.over_ns is None else state.over_ns
 
 
 def _trip_cause(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: int) -> str | None:
-    names = state.monitors.names
-    if not np.all(np.isfinite(reading_pa)):
+    names, readings = state.monitors.names, reading_pa.tolist()
+    if not all(map(math.isfinite, readings)):
         return f"reading not finite: {chamber(names, int(np.argmin(np.isfinite(reading_pa))))}"
     if wire := broken_wire(limits.monitors, names, reading_pa):
         return wire
-    highest = int(np.argmax(reading_pa)) if reading_pa.size else 0
+    highest = max(readings, default=-math.inf)
     over_for = -1.0 if state.over_ns is None else (now_ns - state.over_ns) * 1e-9
-    if np.any(reading_pa > limits.burst_pressure_pa) or over_for > limits.over_pressure_s:
-        return f"over-pressure: {chamber(names, highest)} at {reading_pa[highest] / 1e3:.1f} kPa"
+    if highest > limits.burst_pressure_pa or over_for > limits.over_pressure_s:
+        which = chamber(names, readings.index(highest))
+        return f"over-pressure: {which} at {highest / 1e3:.1f} kPa"
     if state.reading_ns is not None and state.reading_ns.size:
-        oldest = int(np.argmin(state.reading_ns))
-        silent = float(now_ns - state.reading_ns[oldest]) * 1e-9
+        times = state.reading_ns.tolist()
+        silent = (now_ns - min(times)) * 1e-9
         if silent > limits.reading_age_s:
-            return f"readings lost: {chamber(names, oldest)} not fresh for {silent * 1e3:.0f} ms"
+            oldest = chamber(names, times.index(min(times)))
+            return f"readings lost: {oldest} not fresh for {silent * 1e3:.0f} ms"
     return None

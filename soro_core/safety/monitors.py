@@ -44,12 +44,11 @@ def broken_wire(monitors: Monitors, names: Sequence[str], reading_pa: Array) -> 
     -------
     str or None
     """
-    bad = (reading_pa < monitors.open_circuit_pa) | (reading_pa > monitors.short_circuit_pa)
-    if not bad.any():
-        return None
-    n = int(np.argmax(bad))
-    which = "open circuit" if reading_pa[n] < 0 else "short circuit"
-    return f"{which}: {chamber(names, n)} reads {reading_pa[n] / 1e3:.1f} kPa"
+    for n, reading in enumerate(reading_pa.tolist()):
+        if reading < monitors.open_circuit_pa or reading > monitors.short_circuit_pa:
+            which = "open circuit" if reading < 0 else "short circuit"
+            return f"{which}: {chamber(names, n)} reads {reading / 1e3:.1f} kPa"
+    return None
 
 
 def watch(
@@ -99,19 +98,19 @@ def watch(
             target_pa=np.where(state.seen, expected.target_pa, reading_pa),
         )
     model = expected.pressure_pa
-    sample = Sample(setpoint_pa, reading_pa, fresh, first, model, supply_pa, dt, now_ns)
+    off = reading_pa - model
+    sample = Sample(setpoint_pa, reading_pa, fresh, first, model, off, supply_pa, dt, now_ns)
     changes: dict[str, Array | Times] = {}
     causes = []
     for monitor in (_spike, _stuck, _frozen, _deviation, _drift, _supply):
         changed, cause = monitor(monitors, response, state, sample)
         changes |= changed
         causes += [cause] if cause else []
-    state = replace(
-        state,
+    state = state._replace(
         expected=expected,
         setpoint_pa=setpoint_pa,
         reading_pa=np.where(fresh, reading_pa, state.reading_pa),
-        residual_pa=np.where(fresh, reading_pa - model, state.residual_pa),
+        residual_pa=np.where(fresh, off, state.residual_pa),
         seen=state.seen | fresh,
         now_ns=now_ns,
         **changes,  # type: ignore[arg-type]
@@ -121,7 +120,7 @@ def watch(
 
 def _spike(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
     """A change since the last fresh reading beyond what the prediction changed."""
-    jump = np.abs(now.reading_pa - now.model_pa - s.residual_pa)
+    jump = np.abs(now.off_pa - s.residual_pa)
     bad = now.fresh & ~now.first & (jump > m.spike_pa)
     if not bad.any():
         return {}, None
@@ -162,7 +161,7 @@ def _frozen(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fo
 
 def _deviation(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
     """A reading that the set points do not explain."""
-    off = np.abs(now.reading_pa - now.model_pa) > m.model_pa
+    off = np.abs(now.off_pa) > m.model_pa
     since = _since(s.deviates_ns, off, now.fresh, now.now_ns)
     n = _longest(since, now.now_ns, m.model_s)
     if n is None:

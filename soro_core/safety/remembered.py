@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ Times: TypeAlias = NDArray[np.int64]
 NEVER = -1
 
 
-@dataclass(frozen=True)
-class MonitorState:
+class MonitorState(NamedTuple):
     """What the monitors remember; arrays have one entry a chamber, times are nanoseconds, `NEVER` for none.
 
     Attributes
@@ -69,15 +67,18 @@ class MonitorState:
     now_ns: int
 
 
-@dataclass(frozen=True)
-class Sample:
-    """One exchange: set points sent, readings, whose are fresh, whose are the first, and the prediction."""
+class Sample(NamedTuple):
+    """One exchange: set points sent, readings, whose are fresh, whose are the first.
+
+    `model_pa` is the prediction, and `off_pa` what the readings differ from it.
+    """
 
     setpoint_pa: Array
     reading_pa: Array
     fresh: Flags
     first: Flags
     model_pa: Array
+    off_pa: Array
     supply_pa: Array | None
     dt: float
     now_ns: int

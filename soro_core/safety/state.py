@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from soro_core.safety.remembered import Array, MonitorState, Times, initial_moni
 MUST_BE_ZERO = "the command must be zero"
 
 
-@dataclass(frozen=True)
-class SafetyState:
+class SafetyState(NamedTuple):
     """State of the limiter for `n` chambers; times are nanoseconds of one clock.
 
     Attributes
@@ -26,6 +25,8 @@ class SafetyState:
         Memory of the monitors.
     emptying : Emptying
         Whether the arm has become empty since the vent.
+    rejected : dict of str to int
+        Number of refused commands by kind.
     command_ns, command_stamp_ns : int
         Time of the last accepted command, never later than its arrival, for its age; and the time stamp of
         that command, for the order of commands.
@@ -39,14 +40,13 @@ class SafetyState:
         Time of the last `slew`.
     cause : str or None
         Cause of the trip; None while the limiter is not latched.
-    rejected : dict of str to int
-        Number of refused commands by kind.
     """
 
     setpoint_pa: Array
     command_pa: Array
     monitors: MonitorState
     emptying: Emptying
+    rejected: dict[str, int]
     command_ns: int | None = None
     command_stamp_ns: int = 0
     command_source: str = ""
@@ -54,7 +54,6 @@ class SafetyState:
     over_ns: int | None = None
     cycle_ns: int | None = None
     cause: str | None = None
-    rejected: dict[str, int] = field(default_factory=dict)
 
     @property
     def vented(self) -> bool:
@@ -81,10 +80,10 @@ class SafetyState:
 def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
     """Return the state of `n` chambers before the first command; causes use `names` if they are given."""
     monitors = initial_monitors(n, names)
-    return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n))
+    return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n), {})
 
 
 def counted(state: SafetyState, refusal: str) -> SafetyState:
     """Count one more refusal; the text before the colon is its kind."""
     kind = refusal.split(":", 1)[0]
-    return replace(state, rejected={**state.rejected, kind: state.rejected.get(kind, 0) + 1})
+    return state._replace(rejected={**state.rejected, kind: state.rejected.get(kind, 0) + 1})

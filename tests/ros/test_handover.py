@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -86,6 +87,21 @@ def test_readers_of_the_process_get_the_message_itself_in_order_and_not_before_t
     process.wait(2)
     assert are_the_same(process.got, sent)
     assert are_the_same(second, sent)
+
+
+def test_what_a_reader_sends_has_its_turn_in_the_same_task_after_what_waits(started):
+    process, heard = Process(), []
+    answers = process.reading.create_publisher(String, "answers", qos.RELIABLE)
+    process.writing.create_subscription(String, "answers", lambda m: heard.append(m.data), qos.RELIABLE)
+    wait_until(lambda: process.spun() and answers.get_subscription_count() == 1, "the reader of answers")
+    process.reader.callback = lambda m: (heard.append(m.data), answers.publish(String(data=f"to {m.data}")))
+    tasks: list[object] = []
+    create = process.executor.create_task
+    process.handover.begin(SimpleNamespace(create_task=lambda *task: (tasks.append(task), create(*task))))
+    process.send("one", "two")
+    wait_until(lambda: process.spun() and len(heard) == 4, "the answers")
+    assert heard == ["one", "two", "to one", "to two"]
+    assert len(tasks) == 1
 
 
 def test_a_reader_that_wants_bytes_gets_bytes(started):

@@ -69,7 +69,6 @@ SECTIONS = {
     "recording": recording,
     "composed": composed,
     "view": view,
-    "design": design,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

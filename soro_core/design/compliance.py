@@ -10,7 +10,7 @@ from soro_core.design.darcy import Flow, pressures
 from soro_core.design.evaluation import Evaluation
 from soro_core.design.grid import Flags, Grid, assembled
 from soro_core.errors import ModelError
-from soro_core.fem.newton import factorised
+from soro_core.fem.linear import factorised
 from soro_core.fem.response import Array
 
 

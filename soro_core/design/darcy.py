@@ -14,7 +14,7 @@ import numpy as np
 from soro_core.design.filter import projection
 from soro_core.design.grid import Grid, assembled
 from soro_core.errors import ModelError
-from soro_core.fem.newton import factorised
+from soro_core.fem.linear import factorised
 from soro_core.fem.response import Array, Indices
 
 

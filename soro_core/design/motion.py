@@ -15,8 +15,8 @@ from soro_core.design.filter import projection
 from soro_core.design.grid import Flags, Grid
 from soro_core.errors import ModelError
 from soro_core.fem import Hyperelastic
+from soro_core.fem.linear import factorised
 from soro_core.fem.material import Material
-from soro_core.fem.newton import factorised
 from soro_core.fem.response import Array, Indices
 
 _NONE = np.empty(0)

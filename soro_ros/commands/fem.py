@@ -12,10 +12,10 @@ from soro_core.errors import ConfigError, ModelError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from soro_core.fem.newton import State
     from soro_core.fem.parts.file import PartFile, Sweep
     from soro_core.fem.parts.folder import SweepFolder
     from soro_core.fem.parts.specimen import Specimen
+    from soro_core.fem.states import State
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from soro_core.errors import ConfigError
-from soro_core.fem.newton import State
 from soro_core.fem.parts.file import PartFile, Sweep
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.parts.sweeps import Backbone, backbone
 from soro_core.fem.response import Array
+from soro_core.fem.states import State
 from soro_core.fem.vtu import write_vtu
 
 TABLE, BACKBONE, PART = "table.csv", "backbone.npz", "part.json"

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/design.md: bellows that are pulled, paths beyond limit points, a fold that closes.
+"""Draw the pictures of docs/design.md: bellows, paths beyond limit points, a fold that closes.
 
 python -m docs.design_pictures [--folder docs/images]
 """
@@ -67,7 +67,7 @@ def picture_of_paths(path: Path) -> None:
     left.set(xlabel="stretch of the inner radius", ylabel="pressure / shear modulus", ylim=(0, None))
     _, _, rise, force, peak = moving.snapped()
     at = np.linspace(moving.RISE, rise.min(), 400)
-    right.plot(at / moving.RISE, moving.shallow(at) / peak, color="tab:gray", label="closed form, shallow arch")
+    right.plot(at / moving.RISE, moving.shallow(at) / peak, color="tab:gray", label="closed form")
     right.plot(rise / moving.RISE, force / peak, "o", ms=4, label="steps of an arc length")
     right.set(xlabel="rise of the crown / at rest", ylabel="load / limit load")
     right.invert_xaxis()

@@ -61,9 +61,7 @@ def equilibrium(
         if step is None:
             return Attempt(None, "the stiffness is singular: hold the part", iteration)
         is_there = equations.is_there(equations.gap(u, load))
-        u, balance = moved(
-            equations, partial(part.balance, load=load), u, step, balance, is_there, is_searching
-        )
+        u, balance = moved(equations, balance_at, u, step, balance, is_there, is_searching)
     if balance.inverted >= 0:
         return Attempt(None, inversion(part, balance.inverted), settings.iterations)
     return Attempt(None, f"no equilibrium in {settings.iterations} iterations", settings.iterations)

@@ -102,13 +102,12 @@ def three_bellow_part(options: Options) -> tuple[str, str]:
 
 def times(options: Options) -> tuple[str, str]:
     """Time of a pressure on a section and on a solid, with each solver."""
-    rows = []
+    rows, radii = [], (4e-3, 12e-3)
+    n = options.pick(1, 8)
     for name, mesh in {
-        "tube in plane strain, quad4": tube("quad4", options.pick((32, 128), (2, 4)), (4e-3, 12e-3)),
-        "tube, hex8": tube("hex8", options.pick((8, 24, 24), (1, 2, 1)), (4e-3, 12e-3), 24e-3),
-        "block pulled, hex8": block(
-            "hex8", "solid", options.pick((20, 20, 20), (2, 2, 2)), (1e-2, 1e-2, 1e-2)
-        ),
+        "tube in plane strain, quad4": tube("quad4", (32 // n, 128 // n), radii),
+        "tube, hex8": tube("hex8", (8 // n, 24 // n, 24 // n), radii, 24e-3),
+        "block pulled, hex8": block("hex8", "solid", (17 // n,) * 3, (1e-2,) * 3),
     }.items():
         part = pulled(mesh) if name.startswith("block") else pressed(mesh)
         is_large = mesh.points.size >= linear.MANY and mesh.space == "solid"

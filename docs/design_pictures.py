@@ -1,4 +1,4 @@
-"""Draw the picture of docs/design.md: the bellows of the three-bellow part as it is pulled.
+"""Draw the pictures of docs/design.md: bellows, paths beyond limit points, a fold that closes.
 
 python -m docs.design_pictures [--folder docs/images]
 """
@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from soro_core.fem import Mesh, bellows_mesh, make_part, no_loads, solve
+from soro_core.fem import Contact, Mesh, bellows_mesh, make_part, no_loads, solve
+from tests.fem import moving_parts as moving
 from tests.fem.three_bellow import MATERIAL, SHAPE, THESIS
 
 SHOWN_MM = (0.0, 10.0, 20.0)
@@ -55,13 +56,52 @@ def picture_of_bellows(path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def picture_of_paths(path: Path) -> None:
+    """Load against displacement of the balloon and of the arch, beside their closed forms."""
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    stretch, load = moving.inflated()
+    at = np.linspace(1.0, 3.0, 400)
+    left.plot(at, moving.pressure_of(at), color="tab:gray", label="closed form, incompressible")
+    left.plot(stretch, load, "o", ms=4, label="steps of an arc length")
+    left.set(xlabel="stretch of the inner radius", ylabel="pressure / shear modulus", ylim=(0, None))
+    _, _, rise, force, peak = moving.snapped()
+    at = np.linspace(moving.RISE, rise.min(), 400)
+    right.plot(at / moving.RISE, moving.shallow(at) / peak, color="tab:gray", label="closed form")
+    right.plot(rise / moving.RISE, force / peak, "o", ms=4, label="steps of an arc length")
+    right.set(xlabel="rise of the crown / at rest", ylabel="load / limit load")
+    right.invert_xaxis()
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+        axes.legend()
+    figure.savefig(path, dpi=110)
+
+
+def picture_of_fold(path: Path) -> None:
+    """A fold under vacuum: at rest, with contact, and without."""
+    figure = Figure(figsize=(9.0, 2.4), layout="constrained")
+    free, _, part = moving.folded(None)
+    kept, _, _ = moving.folded(Contact(1e-4))
+    shown = {"at rest": 0.0 * free.last.u, "contact, 800 Pa": kept.last.u, "no contact, 800 Pa": free.last.u}
+    for axes, (name, u) in zip(figure.subplots(1, 3, sharey=True), shown.items(), strict=True):
+        corners = 1e3 * (part.mesh.points + u)[part.mesh.cells]
+        drawn = PolyCollection(corners, facecolor="tab:blue", edgecolor="white", lw=0.3, alpha=0.6)
+        axes.add_collection(drawn)
+        axes.set(xlim=(0, 14), ylim=(-0.5, 7.5), aspect="equal", xlabel="r [mm]", title=name)
+    figure.axes[0].set_ylabel("z [mm]")
+    figure.savefig(path, dpi=110)
+
+
 def main() -> None:
-    """Draw it."""
+    """Draw them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--folder", type=Path, default=Path("docs/images"))
-    picture_of_bellows(parser.parse_args().folder / "design_bellows.png")
+    folder = parser.parse_args().folder
+    picture_of_bellows(folder / "design_bellows.png")
+    picture_of_paths(folder / "design_paths.png")
+    picture_of_fold(folder / "design_fold.png")
 
 
 if __name__ == "__main__":

@@ -115,6 +115,9 @@ class Path:
             self.cause = "the stiffness is singular: hold the part"
             return None
         size = float(np.linalg.norm(rate))
+        if size == 0.0:
+            self.cause = "no load moves the part"
+            return None
         if self.length == 0.0:
             self.length = self.settings.first_step * size
         forwards = 1.0 if self.way is None or float((rate * self.way).sum()) >= 0.0 else -1.0
@@ -161,7 +164,10 @@ class Path:
             if by_gap is None or rate is None:
                 return Attempt(None, "the stiffness is singular: hold the part", iteration)
             way = u - start
-            rise = -float((way * by_gap).sum()) / float((way * rate).sum())
+            along = float((way * rate).sum())
+            if along == 0.0:
+                return Attempt(None, "the path turns by a right angle", iteration)
+            rise = -float((way * by_gap).sum()) / along
             step = by_gap + rise * rate
             share = part.reach(u, u + step)
             u, load = u + share * step, load + share * rise

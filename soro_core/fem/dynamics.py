@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from soro_core.errors import ModelError
 from soro_core.fem.equations import Equations
-from soro_core.fem.equilibrium import CUT, SHORTENINGS, inversion
+from soro_core.fem.equilibrium import inversion, moved
 from soro_core.fem.mass import mass_entries
 from soro_core.fem.part import Balance, Part
 from soro_core.fem.response import Array
@@ -109,7 +110,7 @@ def march(
     v: Array | None = None,
     rho_inf: float = 0.8,
     tolerance: float = 1e-9,
-    iterations: int = 20,
+    iterations: int = 30,
 ) -> Motion:
     """Follow the motion of a part, in steps of one length.
 
@@ -142,10 +143,10 @@ def march(
     for key, one in (("u", u), ("v", v)):
         if one.shape != zero.shape or not np.isfinite(one).all():
             raise ModelError(f"{key} of shape {one.shape}; allowed: finite, {zero.shape}", key)
-    march = _March(part, Alpha(rho_inf), step_s, load, tolerance, iterations)
-    states = [march.start(u, v)]
+    way = _March(part, Alpha(rho_inf), step_s, load, tolerance, iterations)
+    states = [way.start(u, v)]
     for _ in range(steps):
-        state, cause = march.step(states[-1])
+        state, cause = way.step(states[-1])
         if state is None:
             return Motion("stopped", f"time {states[-1].time_s:.6g} s: {cause}", tuple(states))
         states.append(state)
@@ -191,34 +192,37 @@ class _March:
 
     def step(self, last: Moving) -> tuple[Moving | None, str]:
         """Return the state one step on, or the cause why there is none."""
+        for is_searching in (False, True):
+            state, cause = self.attempt(last, is_searching)
+            if state is not None:
+                break
+        return state, cause
+
+    def attempt(self, last: Moving, is_searching: bool) -> tuple[Moving | None, str]:
+        """Try with full steps of Newton's method, or with a search along them."""
         h, beta, gamma = self.h, self.alpha.beta, self.alpha.gamma
-        time_s = last.time_s + h
+        load = self.load(last.time_s + h)
         # Displacements with new accelerations of 0; what u is beyond them, these have made.
         coasted = last.u + h * last.v + h * h * (0.5 - beta) * last.a
-        u = last.u
-        balance = self.balance(last, u, coasted)
+        balance_at = partial(self.balance, last, coasted)
+        u, balance = last.u, balance_at(last.u)
         for _ in range(self.iterations):
             if balance.inverted >= 0:
                 return None, inversion(self.part, balance.inverted)
-            if self.equations.is_met(balance, u, self.load(time_s), self.tolerance):
+            if self.equations.is_met(balance, u, load, self.tolerance):
                 a = (u - coasted) / (beta * h * h)
                 v = last.v + h * ((1.0 - gamma) * last.a + gamma * a)
-                return self.moving(time_s, u, v, a), ""
+                return self.moving(last.time_s + h, u, v, a), ""
             tangent = self.equations.tangent(balance)
-            gap = self.equations.gap(u, self.load(time_s))
+            gap = self.equations.gap(u, load)
             change = tangent.move(-balance.unbalanced, gap) if tangent else None
             if change is None:
                 return None, "the stiffness with the mass is singular; take shorter steps"
-            share = self.part.reach(u, u + change)
-            for _ in range(SHORTENINGS):
-                balance = self.balance(last, u + share * change, coasted)
-                if balance.inverted < 0:
-                    break
-                share *= CUT
-            u = u + share * change
+            is_there = self.equations.is_there(gap)
+            u, balance = moved(self.equations, balance_at, u, change, balance, is_there, is_searching)
         return None, f"no balance in {self.iterations} iterations; take shorter steps"
 
-    def balance(self, last: Moving, u: Array, coasted: Array) -> Balance:
+    def balance(self, last: Moving, coasted: Array, u: Array) -> Balance:
         """Return forces with those of inertia, in between the last state and u, and their derivative by u."""
         of_mass, of_force, h = self.alpha.of_mass, self.alpha.of_force, self.h
         balance = self.part.balance(u, self.load(last.time_s + h))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -45,9 +47,10 @@ def equilibrium(
     """
     part = equations.part
     u = safe + part.reach(safe, guess) * (guess - safe)
-    balance = part.balance(u, load)
+    balance_at = partial(part.balance, load=load)
+    balance = balance_at(u)
     if balance.inverted >= 0:
-        u, balance = safe, part.balance(safe, load)
+        u, balance = safe, balance_at(safe)
     for iteration in range(settings.iterations):
         if balance.inverted >= 0:
             return Attempt(None, inversion(part, balance.inverted), iteration)
@@ -57,24 +60,45 @@ def equilibrium(
         step = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
         if step is None:
             return Attempt(None, "the stiffness is singular: hold the part", iteration)
-        u, balance = _moved(equations, u, load, step, balance, is_searching)
+        is_there = equations.is_there(equations.gap(u, load))
+        u, balance = moved(equations, balance_at, u, step, balance, is_there, is_searching)
     if balance.inverted >= 0:
         return Attempt(None, inversion(part, balance.inverted), settings.iterations)
     return Attempt(None, f"no equilibrium in {settings.iterations} iterations", settings.iterations)
 
 
-def _moved(
-    equations: Equations, u: Array, load: float, step: Array, start: Balance, is_searching: bool
+def moved(
+    equations: Equations,
+    balance_at: Callable[[Array], Balance],
+    u: Array,
+    step: Array,
+    start: Balance,
+    is_there: bool,
+    is_searching: bool,
 ) -> tuple[Array, Balance]:
-    """Return the end of a step: so much of it that nothing meets and J > 0, and as a search asks."""
-    part = equations.part
-    is_there = equations.is_there(equations.gap(u, load))
+    """Return the end of a step: so much of it that nothing meets and J > 0, and as a search asks.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the part.
+    balance_at : callable
+        Forces at displacements (n, d).
+    u, step : ndarray, (n, d)
+        Displacements before the step, and the whole step [m].
+    start : Balance
+        Forces before the step.
+    is_there : bool
+        Whether held nodes are in their places before it.
+    is_searching : bool
+        Whether to shorten it to where the potential has its lowest point.
+    """
     # Held nodes that still move do work too, and a saddle has no descent: no potential to follow.
     slope = float((step * equations.free(start)).sum()) if is_searching and is_there else 0.0
-    length = part.reach(u, u + step)
+    length = equations.part.reach(u, u + step)
     for _ in range(SHORTENINGS):
-        moved = u + length * step
-        balance = part.balance(moved, load)
+        end = u + length * step
+        balance = balance_at(end)
         if balance.inverted >= 0:
             # Held nodes have to move by all of it.
             share = CUT if is_there else 1.0
@@ -83,7 +107,7 @@ def _moved(
         if share == 1.0:
             break
         length *= share
-    return moved, balance
+    return end, balance
 
 
 def _share(slope: float, now: float) -> float:

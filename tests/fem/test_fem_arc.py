@@ -75,6 +75,14 @@ def test_what_is_refused():
             follow(part, **arguments)
 
 
+def test_a_part_without_loads_has_no_path():
+    mesh = block("quad4", "plane_strain", (1, 1), (1.0, 1.0))
+    loads = no_loads(mesh).hold(mesh.points[:, 1] == 0.0, 0).hold(mesh.points[:, 1] == 0.0, 1)
+    done = follow(make_part(mesh, RUBBER, loads))
+    assert (done.status, done.steps) == ("stopped", 0)
+    assert "no load" in done.cause
+
+
 def test_a_path_that_is_too_long_stops_with_a_cause():
     part, _ = balloon(1.0)
     done = follow(part, most_steps=3)

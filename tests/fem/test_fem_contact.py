@@ -9,7 +9,9 @@ from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
 from soro_core.fem.blocks import block, mapped
 from soro_core.fem.contact import Contact, Obstacle, make_barrier
+from soro_core.fem.dynamics import march
 from soro_core.fem.loads import no_loads, spread_spring, traction
+from soro_core.fem.mass import mass_entries
 from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
 from tests.fem.moving_parts import SOFT, folded
@@ -125,6 +127,22 @@ def test_a_fold_that_closes_under_vacuum_does_not_cross_and_gets_stiffer(figure)
         f" then {before / after:.1f} times stiffer"
     )
     assert before > 3.0 * after > 0.0
+
+
+def test_a_block_thrown_on_a_floor_bounces():
+    mesh = above("plane_strain", "quad4")
+    part = make_part(mesh, SOFT, no_loads(mesh), contact=Contact(NEAR, obstacles=(FLOORS[2],)))
+    v = np.zeros_like(mesh.points) - [0.0, 1.0]
+    done = march(part, 2.5e-3, 200, v=v, rho_inf=0.9)
+    assert done.status == "solved", done.cause
+    height = np.array([(mesh.points + state.u)[:, 1].min() for state in done.states])
+    assert 0.0 < height.min() < NEAR
+    assert height[-1] > 0.02
+    weights = (part.pattern.matrix(mass_entries(part)) @ np.ones(v.size)).reshape(v.shape)[:, 1]
+    speed = [(weights * state.v[:, 1]).sum() / weights.sum() for state in (done.states[0], done.states[-1])]
+    assert speed[0] == pytest.approx(-1.0)
+    # What does not come back rings on in the block.
+    assert 0.5 < speed[1] < 1.0
 
 
 def test_what_is_refused():

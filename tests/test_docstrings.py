@@ -14,6 +14,7 @@ FOLDERS = (
     "soro_core/analysis",
     "soro_core/bag",
     "soro_core/control",
+    "soro_core/design",
     "soro_core/emulation",
     "soro_core/estimation",
     "soro_core/excitation",

@@ -8,7 +8,8 @@ def bellow(**changes):
     """Return the shipped bellow on a coarse grid; a mapping without a kind replaces some of the keys."""
     data = read_yaml(config_folder() / "design" / "bellow.yaml")
     data |= {"cells": [24, 12], "filter_radius_m": 0.0018}
-    data["schedule"] |= {"iterations": 8, "ramp": 4, "pressure_pa": [1e3, 2e3]}
+    data["schedule"] |= {"iterations": 14, "ramp": 8, "pressure_pa": [5e2, 1e3]}
+    data["goal"]["energy_exponent"] = 0.7
     for key, value in changes.items():
         is_part = isinstance(value, dict) and "kind" not in value
         data[key] = {**data[key], **value} if is_part else value

@@ -21,9 +21,7 @@ from tests.design.small import bellow
 @pytest.fixture
 def soro(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    task = json.loads(
-        bellow(schedule={"iterations": 14, "pressure_pa": [1e3, 4e3]}).model_dump_json(exclude_none=True)
-    )
+    task = json.loads(bellow().model_dump_json(exclude_none=True))
     (tmp_path / "small.yaml").write_text(yaml.safe_dump(task))
     return lambda *arguments: CliRunner().invoke(application(), ["design", *arguments])
 
@@ -96,11 +94,12 @@ def test_wrong_use_is_one_line(soro, arguments, key):
     assert "\n" not in str(error)
 
 
-@pytest.mark.parametrize(
-    "file", sorted((config_folder() / "design").glob("*.yaml")), ids=lambda file: file.stem
-)
-def test_shipped_tasks_make_a_domain(file):
-    task = load_task(file.stem)
+SHIPPED = sorted(file.stem for file in (config_folder() / "design").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_tasks_make_a_domain(name):
+    task = load_task(name)
     assert task.description
     domain = make_domain(task)
     analysis(domain)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.errors import ConfigError, ModelError
+from soro_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from soro_core.fem.newton import State
+    from soro_core.fem import State
     from soro_core.fem.parts.file import PartFile, Sweep
     from soro_core.fem.parts.folder import SweepFolder
     from soro_core.fem.parts.specimen import Specimen
@@ -36,7 +36,7 @@ def run(
     The folder gets SWEEP_NN.vtu for each state, table.csv, backbone.npz of a rod (for `soro identify-fem
     --run`), shapes.png and curves.png. Everything is written as it comes: Ctrl-C keeps what is done. Exit
     status: 0 all sweeps ended; 1 one stopped early, its last state is SWEEP_last.vtu; 2 wrong use; 130 after
-    Ctrl-C. See docs/design.md.
+    Ctrl-C. See docs/parts.md.
     """
     from rich.console import Console
 
@@ -47,11 +47,8 @@ def run(
 
     file = load_part(part)
     folder = Path(f"{file.name}_fem") if out is None else out
+    specimen = make_specimen(file)
     prepare(folder, file, force)
-    try:
-        specimen = make_specimen(file)
-    except ModelError as error:
-        raise ConfigError(part, "geometry", str(error), "a mesh without such elements") from None
     kept = SweepFolder(folder, specimen)
     console = Console(stderr=True)
     stopped, interrupted = follow_all(file, specimen, kept, console)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from soro_core.errors import ConfigError
-from soro_core.fem.newton import State
+from soro_core.fem import State
 from soro_core.fem.parts.file import PartFile, Sweep
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.parts.sweeps import Backbone, backbone

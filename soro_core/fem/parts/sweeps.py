@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.fem.newton import Settings, Solution, State, solve
+from soro_core.fem import Settings, Solution, State, solve
 from soro_core.fem.parts.file import Sweep
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.response import Array

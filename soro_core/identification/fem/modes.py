@@ -1,4 +1,4 @@
-"""Modes of the strain along a rod from its states: the basis `pod` of a robot file; docs/design.md (19)."""
+"""Modes of the strain along a rod from its states: the basis `pod` of a robot file; docs/parts.md (9)."""
 
 from __future__ import annotations
 

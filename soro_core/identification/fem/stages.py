@@ -92,6 +92,11 @@ class Identified:
         return self.fit.values
 
     @property
+    def is_interrupted(self) -> bool:
+        """Whether Ctrl-C ended the fit; the numbers are the best until then."""
+        return self.fit.message == "interrupted"
+
+    @property
     def at_bound(self) -> list[str]:
         """Numbers that the fit would move farther than it may."""
         found = []

@@ -72,6 +72,8 @@ def quality(found: Identified) -> list[str]:
             f"Mesh: {mesh.elements} elements; with {mesh.coarse_elements} the tip of sweep {mesh.sweep} moves"
             f" by {100.0 * mesh.difference:.2g} %, which leaves an error of some {100.0 * mesh.error:.2g} %."
         )
+    if found.is_interrupted:
+        lines.append("Interrupted: the numbers are the best until then.")
     if found.at_bound:
         lines.append(f"At a bound, so that other loads would say more: {', '.join(found.at_bound)}.")
     return lines

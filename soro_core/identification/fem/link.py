@@ -107,6 +107,15 @@ def parameters(start: Direct) -> list[Parameter]:
     ]
 
 
+def at_bound(start: Direct, values: Mapping[str, float]) -> list[str]:
+    """Return the numbers that a fit would move farther than it may."""
+    return [
+        p.name
+        for p in parameters(start)
+        if min(values[p.name] - p.lower, p.upper - values[p.name]) < 1e-3 * (p.upper - p.lower)
+    ]
+
+
 def robot_of(known: Template, values: Mapping[str, float], strains: Mapping[str, Any] | None = None) -> Robot:
     """Return the robot of one link with these numbers, see `robot_keys`."""
     return robot_from_dict(robot_keys(known, values, strains))

@@ -11,7 +11,7 @@ import yaml
 
 from soro_core.identification.fem.direct import Direct
 from soro_core.identification.fem.joint import TipError
-from soro_core.identification.fem.link import robot_keys
+from soro_core.identification.fem.link import at_bound, robot_keys
 from soro_core.identification.fem.modes import mode_file, strain_keys
 from soro_core.identification.fem.stages import Identified
 
@@ -74,8 +74,9 @@ def quality(found: Identified) -> list[str]:
         )
     if found.is_interrupted:
         lines.append("Interrupted: the numbers are the best until then.")
-    if found.at_bound:
-        lines.append(f"At a bound, so that other loads would say more: {', '.join(found.at_bound)}.")
+    stuck = at_bound(found.start, found.values)
+    if stuck:
+        lines.append(f"At a bound, so that other loads would say more: {', '.join(stuck)}.")
     return lines
 
 

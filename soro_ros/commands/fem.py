@@ -61,15 +61,19 @@ def run(
 
 
 def prepare(folder: Path, file: PartFile, force: bool) -> None:
-    """Make the folder of a run and write the part into it; refuse one that exists unless `force`."""
-    from soro_core.fem.parts.folder import PART
+    """Make the folder of a run and write the part into it; with `force` empty that of an earlier run."""
+    from soro_core.fem.parts.folder import BACKBONE, PART, TABLE
 
-    if folder.exists() and not (force and folder.is_dir()):
-        raise ConfigError("soro fem run", "--out", str(folder), "a folder that does not exist, or --force")
+    if folder.exists():
+        if not force:
+            raise ConfigError(
+                "soro fem run", "--out", str(folder), "a folder that does not exist, or --force"
+            )
+        if not (folder / PART).is_file():
+            raise ConfigError("soro fem run", "--out", str(folder), "with --force, the folder of a run")
+        for old in (*folder.glob("*.vtu"), folder / BACKBONE, folder / TABLE):
+            old.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
-    if force:
-        for old in (*folder.glob("*.vtu"), *folder.glob("*.npz"), *folder.glob("*.csv")):
-            old.unlink()
     (folder / PART).write_text(file.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 

@@ -1,10 +1,10 @@
-"""Design of soft parts: finite elements and topology optimisation, and how long they take."""
+"""Design of soft parts: finite elements, topology optimisation, robots made of parts, and their times."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import design_fem, design_topology
+from benchmarks import design_fem, design_identified, design_topology
 from benchmarks.options import Options
 
 TITLE = "Design"
@@ -16,6 +16,7 @@ PARTS: tuple[Callable[[Options], tuple[str, str]], ...] = (
     design_fem.three_bellow_part,
     design_fem.times,
     design_topology.topology,
+    design_identified.identified,
 )
 
 

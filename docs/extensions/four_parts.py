@@ -10,7 +10,16 @@ PART = re.compile(r"^## (.+?):.*?$(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 PAGE = re.compile(r"\]\(([^)#\s]+\.(?:md|ipynb))[)#]")
 # Pages that the site alone has, by part; they are generated from the code.
 GENERATED = {
-    "Reference": ("commands", "topics", "parameters", "scene_keys", "robot_keys", "platform_keys", "api")
+    "Reference": (
+        "commands",
+        "topics",
+        "parameters",
+        "scene_keys",
+        "robot_keys",
+        "part_keys",
+        "platform_keys",
+        "api",
+    )
 }
 MORE = ("docs/README", "CHANGELOG")
 DECISIONS = "docs/adr/README"

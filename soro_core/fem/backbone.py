@@ -1,6 +1,6 @@
 """The backbone of a deformed part: a pose of each section, and the strains between neighbours.
 
-docs/design.md (13) and (14). The conventions are those of docs/model.md: twists have their angular part
+docs/parts.md (3) and (4). The conventions are those of docs/model.md: twists have their angular part
 first.
 """
 

@@ -1,4 +1,4 @@
-"""Fibres that carry tension alone, and tendons of a given tension; docs/design.md (11) and (12).
+"""Fibres that carry tension alone, and tendons of a given tension; docs/parts.md (1) and (2).
 
 Both are straight pieces between nodes. The nodes of a piece lie in one element, so that its stiffness has a
 place in the matrix of the part.

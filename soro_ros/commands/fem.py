@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.errors import ConfigError, ModelError
+from soro_core.errors import ConfigError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from soro_core.fem import State
     from soro_core.fem.parts.file import PartFile, Sweep
     from soro_core.fem.parts.folder import SweepFolder
     from soro_core.fem.parts.specimen import Specimen
-    from soro_core.fem.states import State
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode="markdown")
 
@@ -36,7 +36,7 @@ def run(
     The folder gets SWEEP_NN.vtu for each state, table.csv, backbone.npz of a rod (for `soro identify-fem
     --run`), shapes.png and curves.png. Everything is written as it comes: Ctrl-C keeps what is done. Exit
     status: 0 all sweeps ended; 1 one stopped early, its last state is SWEEP_last.vtu; 2 wrong use; 130 after
-    Ctrl-C. See docs/design.md.
+    Ctrl-C. See docs/parts.md.
     """
     from rich.console import Console
 
@@ -47,11 +47,8 @@ def run(
 
     file = load_part(part)
     folder = Path(f"{file.name}_fem") if out is None else out
+    specimen = make_specimen(file)
     prepare(folder, file, force)
-    try:
-        specimen = make_specimen(file)
-    except ModelError as error:
-        raise ConfigError(part, "geometry", str(error), "a mesh without such elements") from None
     kept = SweepFolder(folder, specimen)
     console = Console(stderr=True)
     stopped, interrupted = follow_all(file, specimen, kept, console)
@@ -64,15 +61,19 @@ def run(
 
 
 def prepare(folder: Path, file: PartFile, force: bool) -> None:
-    """Make the folder of a run and write the part into it; refuse one that exists unless `force`."""
-    from soro_core.fem.parts.folder import PART
+    """Make the folder of a run and write the part into it; with `force` empty that of an earlier run."""
+    from soro_core.fem.parts.folder import BACKBONE, PART, TABLE
 
-    if folder.exists() and not (force and folder.is_dir()):
-        raise ConfigError("soro fem run", "--out", str(folder), "a folder that does not exist, or --force")
+    if folder.exists():
+        if not force:
+            raise ConfigError(
+                "soro fem run", "--out", str(folder), "a folder that does not exist, or --force"
+            )
+        if not (folder / PART).is_file():
+            raise ConfigError("soro fem run", "--out", str(folder), "with --force, the folder of a run")
+        for old in (*folder.glob("*.vtu"), folder / BACKBONE, folder / TABLE):
+            old.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
-    if force:
-        for old in (*folder.glob("*.vtu"), *folder.glob("*.npz"), *folder.glob("*.csv")):
-            old.unlink()
     (folder / PART).write_text(file.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 

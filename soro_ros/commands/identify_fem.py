@@ -42,7 +42,7 @@ def identify_fem(
     Forces come first, because pressures alone give only the ratio of stiffness to area; then all states are
     fitted together. Held-out sweeps judge the result. Creep stays to be measured, and damping where the part
     file has no viscosity. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2 wrong
-    use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/design.md.
+    use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/parts.md.
     """
     from rich.console import Console
 
@@ -92,6 +92,8 @@ def identify_fem(
         written.append(write_report(content, found, report))
     typer.echo("\n".join([*quality(found), "", *number_table(found)]))
     typer.echo(f"written: {', '.join(map(str, written))}")
+    if found.is_interrupted:
+        raise typer.Exit(130)
     if not content["accepted"]:
         typer.echo(f"not accepted: a held-out tip is off by more than {accept:g} % of the length", err=True)
         raise typer.Exit(1)

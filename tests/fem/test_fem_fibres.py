@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
+from soro_core.fem import solve
 from soro_core.fem.blocks import block
 from soro_core.fem.fibres import fibres, pieces_of
 from soro_core.fem.loads import no_loads
 from soro_core.fem.material import material_from_dict
-from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
 from tests.refused import fails
 

@@ -5,14 +5,13 @@ import pytest
 from scipy.linalg import expm
 
 from soro_core.errors import ModelError
+from soro_core.fem import Settings, solve
 from soro_core.fem.backbone import section_poses, section_strains
 from soro_core.fem.fibres import fibres
 from soro_core.fem.loads import no_loads
 from soro_core.fem.material import material_from_dict
-from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
 from soro_core.fem.rod import RodCounts, RodShape, rod_mesh
-from soro_core.fem.states import Settings
 from soro_core.rotation import rotation_exp, skew
 from tests.refused import fails
 

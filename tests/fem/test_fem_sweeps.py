@@ -52,6 +52,19 @@ def test_a_run_leaves_shapes_a_table_backbones_and_pictures(tmp_path):
     again, _, _ = call(tmp_path, ROD, sweeps=[PULL])
     assert isinstance(again.exception, ConfigError)
     assert again.exception.key == "--out"
+    (tmp_path / "run" / "mine.csv").write_text("kept")
+    forced, _, _ = call(tmp_path, ROD, "--force", sweeps=[ONE])
+    assert forced.exit_code == 0
+    assert sorted(path.name for path in out.glob("*.vtu")) == ["one_01.vtu", "one_02.vtu"]
+    assert (out / "mine.csv").read_text() == "kept"
+    (out / "part.json").unlink()
+    other, _, _ = call(tmp_path, ROD, "--force", sweeps=[ONE])
+    assert other.exception.key == "--out"
+
+
+def test_a_folder_of_another_part_is_refused(tmp_path):
+    _, path, out = call(tmp_path, ROD, sweeps=[PULL])
+    written(tmp_path, ROD, sweeps=[ONE])
     with refused(""):  # the part has another list of sweeps now
         load_backbones(out, load_part(path))
 

@@ -15,7 +15,7 @@ from soro_core.rotation import skew
 LENGTH = 0.08
 Z = np.linspace(0.0, LENGTH, 17)
 KNOWN = Template(
-    "made", LENGTH, 0.01, 0.03, 3e-4, 1.2e-8, 3, 40e3, 100.0, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0, 1.0)
+    "made", LENGTH, 0.01, 0.03, 3e-4, 1.2e-8, 3, (0.0, 40e3), 100.0, (0.0, 0.0, -9.81), (0.0, 0.0, 0.0, 1.0)
 )
 VALUES = {
     "k_e_rest": 900.0,

@@ -5,13 +5,17 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 import yaml
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
+from soro_core.loop import loop_of
 from soro_core.robot import load_robot
+from soro_core.scene import load_scene
+from soro_core.twin import Twin
 from soro_ros.commands.fem import app as fem
 from soro_ros.commands.identify_fem import identify_fem
 
@@ -59,6 +63,23 @@ def test_a_part_becomes_a_robot_file_that_moves_like_it(made):
     assert 0.0 < float(fitted) < 1.0
     assert 0.0 < float(held_out) < 1.0
     assert "Mesh: " in done.output
+
+
+def test_the_tip_follows_a_circle_under_control(made, tmp_path):
+    _, _, out, _ = made
+    circle = {"kind": "circle", "period_s": 4.0, "curvature_per_m": 0.7}
+    reference = {**circle, "choose_elongation": True, "mean_pressure_pa": 7e3}
+    scene = {"robot": str(out), "platform": "", "mode": "lockstep", "controller": {"reference": reference}}
+    path = tmp_path / "scene.yaml"
+    path.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    loaded = load_scene(path)
+    loop, twin = loop_of(loaded), Twin(loaded.loaded_robot, loaded.twin_node())
+    ticks = list(loop.run(twin, round(3.0 * loaded.rate_hz), 1.0 / loaded.rate_hz))
+    far = [np.linalg.norm(t.seen.tip[:3, 3] - t.command.tip_reference[:3, 3]) for t in ticks]
+    assert np.sqrt(np.mean(np.square(far[-round(loaded.rate_hz) :]))) < 0.005 * 0.06
+    # The radius of the circle is four times that.
+    sides = np.array([t.seen.tip[:2, 3] for t in ticks[-round(loaded.rate_hz) :]])
+    assert np.hypot(*sides.T).min() > 0.4 * 0.7 * 0.06**2
 
 
 def test_the_report_needs_no_network_and_has_the_numbers(made):

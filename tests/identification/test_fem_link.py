@@ -6,7 +6,7 @@ from made_rod import KNOWN, LENGTH, VALUES, Z, made_data, made_states
 
 from soro_core.identification.fem.direct import direct
 from soro_core.identification.fem.joint import refine, tip_errors
-from soro_core.identification.fem.link import robot_of
+from soro_core.identification.fem.link import at_bound, parameters, robot_of
 from soro_core.identification.fem.snapshots import snapshots
 from tests.refused import refused
 
@@ -44,6 +44,13 @@ def test_a_joint_fit_gives_all_numbers_back():
     assert found.values == pytest.approx(VALUES, rel=2e-3)
     errors = tip_errors(DATA, robot_of(KNOWN, found.values), DATA.held_out)
     assert max(error.share for error in errors) < 1e-6
+
+
+def test_numbers_at_a_bound_are_named():
+    start = direct(DATA)
+    values = {p.name: 0.5 * (p.lower + p.upper) for p in parameters(start)}
+    assert at_bound(start, values) == []
+    assert at_bound(start, {**values, "k_b_rest": 0.9 * start.k_b_nm}) == ["k_b_rest"]
 
 
 def test_errors_are_distances_of_tips_over_the_length():

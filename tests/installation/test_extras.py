@@ -20,7 +20,7 @@ NODES = (
 )
 
 # Commands that need no extra.
-ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "new", "scenes"}
+ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "identify-fem", "fem", "new", "scenes"}
 
 # What a module is to the import system where its package is not installed.
 HIDE = "import json, sys\nfor name in json.loads({hidden!r}):\n    sys.modules[name] = None\n"

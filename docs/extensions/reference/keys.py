@@ -1,4 +1,4 @@
-"""Keys of scene, robot and platform files: from the models that check the files."""
+"""Keys of scene, robot, part and platform files: from the models that check the files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 from reference.tables import code, plain, table
 from soro_core.control.laws.registry import SHIPPED, find_law
+from soro_core.fem.parts.file import PartFile
 from soro_core.hardware.families import FAMILIES
 from soro_core.robot import Robot
 from soro_core.scene import Scene
@@ -41,6 +42,7 @@ def pages() -> dict[str, tuple[str, str, str]]:
     return {
         "scene_keys": ("Keys of a scene", about.format("scene"), sections(Scene, "", 2) + laws),
         "robot_keys": ("Keys of a robot", about.format("robot"), sections(Robot, "", 2)),
+        "part_keys": ("Keys of a part", about.format("part"), sections(PartFile, "", 2)),
         "platform_keys": ("Keys of a platform", about.format("platform"), platforms),
     }
 

@@ -28,13 +28,13 @@ class RodGeometry(Strict):
     """A round rod with chambers (`RodShape`), of hex8, and hoops around the chambers."""
 
     kind: Literal["rod_with_chambers"]
-    length_m: float
-    radius_m: float
-    chambers: int = 3
-    chamber_radius_m: float
-    chamber_offset_m: float
-    plug_m: float
-    taper: float = 1.0
+    length_m: Annotated[float, Field(description="of the rod")]
+    radius_m: Annotated[float, Field(description="of the rod")]
+    chambers: Annotated[int, Field(description="the first towards x, counter-clockwise")] = 3
+    chamber_radius_m: Annotated[float, Field(description="of a chamber")]
+    chamber_offset_m: Annotated[float, Field(description="of the axis of a chamber from that of the rod")]
+    plug_m: Annotated[float, Field(description="length of the solid part at each end")]
+    taper: Annotated[float, Field(description="size of the section at the tip over that at the base")] = 1.0
     hoops: Hoops | None = None
     around: Annotated[int, Field(description="elements around a quarter of a chamber")] = 4
     across: Annotated[int, Field(description="elements across a wall")] = 2
@@ -64,13 +64,13 @@ class BellowsGeometry(Strict):
     """Bellows about an axis (`Bellows`), whose ends keep their planes."""
 
     kind: Literal["bellows"]
-    lobes: int
-    pitch_m: float
-    lobe_width_m: float
-    outer_radius_m: float
-    neck_radius_m: float
-    fillet_m: float
-    wall_m: float
+    lobes: Annotated[int, Field(description="1 or more")]
+    pitch_m: Annotated[float, Field(description="length of a lobe with its neck")]
+    lobe_width_m: Annotated[float, Field(description="length of a lobe alone")]
+    outer_radius_m: Annotated[float, Field(description="greatest radius of the outline")]
+    neck_radius_m: Annotated[float, Field(description="least radius of the outline")]
+    fillet_m: Annotated[float, Field(description="radius at the outer edges of a lobe")]
+    wall_m: Annotated[float, Field(description="thickness, laid inwards")]
     element: Literal["quad4", "quad8"] = "quad8"
     across: Count = 2
     along: Annotated[
@@ -119,7 +119,9 @@ class Sweep(Strict):
     """Loads that rise together from nothing."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$", description="begins the names of its files")]
-    pressures_pa: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    pressures_pa: Annotated[
+        tuple[float, ...], Field(strict=False, description="one a chamber, gauge; default: none")
+    ] = ()
     force_n: Annotated[
         tuple[float, float, float],
         Field(strict=False, description="on the end face of a rod, of constant direction"),
@@ -145,7 +147,8 @@ class PartFile(Strict):
         float | None, Field(gt=1.0, description="K / mu, in place of the material's Poisson ratio")
     ] = None
     viscosity_pa_s: Annotated[
-        float, Field(ge=0.0, description="gives the robot file of a rod its damping; 0: to be measured")
+        float,
+        Field(ge=0.0, description="[Pa s] damping of the robot file of a rod; 0: to be measured"),
     ] = 0.0
     gravity: Annotated[
         tuple[float, float, float], Field(strict=False, description="of the robot file alone")

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from soro_core.errors import ConfigError
+from soro_core.fem import State
 from soro_core.fem.parts.file import PartFile, Sweep
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.parts.sweeps import Backbone, backbone
 from soro_core.fem.response import Array
-from soro_core.fem.states import State
 from soro_core.fem.vtu import write_vtu
 
 TABLE, BACKBONE, PART = "table.csv", "backbone.npz", "part.json"
@@ -94,8 +94,9 @@ def load_backbones(folder: Path, part: PartFile) -> tuple[Array, list[Backbone]]
         If the folder has none, is of another part, or lacks a sweep.
     """
     path = folder / BACKBONE
-    if not path.is_file():
-        raise ConfigError(str(folder), "", f"no {BACKBONE}", "a folder that `soro fem run` made of a rod")
+    absent = [name for name in (BACKBONE, PART) if not (folder / name).is_file()]
+    if absent:
+        raise ConfigError(str(folder), "", f"no {absent[0]}", "a folder that `soro fem run` made of a rod")
     kept = PartFile.model_validate_json((folder / PART).read_text(encoding="utf-8"))
     if kept != part:
         raise ConfigError(

@@ -7,17 +7,24 @@ from typing import TypeAlias
 
 import numpy as np
 
+from soro_core.errors import ConfigError, ModelError
+from soro_core.fem import State
 from soro_core.fem.backbone import section_poses
 from soro_core.fem.bellows import bellows_mesh
 from soro_core.fem.blocks import grid, revolved_tube
 from soro_core.fem.fibres import fibres
 from soro_core.fem.loads import no_loads, traction
-from soro_core.fem.mesh import Mesh
 from soro_core.fem.part import Part, make_part
-from soro_core.fem.parts.file import PartFile, RodGeometry, Sweep, TubeGeometry, material_of
+from soro_core.fem.parts.file import (
+    BellowsGeometry,
+    PartFile,
+    RodGeometry,
+    Sweep,
+    TubeGeometry,
+    material_of,
+)
 from soro_core.fem.response import Array, Indices
 from soro_core.fem.rod import Rod, rod_mesh
-from soro_core.fem.states import State
 from soro_core.rotation import rotation_log
 
 
@@ -117,28 +124,44 @@ Specimen: TypeAlias = RodSpecimen | RingSpecimen
 
 
 def make_specimen(file: PartFile) -> Specimen:
-    """Return the specimen of a part file."""
-    geometry, material = file.geometry, material_of(file)
-    if isinstance(geometry, RodGeometry):
-        rod = rod_mesh(geometry.shape, geometry.counts)
-        loads = no_loads(rod.mesh)
-        for direction in range(3):
-            loads = loads.hold(rod.base, direction)
-        if geometry.hoops is not None:
-            stiffness = geometry.hoops.stiffness_n * rod.hoop_spacing_m / geometry.hoops.spacing_m
-            loads = loads.reinforce(fibres(rod.hoops, stiffness))
-        ends = np.zeros(len(rod.mesh.points), dtype=bool)
-        ends[rod.tip] = True
-        return RodSpecimen(make_part(rod.mesh, material, loads), rod, rod.mesh.faces_at(ends))
-    counts: tuple[int, int]
+    """Return the specimen of a part file.
+
+    Raises
+    ------
+    ConfigError
+        If an element of its mesh is inverted or degenerate.
+    """
+    try:
+        return (
+            _rod(file, file.geometry)
+            if isinstance(file.geometry, RodGeometry)
+            else _ring(file, file.geometry)
+        )
+    except ModelError as error:
+        raise ConfigError(file.name, "geometry", str(error), "a mesh without such elements") from None
+
+
+def _rod(file: PartFile, geometry: RodGeometry) -> RodSpecimen:
+    rod = rod_mesh(geometry.shape, geometry.counts)
+    loads = no_loads(rod.mesh)
+    for direction in range(3):
+        loads = loads.hold(rod.base, direction)
+    if geometry.hoops is not None:
+        stiffness = geometry.hoops.stiffness_n * rod.hoop_spacing_m / geometry.hoops.spacing_m
+        loads = loads.reinforce(fibres(rod.hoops, stiffness))
+    ends = np.zeros(len(rod.mesh.points), dtype=bool)
+    ends[rod.tip] = True
+    return RodSpecimen(make_part(rod.mesh, material_of(file), loads), rod, rod.mesh.faces_at(ends))
+
+
+def _ring(file: PartFile, geometry: TubeGeometry | BellowsGeometry) -> RingSpecimen:
     if isinstance(geometry, TubeGeometry):
         counts = (geometry.across, geometry.along)
         radii = (geometry.inner_radius_m, geometry.outer_radius_m)
-        mesh: Mesh = revolved_tube(geometry.element, counts, radii, geometry.length_m)
+        mesh = revolved_tube(geometry.element, counts, radii, geometry.length_m)
     else:
         counts = (geometry.across, 2 * geometry.lobes * sum(geometry.along))
         mesh = bellows_mesh(geometry.element, geometry.shape, geometry.across, geometry.along)
     across, along = grid(geometry.element, counts)[0].T
-    loads = no_loads(mesh).hold(along == 0.0, 1)
-    part = make_part(mesh, material, loads)
+    part = make_part(mesh, material_of(file), no_loads(mesh).hold(along == 0.0, 1))
     return RingSpecimen(part, mesh.faces_at(across == 0.0), np.flatnonzero(along == 1.0))

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.fem.newton import solve
+from soro_core.fem import Settings, Solution, State, solve
 from soro_core.fem.parts.file import Sweep
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.response import Array
-from soro_core.fem.states import Settings, Solution, State
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,1 @@
-"""Robot files of parts that are computed by finite elements (docs/design.md)."""
+"""Robot files of parts that are computed by finite elements (docs/parts.md)."""

@@ -1,4 +1,4 @@
-"""First numbers of a link, one load at a time; docs/design.md (15) to (18).
+"""First numbers of a link, one load at a time; docs/parts.md (5) to (8).
 
 Pressures alone give only the ratio of stiffness to area. Forces are known, so they come first.
 """

@@ -32,8 +32,8 @@ class Template:
         Of the material of a section.
     chambers : int
         Chambers, evenly around the axis.
-    highest_pa : float
-        Greatest pressure of the sweeps.
+    pressure_range_pa : tuple of float
+        Least and greatest pressure of the sweeps, 0 among them.
     viscosity_pa_s : float
         Of the material; 0 where it is not known.
     gravity, base_quaternion : tuple of float
@@ -47,7 +47,7 @@ class Template:
     area_m2: float
     second_moment_m4: float
     chambers: int
-    highest_pa: float
+    pressure_range_pa: tuple[float, float]
     viscosity_pa_s: float
     gravity: tuple[float, float, float]
     base_quaternion: tuple[float, float, float, float]
@@ -67,6 +67,7 @@ def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
     # Of a tapered rod, the section in the middle.
     size = float(np.ptp(mesh.points[rod.sections[len(rod.sections) // 2], 0]) / np.ptp(section[:, 0]))
     area = float(rod.share.sum()) * size**2
+    pressures = [pressure for sweep in file.sweeps for pressure in sweep.pressures_pa]
     return Template(
         name,
         float(np.ptp(specimen.z)),
@@ -75,7 +76,7 @@ def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
         area,
         float(rod.share @ section[:, 0] ** 2) * size**4,
         specimen.chambers,
-        max(max(sweep.pressures_pa, default=0.0) for sweep in file.sweeps),
+        (min(0.0, *pressures), max(0.0, *pressures)),
         file.viscosity_pa_s,
         file.gravity,
         file.base_quaternion,
@@ -103,6 +104,15 @@ def parameters(start: Direct) -> list[Parameter]:
         near("area_m2", start.area_m2, AREA),
         near("offset_m", start.offset_m, ARM),
         Parameter("area_slope", float(np.clip(start.area_slope, -SLOPE, SLOPE)), -SLOPE, SLOPE, 1.0),
+    ]
+
+
+def at_bound(start: Direct, values: Mapping[str, float]) -> list[str]:
+    """Return the numbers that a fit would move farther than it may."""
+    return [
+        p.name
+        for p in parameters(start)
+        if min(values[p.name] - p.lower, p.upper - values[p.name]) < 1e-3 * (p.upper - p.lower)
     ]
 
 
@@ -158,6 +168,6 @@ def robot_keys(
         "base_quaternion": list(known.base_quaternion),
         # The angle of bending of a rod of solid rubber is kappa L, whatever its elongation.
         "bend_angle": "geometric",
-        "pressure_range_pa": [0.0, known.highest_pa],
+        "pressure_range_pa": list(known.pressure_range_pa),
         "links": [link],
     }

@@ -1,4 +1,4 @@
-"""Modes of the strain along a rod from its states: the basis `pod` of a robot file; docs/design.md (19)."""
+"""Modes of the strain along a rod from its states: the basis `pod` of a robot file; docs/parts.md (9)."""
 
 from __future__ import annotations
 
@@ -25,13 +25,10 @@ class Modes:
     ----------
     elongation, bending : ndarray, (s - 1, m)
         Between the sections; bending_x and bending_y share theirs.
-    singular : dict of str to ndarray
-        Singular values of the snapshots.
     """
 
     elongation: Array
     bending: Array
-    singular: Mapping[str, Array]
 
 
 def modes(data: Snapshots, states: Sequence[Backbone], n: int) -> Modes:
@@ -48,15 +45,12 @@ def modes(data: Snapshots, states: Sequence[Backbone], n: int) -> Modes:
     """
     strains = np.array([data.strains(state) for state in states])
     root = np.sqrt(np.diff(data.z) / data.length)
-    found, singular = {}, {}
-    for name, rows in (
-        ("elongation", strains[:, :, 0]),
-        ("bending", np.concatenate(np.moveaxis(strains, 2, 0)[1:])),
-    ):
-        _, values, shapes = np.linalg.svd(rows * root, full_matrices=False)
+    found = []
+    for rows in (strains[:, :, 0], np.concatenate([strains[:, :, 1], strains[:, :, 2]])):
+        _, _, shapes = np.linalg.svd(rows * root, full_matrices=False)
         each = (shapes[:n] / root).T
-        found[name], singular[name] = each * np.where(each.mean(axis=0) < 0.0, -1.0, 1.0), values
-    return Modes(found["elongation"], found["bending"], singular)
+        found.append(each * np.where(each.mean(axis=0) < 0.0, -1.0, 1.0))
+    return Modes(*found)
 
 
 @dataclass(frozen=True)

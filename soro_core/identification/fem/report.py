@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from soro_core.identification.fem.joint import TipError
+from soro_core.identification.fem.link import at_bound
 from soro_core.identification.fem.stages import Identified
 from soro_core.identification.fem.written import LOADS, mean_and_most, quality, single_loads
 from soro_core.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
@@ -54,7 +55,7 @@ def content_of(found: Identified, source: str, file: str, accept: float) -> dict
             **single_loads(found.start),
             "k_b_rest_whole_deflection": found.start.k_b_whole_nm,
         },
-        "at_bound": found.at_bound,
+        "at_bound": at_bound(found.start, found.values),
         "modes": [[vars(one) for one in pair] for pair in found.kept],
         "mesh": None if mesh is None else {**vars(mesh), "error": mesh.error},
     }

@@ -14,7 +14,7 @@ from soro_core.fem.parts.specimen import RodSpecimen, make_specimen
 from soro_core.fem.parts.sweeps import backbone, follow
 from soro_core.identification.fem.direct import Direct, direct
 from soro_core.identification.fem.joint import TipError, refine, tip_errors
-from soro_core.identification.fem.link import Template, parameters, robot_of, template
+from soro_core.identification.fem.link import Template, robot_of, template
 from soro_core.identification.fem.modes import Kept, kept, modes, samples_of, strain_keys
 from soro_core.identification.fem.snapshots import Array, Snapshots
 from soro_core.identification.fit import Fit
@@ -92,15 +92,9 @@ class Identified:
         return self.fit.values
 
     @property
-    def at_bound(self) -> list[str]:
-        """Numbers that the fit would move farther than it may."""
-        found = []
-        for p in parameters(self.start):
-            value = self.values[p.name]
-            near = 1e-3 * (p.upper - p.lower)
-            if min(value - p.lower, p.upper - value) < near:
-                found.append(p.name)
-        return found
+    def is_interrupted(self) -> bool:
+        """Whether Ctrl-C ended the fit; the numbers are the best until then."""
+        return self.fit.message == "interrupted"
 
 
 def identify(

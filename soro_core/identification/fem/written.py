@@ -11,7 +11,7 @@ import yaml
 
 from soro_core.identification.fem.direct import Direct
 from soro_core.identification.fem.joint import TipError
-from soro_core.identification.fem.link import robot_keys
+from soro_core.identification.fem.link import at_bound, robot_keys
 from soro_core.identification.fem.modes import mode_file, strain_keys
 from soro_core.identification.fem.stages import Identified
 
@@ -72,8 +72,11 @@ def quality(found: Identified) -> list[str]:
             f"Mesh: {mesh.elements} elements; with {mesh.coarse_elements} the tip of sweep {mesh.sweep} moves"
             f" by {100.0 * mesh.difference:.2g} %, which leaves an error of some {100.0 * mesh.error:.2g} %."
         )
-    if found.at_bound:
-        lines.append(f"At a bound, so that other loads would say more: {', '.join(found.at_bound)}.")
+    if found.is_interrupted:
+        lines.append("Interrupted: the numbers are the best until then.")
+    stuck = at_bound(found.start, found.values)
+    if stuck:
+        lines.append(f"At a bound, so that other loads would say more: {', '.join(stuck)}.")
     return lines
 
 

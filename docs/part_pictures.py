@@ -1,0 +1,38 @@
+"""Draw the picture of docs/parts.md: the silicone rod under pressures.
+
+python -m docs.part_pictures [--folder docs/images]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from soro_core.fem.parts.file import load_part
+from soro_core.fem.parts.picture import draw_shapes
+from soro_core.fem.parts.specimen import make_specimen
+from soro_core.fem.parts.sweeps import follow
+
+SHOWN = {
+    "silicone_rod_three_chambers": ("pull", "all", "one"),
+    "tapered_rod_three_chambers": ("all", "one", "two"),
+}
+
+
+def main() -> None:
+    """Draw it."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--folder", type=Path, default=Path("docs/images"))
+    folder = parser.parse_args().folder
+    for name, shown in SHOWN.items():
+        file = load_part(name)
+        specimen = make_specimen(file)
+        sweeps = [sweep for sweep in file.sweeps if sweep.name in shown]
+        shapes = {sweep.name: follow(specimen, sweep, lambda state: None).last.u for sweep in sweeps}
+        draw_shapes(folder / f"{name}.png", specimen, shapes)
+
+
+if __name__ == "__main__":
+    main()

@@ -225,7 +225,7 @@ class Loop:
 
 def certainty_of(estimate: Estimate) -> Certainty | None:
     """Return what a law may learn from: nothing of a filter that has lost the arm."""
-    from soro_core.control.laws import Certainty
+    from soro_core.control.laws.protocol import Certainty  # once a tick: not by the package's lazy name
 
     if not estimate.status.ok:
         return None

@@ -31,22 +31,6 @@ class LearnedForce:
         self.arm, self.scales = arm, scales_of(arm, pieces)
         self.size = size_of(arm.n_q)
 
-    def regressor(self, q: Array, by_mass: Array) -> Array:
-        """Return Phi (n_q, size): the learned force is U Phi theta.
-
-        Parameters
-        ----------
-        q : ndarray (n_q,)
-            Coordinates.
-        by_mass : ndarray (n_q,)
-            Y_m, see `SoftArm.tip_mass_force`.
-        """
-        n = self.arm.n_q
-        rows = np.zeros((n, self.size))
-        rows[:, 0] = by_mass / self.scales.force
-        rows[:, 1:].reshape(n, n, n + 1)[np.arange(n), np.arange(n)] = self._features(q)
-        return rows
-
     def force(self, learned: Learned, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the learned force (n_q,).
 
@@ -67,7 +51,7 @@ class LearnedForce:
         learned : Learned
             The learned model.
         q, by_mass : ndarray (n_q,)
-            As in `regressor`.
+            Coordinates, and Y_m, see `SoftArm.tip_mass_force`.
         """
         shape = learned.weights(self.arm.n_q) @ self._features(q)
         return np.asarray(by_mass * learned.mass_kg + self.scales.force * shape)

@@ -16,20 +16,23 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs
 
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
+from soro_core.adaptation.kernel.information import gain
+from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.uneven import UnevenForce
+from soro_core.frozen import replaced
+from soro_core.model.checks import fault
+from soro_core.model.dynamics import GOOD, NOT_FINITE
+from soro_core.model.entries import make_box
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Information whose condition is worse than this is singular.
-_SINGULAR = 1e14
 # Part of a unit of q for the difference quotient of the force.
 _STEP = 1e-6
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
@@ -61,11 +64,6 @@ class Sample:
     creep: Array
     covariance: Array
     uneven: UnevenForce | None = None
-
-    def finite(self) -> bool:
-        """Whether all numbers are finite."""
-        parts = (self.q, self.qd, self.pressure_pa, self.creep, self.covariance)
-        return all(bool(np.isfinite(part).all()) for part in parts)
 
 
 @dataclass(frozen=True)
@@ -130,6 +128,9 @@ class Learner:
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
+        self._box = make_box(arm.tables)
+        zero = np.zeros(arm.n_q)
+        self._nothing = UnevenForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
 
     def initial_state(self) -> LearnerState:
         """Return the prior."""
@@ -147,35 +148,82 @@ class Learner:
         dt : float
             Time since the last sample [s].
         """
-        if not sample.finite():
-            return replace(state, refused=state.refused + 1, note="a sample that is not finite: not learned")
         # Differences of the rates are noise, of which the low-pass leaves what the rates alone have; the mean
         # of the first samples would keep what the filter does until it is sure.
-        qdd = np.zeros(len(sample.q))
-        if state.rate is not None and self.config.low_pass_per_s * state.passed_s > 1.0:
+        config, n, is_first = self.config, self.arm.n_q, state.residual is None
+        qdd = np.zeros(n)
+        if state.rate is not None and config.low_pass_per_s * state.passed_s > 1.0:
             qdd = (sample.qd - state.rate) / dt
-        residual, regressor = self._sides(sample, qdd)
-        if not (np.isfinite(residual).all() and np.isfinite(regressor).all()):
-            return replace(state, refused=state.refused + 1, note="a force that is not finite: not learned")
-        if state.residual is None and state.waited_s < _WAIT_S and self._doubtful(sample.covariance):
-            return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
-        if state.residual is not None and state.regressor is not None:
-            # At first a mean: the first sample alone would count for the time of the low-pass.
-            part = max(-math.expm1(-self.config.low_pass_per_s * dt), dt / (state.passed_s + dt))
-            residual = state.residual + part * (residual - state.residual)
-            regressor = state.regressor + part * (regressor - state.regressor)
-        passed_s = state.passed_s + dt
-        state = replace(
-            state, residual=residual, regressor=regressor, rate=sample.qd, passed_s=passed_s, note=""
+        # At first a mean: the first sample alone would count for the time of the low-pass.
+        part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt))
+        if state.residual is None or state.regressor is None:
+            part, residual, regressor = 1.0, np.zeros(n), np.zeros((n, self.force.size))
+        else:
+            residual, regressor = state.residual.copy(), state.regressor.copy()
+        covariance = np.array(sample.covariance, order="C")
+        scales, lacks = self.force.scales, sample.uneven or self._nothing
+        code = show(
+            self._box,
+            np.array(sample.q),
+            np.array(sample.qd),
+            qdd,
+            np.array(sample.pressure_pa),
+            np.array(sample.creep),
+            covariance,
+            scales.force,
+            scales.q,
+            lacks.mass_kg,
+            lacks.q,
+            lacks.force,
+            lacks.by_mass,
+            lacks.by_q,
+            part,
+            residual,
+            regressor,
         )
-        try:
-            information, moment = self._gained(state, residual, regressor, sample.covariance, dt)
-            theta = _solved(information, moment)
-        except np.linalg.LinAlgError:  # a covariance that cancels the noise
-            theta = None
-        if theta is None:
+        if code == NOT_FINITE:
+            note = "a sample, or its force, that is not finite: not learned"
+            return replace(state, refused=state.refused + 1, note=note)
+        if code != GOOD:
+            raise fault(code, sample.q, sample.qd)
+        if is_first and state.waited_s < _WAIT_S and self._doubtful(covariance):
+            return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
+        information, moment, theta = state.information.copy(), state.moment.copy(), np.empty(self.force.size)
+        is_determined = gain(
+            config.low_pass_per_s,
+            config.forget_s,
+            config.forget_factor,
+            config.mass_walk_per_s * config.mass_std_kg**2,
+            dt,
+            self.prior,
+            self.noise,
+            self.slope,
+            covariance,
+            residual,
+            regressor,
+            np.array(state.learned.theta),
+            information,
+            moment,
+            theta,
+        )
+        if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
-        return self._projected(replace(state, information=information, moment=moment), theta, dt)
+        within = np.minimum(np.maximum(theta, self.lower), self.upper)
+        at_bound_s = state.at_bound_s + dt if (within != theta).any() else 0.0
+        if at_bound_s > config.bound_s:
+            return self._restored(state, f"at its bound for {config.bound_s:g} s: prior restored")
+        return replaced(
+            state,
+            learned=Learned(within),
+            information=information,
+            moment=moment,
+            residual=residual,
+            regressor=regressor,
+            rate=sample.qd,
+            passed_s=state.passed_s + dt,
+            at_bound_s=at_bound_s,
+            note="",
+        )
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
         """Return the state after a tick without positions: the mass follows the tracking error.
@@ -229,74 +277,6 @@ class Learner:
             variance = np.full(self.force.size, math.nan)
         return np.sqrt(np.maximum(variance, 0.0))
 
-    def _sides(self, sample: Sample, qdd: Array) -> tuple[Array, Array]:
-        """Return r / U (n_q,) and Phi (n_q, size)."""
-        arm, q, qd = self.arm, sample.q, sample.qd
-        motion = arm.motion_forces(q, qd, qdd)
-        made = motion.actuation @ arm.acting_pressure(sample.pressure_pa)
-        model = motion.own + arm.damping_force(q, qd)
-        missing = made - model - arm.internal_force(q, sample.creep)
-        regressor = self.force.regressor(q, motion.by_mass)
-        if sample.uneven is not None:
-            lacks = sample.uneven
-            missing = missing - (lacks.at(q) - lacks.mass_kg * lacks.by_mass)
-            regressor[:, 0] += lacks.by_mass / self.force.scales.force
-        return missing / self.force.scales.force, regressor
-
-    def _gained(
-        self, state: LearnerState, residual: Array, regressor: Array, covariance: Array, dt: float
-    ) -> tuple[Array, Array]:
-        """Return information and moment after a sample; the arrays are those of the low-pass."""
-        config = self.config
-        noise = self.noise + self.slope @ covariance @ self.slope.T
-        missed = residual - regressor @ state.learned.theta
-        solved = np.linalg.solve(noise, np.column_stack([regressor, missed]))
-        # Samples of a low-pass repeat each other for 2 / its rate.
-        weighed = 0.5 * config.low_pass_per_s * solved[:, :-1].T
-        # Against the noise and the doubt about q: what no position shows is no reason to forget.
-        large = float(missed @ solved[:, -1]) / len(residual)
-        large = min(large, config.forget_factor)
-        forget = (1.0 + large) / config.forget_s
-        # What fits the model so badly says little about W: an arm that swings after its load has changed.
-        weighed /= max(1.0, large)
-        information = state.information + dt * (
-            weighed @ regressor - forget * (state.information - self.prior)
-        )
-        moment = state.moment + dt * (weighed @ residual - forget * state.moment)
-        # A load that comes or falls off changes the mass alone.
-        walk = dt * max(large - 1.0, 0.0) * config.mass_walk_per_s * config.mass_std_kg**2
-        return _walked(information, moment, walk) if walk > 0.0 else (information, moment)
-
-    def _projected(self, state: LearnerState, theta: Array, dt: float) -> LearnerState:
-        """Return the state with admissible estimates; the prior after too long at a bound."""
-        outside = bool(((theta < self.lower) | (theta > self.upper)).any())
-        at_bound_s = state.at_bound_s + dt if outside else 0.0
-        if at_bound_s > self.config.bound_s:
-            return self._restored(state, f"at its bound for {self.config.bound_s:g} s: prior restored")
-        within = np.minimum(np.maximum(theta, self.lower), self.upper)
-        return replace(state, learned=Learned(within), at_bound_s=at_bound_s)
-
     def _restored(self, state: LearnerState, note: str) -> LearnerState:
         fresh = self.initial_state()
         return replace(fresh, refused=state.refused, restored=state.restored + 1, note=note)
-
-
-def _walked(information: Array, moment: Array, variance: float) -> tuple[Array, Array]:
-    """Return information and moment after the mass may have moved by a variance [kg^2]; theta stays."""
-    column = information[0]
-    part = variance / (1.0 + variance * column[0])
-    return information - part * np.outer(column, column), moment - part * column * moment[0]
-
-
-def _solved(information: Array, moment: Array) -> Array | None:
-    """Return theta, or None where the information does not determine it."""
-    # Scaled to a diagonal of 1: masses and weights have other units.
-    diagonal = np.diag(information)
-    if not (np.isfinite(information).all() and np.isfinite(moment).all() and (diagonal > 0.0).all()):
-        return None
-    root = 1.0 / np.sqrt(diagonal)
-    factor, failed = dpotrf(information * np.outer(root, root), lower=True)
-    if failed or np.diag(factor).min() ** 2 * _SINGULAR < 1.0:
-        return None
-    theta: Array = root * dpotrs(factor, root * moment, lower=True)[0]
-    return theta

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.frozen import replaced
 from soro_core.pneumatics.lag import SHORTEST_S, follow
 
 Array: TypeAlias = NDArray[np.float64]
@@ -98,13 +99,14 @@ class RegulatorObserver:
         acting = state.targets[-back] + state.bias_pa
         predicted = follow(state.predicted_pa, acting, dt, self.lag_s)
         missed = measured_pa - predicted
-        bias = np.clip(state.bias_pa + self.bias_per_s * dt * missed, -self.bound_pa, self.bound_pa)
+        bias = state.bias_pa + self.bias_per_s * dt * missed
+        bias = np.minimum(np.maximum(bias, -self.bound_pa), self.bound_pa)
         corrected = predicted + min(self.correction_per_s * dt, 1.0) * missed
-        return replace(state, predicted_pa=np.asarray(corrected), bias_pa=bias)
+        return replaced(state, predicted_pa=np.asarray(corrected), bias_pa=bias)
 
     def commanded(self, state: RegulatorState, command_pa: Array) -> RegulatorState:
         """Return the state after a command (n_u,) [Pa gauge]."""
         half = 0.5 * self.play_pa
         target = np.minimum(np.maximum(state.targets[-1], command_pa - half), command_pa + half)
         targets = (*state.targets, target)[-_KEPT:]
-        return replace(state, targets=targets, play_pa=target - command_pa)
+        return replaced(state, targets=targets, play_pa=target - command_pa)

@@ -47,6 +47,8 @@ class UnevenForce:
         scales : Scales
             Units of the learned force.
         """
-        offset = self.at(np.zeros_like(self.q))
-        tangent = np.column_stack([offset, self.by_q * scales.q]) / scales.force[:, None]
-        return Learned(learned.theta + np.concatenate([[0.0], tangent.ravel()]))
+        theta, n = learned.theta.copy(), self.q.size
+        weights, unit = theta[1:].reshape(n, n + 1), scales.force
+        weights[:, 0] += (self.force - self.by_q @ self.q) / unit  # at the origin
+        weights[:, 1:] += self.by_q * scales.q / unit[:, None]
+        return Learned(theta)

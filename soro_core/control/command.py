@@ -89,8 +89,8 @@ class Command:
         Set points [Pa gauge], finite and within the bounds.
     wished_force, applied_force : ndarray (n_q,)
         Generalised force that the law asks for; generalised force of the measured pressures.
-    estimates : dict
-        What the law has learnt, by name.
+    named : callable
+        Gives what the law has learnt, by name; `estimates` calls it.
     deviations : callable
         Gives their deviations, of laws that have them; finding them takes long.
     learned : Learned or None
@@ -109,7 +109,7 @@ class Command:
     setpoint_pa: Array
     wished_force: Array
     applied_force: Array
-    estimates: dict[str, float]
+    named: Callable[[], dict[str, float]]
     deviations: Callable[[], dict[str, float]]
     learned: Learned | None
     reference: Point
@@ -117,6 +117,11 @@ class Command:
     saturated: NDArray[np.bool_]
     terms: Terms | None
     status: ControllerStatus
+
+    @property
+    def estimates(self) -> dict[str, float]:
+        """What the law has learnt, by name."""
+        return self.named()
 
 
 def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
@@ -137,7 +142,7 @@ def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
     """
     if np.shape(q) != (n,) or np.shape(qd) != (n,):
         return f"state of shape {np.shape(q)}, {np.shape(qd)} instead of ({n},)"
-    if not (np.all(np.isfinite(q)) and np.all(np.isfinite(qd))):
+    if not (np.isfinite(q).all() and np.isfinite(qd).all()):
         return "state is not finite"
     if not (math.isfinite(t) and math.isfinite(dt) and dt > 0.0):
         return f"time {t} s with step {dt} s"
@@ -145,7 +150,11 @@ def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
 
 
 def held_command(
-    arm: SoftArm, state: ControllerState, estimates: dict[str, float], learned: Learned | None, trouble: str
+    arm: SoftArm,
+    state: ControllerState,
+    named: Callable[[], dict[str, float]],
+    learned: Learned | None,
+    trouble: str,
 ) -> Command:
     """Return the command that holds the last set points.
 
@@ -155,8 +164,8 @@ def held_command(
         Model.
     state : ControllerState
         State after the last tick.
-    estimates : dict of str to float
-        Estimates by name.
+    named : callable
+        Gives the estimates by name.
     learned : Learned or None
         The learned model.
     trouble : str
@@ -171,7 +180,7 @@ def held_command(
         setpoint_pa=state.setpoint_pa,
         wished_force=np.zeros(arm.n_q),
         applied_force=np.zeros(arm.n_q),
-        estimates=estimates,
+        named=named,
         deviations=dict,
         learned=learned,
         reference=point,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
@@ -31,6 +32,7 @@ from soro_core.control.trajectory import Point, Reference
 from soro_core.control.undriven import Shape, Undriven
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
+from soro_core.frozen import replaced
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.coordinates import strain_fields
@@ -181,7 +183,7 @@ class Controller(GivenReferences):
         certainty: Certainty | None,
     ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
-        if measured.shape != (self.arm.n_u,) or not np.all(np.isfinite(measured)):
+        if measured.shape != (self.arm.n_u,) or not np.isfinite(measured).all():
             measured = state.model_pa
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         start_s, before = self.config.reference.start_s, state.following
@@ -214,13 +216,13 @@ class Controller(GivenReferences):
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
         bias = 0.0 if regulators is None else regulators.added_pa
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
-        if not (wish.ok and np.all(np.isfinite(made.command_pa))):
+        if not (wish.ok and np.isfinite(made.command_pa).all()):
             return self._held(state, "no finite pressures for the wished force")
         saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(wished, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, wished, wish)
-        tip_reference = self.arm.pose(point.q, self.robot.length)
-        after = replace(
+        tip_reference = self.arm.pose(point.q, self.arm.length)
+        after = replaced(
             state,
             law=inner,
             watch=self._judged(state, q, tip_reference, missing, self.law.note(inner), dt),
@@ -239,7 +241,7 @@ class Controller(GivenReferences):
             setpoint_pa=made.command_pa,
             wished_force=wished,
             applied_force=np.asarray(believed @ acting),
-            estimates=self.law.estimates(inner),
+            named=partial(self.law.estimates, inner),
             deviations=partial(self.law.deviations, inner),
             learned=self.law.learned(inner),
             reference=point,
@@ -273,8 +275,8 @@ class Controller(GivenReferences):
         self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float
     ) -> WatchState:
         """Return the watch after a tick; `wanted` is the pose (4, 4) of the tip at the reference."""
-        tip = self.arm.pose(q, self.robot.length)
-        away = float(np.linalg.norm(tip[:3, 3] - wanted[:3, 3])) / self.robot.length
+        tip = self.arm.pose(q, self.arm.length)
+        away = math.dist(tip[:3, 3], wanted[:3, 3]) / self.arm.length
         if not self.law.learns:  # its lost arm is the verdict's
             away = 0.0
         start_s, names = self.config.reference.start_s, self.robot.chamber_names
@@ -289,8 +291,8 @@ class Controller(GivenReferences):
 
     def _held(self, state: ControllerState, trouble: str) -> tuple[ControllerState, Command]:
         """Hold the last set points and say why."""
-        estimates, learned = self.law.estimates(state.law), self.law.learned(state.law)
-        return state, held_command(self.arm, state, estimates, learned, trouble)
+        named, learned = partial(self.law.estimates, state.law), self.law.learned(state.law)
+        return state, held_command(self.arm, state, named, learned, trouble)
 
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""

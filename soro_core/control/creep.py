@@ -34,6 +34,4 @@ def advance_creep(arm: SoftArm, internal: Array, q: Array, qd: Array, dt: float)
     """
     if internal.size == 0:
         return internal
-    half = internal + 0.5 * dt * arm.internal_rate(q, qd, internal)
-    new = internal + dt * arm.internal_rate(q, qd, half)
-    return np.where(np.isfinite(new), new, internal)
+    return arm.internal_midpoint(q, qd, internal, dt)

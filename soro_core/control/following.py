@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from soro_core.control.passage import Bounds, Passage, advance, begin, point, redirect
 from soro_core.control.trajectory import Hold, Point, Reference
+from soro_core.frozen import replaced
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -92,8 +93,8 @@ def follow(
     if reference is not state.given and not state.wanted.is_repeated_by(wanted, t):
         since_s = t - state.changed_s
         passage = redirect(bounds, passage, wanted, t - dt, since_s if since_s <= STREAM_S else start_s)
-        state = replace(state, wanted=wanted, changed_s=t)
-    return replace(state, given=reference, passage=advance(bounds, passage, t, dt))
+        state = replaced(state, wanted=wanted, changed_s=t)
+    return replaced(state, given=reference, passage=advance(bounds, passage, t, dt))
 
 
 def reference_ahead(bounds: Bounds, state: Following, time_s: float) -> Point:

@@ -14,13 +14,14 @@ zero; from then on the reference in force is the target.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.trajectory import Blend, Hold, Point, Reference
+from soro_core.frozen import replaced
 from soro_core.robot.coordinates import StrainFields
 
 Array: TypeAlias = NDArray[np.float64]
@@ -153,7 +154,7 @@ def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
         passage = redirect(bounds, passage, passage.target, t - dt, passage.left_s)
     at = passage.target.sample(t)
     if not passage.limited:
-        return replace(passage, t_s=t, at=at)
+        return replaced(passage, t_s=t, at=at)
     gap = passage.gap
     left = max(passage.left_s - dt, 0.0)
     fading = gap[0] * (left / passage.left_s if left > 0.0 else 0.0)
@@ -163,7 +164,7 @@ def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
     gap = _lagged(gap, fading, h) if lead is None else _lagged(here, lead, h) - goal
     if np.all(np.abs(gap) <= _NEGLIGIBLE * bounds.strain):
         gap = np.zeros_like(gap)
-    return replace(passage, t_s=t, at=at, gap=gap, left_s=left)
+    return replaced(passage, t_s=t, at=at, gap=gap, left_s=left)
 
 
 def point(bounds: Bounds, passage: Passage) -> Point:

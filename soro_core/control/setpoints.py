@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -13,6 +13,7 @@ from soro_core.control.actuation import CompletePressures, pressure_bounds
 from soro_core.control.allocation import Allocation, allocate, balanced_weight
 from soro_core.control.lag import compensate
 from soro_core.control.spread import per_coordinate
+from soro_core.frozen import replaced
 from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields
@@ -78,6 +79,9 @@ class SetpointMaker:
         self.maximum_pa = np.full(robot.n_u, high)
         self._least, self._most = self.acting.of(self.minimum_pa), self.acting.of(self.maximum_pa)
         self.preferred_pa = np.clip(pressures.preferred_pa, self.minimum_pa, self.maximum_pa)
+        self._preferred = self.acting.of(self.preferred_pa)
+        edge = 1e-9 * (self.maximum_pa - self.minimum_pa)
+        self._low, self._high = self.minimum_pa + edge, self.maximum_pa - edge
 
     def allocate(self, actuation: Array, wished: Array, start_pa: Array, wide: bool = False) -> Allocation:
         """Return the pressures for a force.
@@ -101,13 +105,13 @@ class SetpointMaker:
             self._most + margin,
             self.force_weight[:, None] * balanced_weight(actuation, self.fields),
             _WIDE_REGULARISATION if wide else self.pressures.regularisation,
-            self.acting.of(self.preferred_pa),
+            self._preferred,
             self.acting.of(start_pa),
         )
         pressure = self.acting.pressure(found.pressure_pa)
         if not wide:  # the way there and back rounds
             pressure = np.minimum(np.maximum(pressure, self.minimum_pa), self.maximum_pa)
-        return replace(found, pressure_pa=pressure)
+        return replaced(found, pressure_pa=pressure)
 
     def beyond_pa(self, pressure_pa: Array) -> Array:
         """Return how far pressures (..., n_u) [Pa gauge] are beyond the range of the set points."""
@@ -157,7 +161,6 @@ class SetpointMaker:
             np.minimum(self.maximum_pa, setpoint_pa + pressures.rise_pa_s * dt),
             bias_pa,
         )
-        edge = 1e-9 * (self.maximum_pa - self.minimum_pa)
-        at_bound = (command <= self.minimum_pa + edge) | (command >= self.maximum_pa - edge)
+        at_bound = (command <= self._low) | (command >= self._high)
         predicted = follow_lag(model_pa, command + bias_pa, dt, pressures.lag_s)
         return Setpoints(wish, command, predicted, wish.saturated | at_bound)

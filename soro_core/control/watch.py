@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from soro_core.frozen import replaced
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -95,7 +97,7 @@ def watched(
         # A text that changes with each tick would be a message each tick.
         lacking = state.lacking or "too much load: " + ", ".join(part for part in parts if part)
     event_text, event_s = (event, 0.0) if event else (state.event_text, state.event_s + dt)
-    return replace(
+    return replaced(
         state,
         run_s=run_s,
         away_s=away_s,

@@ -32,6 +32,8 @@ _KEYS = {dynamics.COLLAPSED: "elongation", dynamics.SINGULAR: "inertia matrix"}
 
 def number(value: object) -> float:
     """Return the value as a float; NaN, which no range holds, for what is not one number."""
+    if type(value) is float:  # in most calls; to ask an abstract class takes a microsecond
+        return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if not isinstance(value, Real) or isinstance(value, bool):

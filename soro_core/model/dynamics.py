@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.chambers import add_pressure_force
+from soro_core.model.chambers import actuation, add_pressure_force
 from soro_core.model.elasticity import elastic_force
 from soro_core.model.internal import add_internal_force
 from soro_core.model.local import local_strain, n_samples
-from soro_core.model.method import acceleration
+from soro_core.model.method import acceleration, motion_force
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
@@ -36,6 +36,19 @@ def check(t: Tables, q: Array, qd: Array) -> int:
             if not local_strain(t, i, 0, k, q) > t.least[i]:
                 return COLLAPSED
     return GOOD
+
+
+@inner
+def motion_forces(
+    t: Tables, w: Work, tip_mass: float, q: Array, qd: Array, a: Array, own: Array, gradients: Array
+) -> None:
+    """own <- M a + C qd + G + dU_e/dq with this mass at the tip, gradients <- H' (n_u, n_q)."""
+    motion_force(t, w, np.zeros(6), tip_mass, q, qd, a, own)
+    elastic = np.empty(q.shape[0])
+    elastic_force(t, q, elastic)
+    for c in range(q.shape[0]):
+        own[c] += elastic[c]
+    actuation(t, q, gradients)
 
 
 @inner

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 import numpy as np
@@ -11,7 +12,15 @@ from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
 from soro_core.model import chambers, dynamics, elasticity, internal
 from soro_core.model.linear import assign, clear
-from soro_core.model.method import energy, external_force, inertia, inertial_force, kinematics, make_work
+from soro_core.model.method import (
+    energy,
+    external_force,
+    inertia,
+    inertial_force,
+    kinematics,
+    make_work,
+    tip_mass_force,
+)
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Arm
 
@@ -70,23 +79,25 @@ def inertial_forces(
 
 @entry
 def motion_forces(
-    box: Box, no_masses: Array, q: Array, qd: Array, a: Array, own: Array, by_mass: Array, gradients: Array
+    box: Box, q: Array, qd: Array, a: Array, own: Array, by_mass: Array, gradients: Array
 ) -> None:
-    """Forces of a motion: own <- M a + C qd + G + dU_e/dq, by_mass <- per kg at the tip, gradients <- H'.
-
-    The rows of `no_masses` (n_k, n_links) are zero: one, and a second one for point masses, which are in all.
-    """
+    """own <- M a + C qd + G + dU_e/dq + R qd, by_mass <- force per kg at the tip, gradients <- H'."""
     arm = view(box)
-    t, w, none = arm.tables, arm.work, np.zeros(6)
-    part = np.empty(q.shape[0])
-    inertial_force(t, w, t.mass, t.tip_mass[0], t.gravity, none, q, qd, qd, a, own)
-    elasticity.elastic_force(t, q, part)
-    own += part
-    inertial_force(t, w, no_masses[0], 1.0, t.gravity, none, q, qd, qd, a, by_mass)
-    if no_masses.shape[0] == 2:
-        inertial_force(t, w, no_masses[1], 0.0, t.gravity, none, q, qd, qd, a, part)
-        by_mass -= part
-    chambers.actuation(t, q, gradients)
+    t = arm.tables
+    dynamics.motion_forces(t, arm.work, t.tip_mass[0], q, qd, a, own, gradients)
+    dynamics.add_damping_force(t, qd, own)
+    tip_mass_force(t, arm.work, q, qd, a, by_mass)
+
+
+@entry
+def acting(box: Box, pressure: Array, acting: Array) -> int:
+    """acting <- what acts of the pressures; gives a chamber whose area has no bound there, else -1."""
+    t = view(box).tables
+    for u in range(pressure.shape[0]):
+        acting[u] = chambers.acting(t, u, pressure[u])
+        if not math.isfinite(acting[u]):
+            return u
+    return -1
 
 
 @entry
@@ -197,3 +208,20 @@ def add_internal_force(box: Box, z: Array, force: Array) -> None:
 def internal_rate(box: Box, qd: Array, z: Array, rate: Array) -> None:
     """rate <- dz/dt."""
     internal.internal_rate(view(box).tables, qd, z, rate)
+
+
+@entry
+def internal_midpoint(box: Box, qd: Array, z: Array, dt: float, half: Array, new: Array) -> None:
+    """new <- the internal states after dt at held rates, by the midpoint rule; `half` is those at dt / 2.
+
+    A state that would not be finite keeps its value.
+    """
+    t = view(box).tables
+    internal.internal_rate(t, qd, z, new)
+    for j in range(z.shape[0]):
+        half[j] = z[j] + 0.5 * dt * new[j]
+    internal.internal_rate(t, qd, half, new)
+    for j in range(z.shape[0]):
+        new[j] = z[j] + dt * new[j]
+        if not math.isfinite(new[j]):
+            new[j] = z[j]

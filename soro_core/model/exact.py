@@ -15,7 +15,15 @@ from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.place import along_constant, along_varying, begin_varying, step_varying
 from soro_core.model.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
 from soro_core.model.tables import Site, Tables
-from soro_core.model.work import BASE_TWIST, BODY, BODY_MOMENTUM, CLOSING_WRENCH, NODE, Work
+from soro_core.model.work import (
+    BASE_ACCELERATION,
+    BASE_TWIST,
+    BODY,
+    BODY_MOMENTUM,
+    CLOSING_WRENCH,
+    NODE,
+    Work,
+)
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -52,6 +60,51 @@ def inertial_force(
     """tau <- M(q) a + C(q, qd) v + G(q), by the recursion of Newton and Euler; `none` (6,) is zero."""
     sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, NO, REFERENCE, tau)
     close_forces(t, w, none, tau)
+
+
+@inner
+def motion_force(
+    t: Tables, w: Work, none: Array, tip_mass: float, q: Array, qd: Array, a: Array, tau: Array
+) -> None:
+    """tau <- M a + C qd + G with this mass at the tip; `none` (6,) is zero."""
+    sweep(t, w, t.mass, tip_mass, t.gravity, q, qd, qd, a, NO, DRIVEN, tau)
+    close_forces(t, w, none, tau)
+
+
+@inner
+def tip_mass_force(t: Tables, w: Work, q: Array, qd: Array, a: Array, tau: Array) -> None:
+    """tau <- force per kg at the tip, J_tip' (0, A + omega x V), after `motion_force` of this motion."""
+    V, A = w.vectors[BASE_TWIST], w.vectors[BASE_ACCELERATION]  # the pass has left those of the tip there
+    f = w.vectors[CLOSING_WRENCH]
+    f[0] = f[1] = f[2] = 0.0
+    f[3] = A[3] + V[1] * V[5] - V[2] * V[4]
+    f[4] = A[4] + V[2] * V[3] - V[0] * V[5]
+    f[5] = A[5] + V[0] * V[4] - V[1] * V[3]
+    for i in range(t.length.shape[0] - 1, -1, -1):
+        wrench_to_parent(w.end_rotation[i], w.end_position[i], f)
+        first = t.offset[i]
+        for j in range(t.offset[i + 1] - first):
+            tau[first + j] = dot6(w.end_columns[i, j], f)
+
+
+@inner
+def link_ends(t: Tables, w: Work, places: Array, by_q: Array) -> None:
+    """places (3 n,) <- ends of the links in the world, by_q (3 n, n_q) <- their derivatives, after a pass."""
+    R, p, J = w.frame_rotation[BODY], w.frame_position[BODY], w.columns
+    assign_matrix(t.base_rotation, R)
+    assign(t.base_position, p)
+    clear_matrix(J)
+    for i in range(t.length.shape[0]):
+        first, behind = t.offset[i], t.offset[i + 1]
+        for j in range(behind - first):
+            assign(w.end_columns[i, j], J[first + j])
+        for b in range(behind):
+            to_body(w.end_rotation[i], w.end_position[i], J[b])
+        compose(R, p, w.end_rotation[i], w.end_position[i])
+        for r in range(3):
+            places[3 * i + r] = p[r]
+            for b in range(J.shape[0]):
+                by_q[3 * i + r, b] = R[r, 0] * J[b, 3] + R[r, 1] * J[b, 4] + R[r, 2] * J[b, 5]
 
 
 @inner

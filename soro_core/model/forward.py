@@ -45,14 +45,12 @@ class ForwardDynamics(ArmBase):
         ModelError
             If a pressure is not below that at which the area of its chamber has no bound.
         """
-        p, band = self._vector(p, self.n_u, "p"), self.tables.dead_band
-        beyond = np.maximum(p - band, 0.0) + np.minimum(p + band, 0.0)
-        room = 1.0 - self.tables.swell * np.abs(beyond)
-        if np.any(room <= 0.0):
-            u = int(np.argmin(room))
+        p, acting = self._vector(p, self.n_u, "p"), np.empty(self.n_u)
+        u = entries.acting(self._box, p, acting)
+        if u >= 0:
             chamber = self.robot.chamber_names[u]
             raise ModelError(f"p: got {p[u]:g} Pa of {chamber}; allowed: less, by its swell_per_pa", "p")
-        return np.asarray(beyond / room)
+        return acting
 
     def forward_dynamics(
         self,

@@ -47,6 +47,20 @@ def inertial_force(
 
 
 @inner
+def motion_force(
+    t: Tables, w: Work, none: Array, tip_mass: float, q: Array, qd: Array, a: Array, tau: Array
+) -> None:
+    """tau <- M a + C qd + G with this mass at the tip; `none` (6,) is zero."""
+    inertial_force(t, w, t.mass, tip_mass, t.gravity, none, q, qd, qd, a, tau)
+
+
+@inner
+def tip_mass_force(t: Tables, w: Work, q: Array, qd: Array, a: Array, tau: Array) -> None:
+    """tau <- force per kg at the tip."""
+    inertial_force(t, w, np.zeros(t.mass.shape[0]), 1.0, t.gravity, w.zero, q, qd, qd, a, tau)
+
+
+@inner
 def inverse_dynamics(
     t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
 ) -> None:

@@ -9,6 +9,8 @@ from soro_core.model.tables import MdeTables
 # The type of the first argument selects, in Python and in compiled code.
 inertia = select_by_type(MdeTables, mde_dynamics.inertia, exact.inertia)
 inertial_force = select_by_type(MdeTables, mde_dynamics.inertial_force, exact.inertial_force)
+motion_force = select_by_type(MdeTables, mde_dynamics.motion_force, exact.motion_force)
+tip_mass_force = select_by_type(MdeTables, mde_dynamics.tip_mass_force, exact.tip_mass_force)
 external_force = select_by_type(MdeTables, mde_dynamics.external_force, exact.external_force)
 inverse_dynamics = select_by_type(MdeTables, mde_dynamics.inverse_dynamics, exact.inverse_dynamics)
 acceleration = select_by_type(MdeTables, mde_dynamics.acceleration, exact.acceleration)

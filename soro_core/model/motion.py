@@ -16,7 +16,7 @@ class MotionForces(NamedTuple):
     Attributes
     ----------
     own : ndarray (n_q,)
-        M a + C qd + G + dU_e/dq.
+        M a + C qd + G + dU_e/dq + R qd.
     by_mass : ndarray (n_q,)
         `SoftArm.tip_mass_force`.
     actuation : ndarray (n_q, n_u)

@@ -69,7 +69,6 @@ class SoftArm(ForwardDynamics):
         self._no_wrench = flat_wrench(robot, None)
         self._no_internal = np.zeros(self.n_internal)
         self._no_velocity = np.zeros(self.n_q)
-        self._no_masses = np.zeros((2 if robot.point_masses else 1, len(robot.links)))
 
     def inertia_matrix(self, q: ArrayLike) -> Array:
         """Inertia matrix M (n_q, n_q), symmetric positive definite, docs/model.md (13)."""
@@ -177,6 +176,26 @@ class SoftArm(ForwardDynamics):
         z = self._vector(internal_state, self.n_internal, "internal")
         entries.internal_rate(self._box, qd, z, rate)
         return rate
+
+    def internal_midpoint(self, q: ArrayLike, qd: ArrayLike, internal_state: ArrayLike, dt: float) -> Array:
+        """Internal states (n_internal,) after `dt` [s] at held rates, by the midpoint rule.
+
+        A state that would not be finite keeps its value.
+
+        Parameters
+        ----------
+        q, qd : (n_q,)
+            Coordinates and velocities.
+        internal_state : (n_internal,)
+            As in `internal_rate`.
+        dt : float
+            Time step [s].
+        """
+        _, qd = self._state(q, qd)
+        z = self._vector(internal_state, self.n_internal, "internal")
+        new = np.empty(self.n_internal)
+        entries.internal_midpoint(self._box, qd, z, dt, np.empty(self.n_internal), new)
+        return new
 
     def pose(self, q: ArrayLike, s: float) -> Array:
         """Pose (4, 4) in the world at `s` metres of undeformed length from the base."""
@@ -294,7 +313,7 @@ class SoftArm(ForwardDynamics):
         q, qd = self._state(q, qd)
         a = self._vector(a, self.n_q, "a")
         own, by_mass, gradients = np.empty(self.n_q), np.empty(self.n_q), np.empty((self.n_u, self.n_q))
-        entries.motion_forces(self._box, self._no_masses, q, qd, a, own, by_mass, gradients)
+        entries.motion_forces(self._box, q, qd, a, own, by_mass, gradients)
         return MotionForces(own, by_mass, np.ascontiguousarray(gradients.T))
 
     def elastic_regressor(self, q: ArrayLike) -> Array:

@@ -23,6 +23,8 @@ which it turns into the factors of the joints
 `inertia`: beyond, rotated, columns, vector           itself
 BODY_MOMENTUM
 `energy`: frame BODY, vector BASE_TWIST               itself
+`link_ends`: frame BODY, columns                      itself
+`tip_mass_force`: vector CLOSING_WRENCH               itself
 `kinematics`: node, frame NODE                        itself
 `external`: site_*, points; it adds to own, mass,     `close_forces`, `factor`; the caller gets site_force
 coupling and fills extra

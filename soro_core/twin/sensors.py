@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.frozen import replaced
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_core.twin.config import SensorConfig
 
@@ -84,13 +85,13 @@ def sample(
     if tick % clock.period == 0:
         taken = measure()
         if state.last is not None and rng.random() < config.drop:
-            state = replace(
+            state = replaced(
                 state, pending=(*state.pending, (tick + clock.delay, state.last)), lost=state.lost + 1
             )
         else:
-            state = replace(state, pending=(*state.pending, (tick + clock.delay, taken)), last=taken)
+            state = replaced(state, pending=(*state.pending, (tick + clock.delay, taken)), last=taken)
     due = tuple(item for when, item in state.pending if when <= tick)
-    return replace(state, pending=tuple(entry for entry in state.pending if entry[0] > tick)), due
+    return replaced(state, pending=tuple(entry for entry in state.pending if entry[0] > tick)), due
 
 
 def measure_pose(

@@ -15,6 +15,7 @@ from soro_core.config import changed
 from soro_core.errors import ModelError
 from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.tracker import Tracker
+from soro_core.frozen import replaced
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
@@ -140,7 +141,7 @@ class Twin:
         )
         reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
         seen = Observation(reading, seen_poses, seen_imus, np.asarray(arm.pose(state.arm.q, self._length)))
-        return replace(state, poses=poses, imus=imus), seen
+        return replaced(state, poses=poses, imus=imus), seen
 
     def _sampled(
         self,
@@ -205,7 +206,7 @@ class Twin:
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
         start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
         arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt)
-        return replace(state, tick=state.tick + 1, arm=arm, air=air, status=status)
+        return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _breathe(
         self,
@@ -220,7 +221,7 @@ class Twin:
             if status.ok and span > SHORTEST_S:
                 arm, status = plant.advance(arm, target, target, span, condition)
         air = replace(air, pressure_pa=self.plant.pressures(arm))
-        return replace(state, tick=state.tick + 1, arm=arm, air=air, status=status)
+        return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _motion(self, state: TwinState, s: float) -> Motion:
         """Pose, twist and acceleration of the cross-section at `s`."""

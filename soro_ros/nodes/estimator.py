@@ -80,6 +80,8 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def _report(self, trouble: str) -> None:
         """Report at once what is new; where only its numbers change, once a second is enough."""
         warns = self.diagnostics.level == WARN
+        if bool(trouble) == warns and trouble == self._trouble:
+            return
         is_new = bool(trouble) != warns or _without_numbers(trouble) != _without_numbers(self._trouble)
         self._trouble = trouble
         if is_new:

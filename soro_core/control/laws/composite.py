@@ -7,7 +7,7 @@ forces of the model and the learned one are those at the reference. The learner 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -22,6 +22,7 @@ from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 from soro_core.control.trajectory import Point
 from soro_core.control.uneven import Uneven, UnevenShape, bends_unevenly
+from soro_core.frozen import replaced
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -93,13 +94,13 @@ class Composite(Law[CompositeState]):
         # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
         at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
         motion = arm.motion_forces(at, wanted.qd, wanted.qdd)
-        model = motion.own + arm.damping_force(at, wanted.qd)
+        model = motion.own
         internal = arm.internal_force(at, state.creep)
         learned = self.learner.force.with_mass(learner.learned, at, motion.by_mass)
         shape, lacking = state.shape, None
         if self.uneven is not None and shape is not None:
-            point = replace(wanted, q=at)
-            shape, lacking = self.uneven.step(shape, point, learner.learned.mass_kg, motion)
+            point = Point(at, wanted.qd, wanted.qdd)
+            shape, lacking = self.uneven.step(shape, point, learner.learned.mass_kg)
         uneven = np.zeros_like(at) if lacking is None else lacking.force
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
@@ -157,10 +158,10 @@ class Composite(Law[CompositeState]):
     ) -> LearnerState:
         learner = state.learner
         if not self.adapts or belief.covariance is None:
-            return replace(learner, note="")
+            return replaced(learner, note="")
         if not belief.positions:
             if belief.saturated.any():  # more force would not come
-                return replace(learner, note="")
+                return replaced(learner, note="")
             wanted = reference.ahead
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
             return self.learner.follow(learner, float(by_mass @ s), dt)

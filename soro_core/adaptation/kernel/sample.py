@@ -1,0 +1,75 @@
+"""What one sample shows: both sides of the equation of `soro_core.adaptation.learner`, compiled."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core._box import Box, view
+from soro_core._jit import entry
+from soro_core.model.chambers import acting
+from soro_core.model.dynamics import GOOD, NOT_FINITE, add_damping_force, check, finite, motion_forces
+from soro_core.model.internal import add_internal_force
+from soro_core.model.method import tip_mass_force
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+@entry
+def show(
+    box: Box,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    pressure: Array,
+    creep: Array,
+    covariance: Array,
+    force_unit: Array,
+    q_unit: Array,
+    mass_kg: float,
+    at: Array,
+    lacking: Array,
+    lacking_by_mass: Array,
+    lacking_by_q: Array,
+    part: float,
+    residual: Array,
+    regressor: Array,
+) -> int:
+    """Move residual r / U (n,) and regressor Phi (n, 1 + n (n + 1)) a part of the way to those of a sample.
+
+    r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the force d that is lacking about a mass
+    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). Gives a code of
+    `soro_core.model.dynamics`.
+    """
+    arm = view(box)
+    t, n, n_u = arm.tables, q.shape[0], pressure.shape[0]
+    code = check(t, q, qd)
+    if code != GOOD:
+        return code
+    if not (finite(pressure) and finite(creep) and finite(covariance.reshape(n * n))):
+        return NOT_FINITE
+    model, by_mass, H, missing = np.empty(n), np.empty(n), np.empty((n_u, n)), np.empty(n)
+    motion_forces(t, arm.work, t.tip_mass[0], q, qd, qdd, model, H)
+    tip_mass_force(t, arm.work, q, qd, qdd, by_mass)
+    add_damping_force(t, qd, model)
+    add_internal_force(t, creep, model)
+    for c in range(n):
+        missing[c] = mass_kg * lacking_by_mass[c] - lacking[c] - model[c]
+        for d in range(n):
+            missing[c] -= lacking_by_q[c, d] * (q[d] - at[d])
+        for u in range(n_u):
+            missing[c] += H[u, c] * acting(t, u, pressure[u])
+        missing[c] /= force_unit[c]
+        by_mass[c] = (by_mass[c] + lacking_by_mass[c]) / force_unit[c]
+    if not (finite(missing) and finite(by_mass)):
+        return NOT_FINITE
+    for c in range(n):
+        residual[c] += part * (missing[c] - residual[c])
+        regressor[c, 0] += part * (by_mass[c] - regressor[c, 0])
+        first = 1 + c * (n + 1)
+        regressor[c, first] += part * (1.0 - regressor[c, first])
+        for d in range(n):
+            regressor[c, first + 1 + d] += part * (q[d] / q_unit[d] - regressor[c, first + 1 + d])
+    return GOOD

@@ -155,7 +155,17 @@ def analysis(domain: Domain, where: str = "task") -> Motion | Compliance:
 
 
 def inside(region: Box | Disc, points: Array, near: float) -> Flags:
-    """Return which points (n, 2) lie in a region, or `near` [m] its border: (n,) of bool."""
+    """Return which points lie in a region, (n,) of bool.
+
+    Parameters
+    ----------
+    region : Box or Disc
+        The region.
+    points : ndarray, (n, 2)
+        Points [m].
+    near : float
+        Distance from its border that still counts [m].
+    """
     if isinstance(region, Box):
         found = np.ones(len(points), dtype=bool)
         for k, side in enumerate((region.x_m, region.y_m)):

@@ -31,7 +31,17 @@ def whole(domain: Domain, values: Array) -> Array:
 
 
 def film(domain: Domain, state: State, path: Path) -> None:
-    """Write the densities of all iterations as a GIF."""
+    """Write the densities of all iterations as a GIF.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    state : State
+        After the last iteration.
+    path : Path
+        GIF to write.
+    """
     first = whole(domain, state.frames[0])
     edge = domain.grid.edge_m
     height = round(WIDTH_PIXELS * first.shape[0] * edge[1] / (first.shape[1] * edge[0]))

@@ -108,7 +108,8 @@ def reanalyse(domain: Domain, found: Shape) -> Reanalysis:
     if task.space == "axisymmetric":
         loads = loads.hold(mesh.points[:, 0] < near, 0)
     if len(found.wet):
-        loads = loads.press(found.wet, task.schedule.pressure_pa[1])
+        # The flood has named leaks; the mouth of the inlet is open.
+        loads = loads.press(found.wet, task.schedule.pressure_pa[1], is_patch=True)
     weights = patch(mesh, inside(goal.output, mesh.points, near), np.array(goal.direction))
     part = make_part(mesh, goal.law("goal.material"), loads)
     moved, causes = [], []

@@ -71,7 +71,7 @@ class Controller(GivenReferences):
         require_chambers(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
-        self.fields = strain_fields(robot)
+        self.fields, self._chamber_names = strain_fields(robot), robot.chamber_names
         law = find_law(self.config.law)
         self.gains = gains_of(
             self.arm,
@@ -279,8 +279,8 @@ class Controller(GivenReferences):
         away = math.dist(tip[:3, 3], wanted[:3, 3]) / self.arm.length
         if not self.law.learns:  # its lost arm is the verdict's
             away = 0.0
-        start_s, names = self.config.reference.start_s, self.robot.chamber_names
-        return watched(state.watch, away, missing, names, event, start_s, dt)
+        start_s = self.config.reference.start_s
+        return watched(state.watch, away, missing, self._chamber_names, event, start_s, dt)
 
     def _vented(self, state: ControllerState, dt: float) -> tuple[ControllerState, Command]:
         """Vent an arm that has fallen over."""

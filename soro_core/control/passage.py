@@ -169,6 +169,8 @@ def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
 
 def point(bounds: Bounds, passage: Passage) -> Point:
     """Return the reference in force at the time of the passage."""
+    if not passage.limited:  # the gap is zero
+        return passage.at
     at, (lead, first, second), T = passage.at, passage.gap, bounds.smoothing_s
     return Point(
         at.q + second,

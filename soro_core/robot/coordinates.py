@@ -92,7 +92,7 @@ class StrainFields:
     def within(self, q: Array, limit: Array) -> Array:
         """Scale down each field that is beyond its limit somewhere along the link; `limit` (n_q,)."""
         # A sum of coefficients must not overflow.
-        q = np.clip(q, -_HUGE, _HUGE)
+        q = np.minimum(np.maximum(q, -_HUGE), _HUGE)
         # Where the coefficients add up to less than the limit, the field need not be evaluated.
         if (self.bounds(q) <= limit).all():
             return q

@@ -65,7 +65,7 @@ def paths_and_motion(options: Options) -> tuple[str, str]:
     options.say("pendulum")
     share, drift = moving.pendulum()
     rows.append(row("pendulum from 80 degrees: period over its closed form", 1.0, share))
-    rows.append(row("and energy at the end of 1.5 swings, over the swing", 0.0, drift))
+    rows.append(row("and how far its energy moves in 1.5 swings, over the swing", 0.0, drift))
     text = table(HEAD, rows)
     if find_spec("ipctk"):
         options.say("fold")

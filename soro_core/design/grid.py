@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from soro_core.errors import ModelError
 from soro_core.fem import Mesh
@@ -84,6 +85,26 @@ def assembled(pattern: Pattern, of_cells: Array) -> Any:
     """Return the sparse matrix of matrices of elements (e, m, m)."""
     data = np.bincount(pattern.cells.ravel(), of_cells.ravel(), len(pattern.keys))
     return pattern.matrix(np.asarray(data, dtype=float))
+
+
+def between_free(pattern: Pattern, is_held: Flags) -> tuple[Indices, Indices, Any]:
+    """Return the numbers of free rows, the entries of `pattern` between them, and a matrix (csc) for these.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Of all rows.
+    is_held : ndarray of bool, (n, d)
+        Rows to leave out.
+    """
+    is_free = ~is_held.ravel()
+    column = np.repeat(np.arange(pattern.n), np.diff(pattern.start))
+    number = np.cumsum(is_free) - 1
+    kept = np.flatnonzero(is_free[pattern.row] & is_free[column])
+    n = int(is_free.sum())
+    start = np.searchsorted(number[column[kept]], np.arange(n + 1)).astype(np.int32)
+    rows = number[pattern.row[kept]].astype(np.int32)
+    return np.flatnonzero(is_free), kept, csc_matrix((np.zeros(len(kept)), rows, start), shape=(n, n))
 
 
 def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]) -> Grid:

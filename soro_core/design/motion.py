@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from soro_core.design.darcy import Flow, pressures
 from soro_core.design.energy import assemble, sensitivities
 from soro_core.design.evaluation import Evaluation
-from soro_core.design.filter import projection
-from soro_core.design.grid import Flags, Grid
+from soro_core.design.grid import Flags, Grid, between_free
+from soro_core.design.interpolation import interpolation
 from soro_core.errors import ModelError
 from soro_core.fem import Hyperelastic
 from soro_core.fem.linear import factorised
@@ -20,8 +19,7 @@ from soro_core.fem.material import Material
 from soro_core.fem.response import Array, Indices
 
 _NONE = np.empty(0)
-# Where an element begins to count as solid in (T7), and how suddenly.
-SOLID_FROM, SOLID_SHARPNESS = 0.01, 500.0
+# Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.
 TOLERANCE = 1e-7
 ROUNDS, SHORTENINGS = 15, 8
 LEAST_STEP = 0.2
@@ -39,12 +37,14 @@ class Rest:
         Energy of the material [J].
     residual : float
         Unbalanced force over the force of the air, as norms.
+    solver : object
+        Factors of the stiffness between free displacements.
     """
 
     u: Array
     stored: float
     residual: float
-    _solver: Any = field(repr=False)
+    solver: Any = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +88,9 @@ class Motion:
     _matrix: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        pattern = self.grid.vectors
-        is_free = ~self.is_held.ravel()
-        column = np.repeat(np.arange(pattern.n), np.diff(pattern.start))
-        number = np.cumsum(is_free) - 1
-        kept = np.flatnonzero(is_free[pattern.row] & is_free[column])
-        n = int(is_free.sum())
-        start = np.searchsorted(number[column[kept]], np.arange(n + 1)).astype(np.int32)
-        rows = number[pattern.row[kept]].astype(np.int32)
-        values = {
-            "_small": self._small_stiffness(),
-            "_free": np.flatnonzero(is_free),
-            "_entries": kept,
-            "_matrix": csc_matrix((np.zeros(len(kept)), rows, start), shape=(n, n)),
-        }
+        free, entries, matrix = between_free(self.grid.vectors, self.is_held)
+        small = self._small_stiffness()
+        values = {"_small": small, "_free": free, "_entries": entries, "_matrix": matrix}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -148,14 +137,6 @@ class Motion:
             data,
         )
         return stored, by_air, bad, force
-
-    def interpolation(self, density: Array, penalty: float) -> tuple[Array, Array, Array, Array]:
-        """Return kappa, gamma of (T7) and their derivatives by density."""
-        power = density**penalty
-        slope = penalty * density ** (penalty - 1.0)
-        gamma, by_power = projection(power, SOLID_SHARPNESS, SOLID_FROM)
-        rest = 1.0 - self.void_stiffness
-        return self.void_stiffness + rest * power, gamma, rest * slope, by_power * slope
 
     def balance(
         self, kappa: Array, gamma: Array, pressure: Array, u: Array, with_stiffness: bool = True
@@ -206,7 +187,7 @@ class Motion:
         ModelError
             Where no equilibrium is found, whether from the guess or by steps from the undeformed part.
         """
-        kappa, gamma, _, _ = self.interpolation(density, penalty)
+        kappa, gamma, _, _ = interpolation(density, penalty, self.void_stiffness)
         found, cause = self._newton(kappa, gamma, pressure, guess)
         if found is not None:
             return found
@@ -277,7 +258,7 @@ class Motion:
         """
         air = pressures(self.grid, self.flow, density, pressure_pa * self.held)
         at = self.rest(density, penalty, air.at_nodes, guess)
-        kappa, gamma, kappa_by, gamma_by = self.interpolation(density, penalty)
+        kappa, gamma, kappa_by, gamma_by = interpolation(density, penalty, self.void_stiffness)
         out, m = float((self.output * at.u).sum()), self.exponent
         if at.stored <= 0.0:
             raise ModelError("the air of the inlet strains nothing: it meets no solid that is held", "inlet")
@@ -291,7 +272,7 @@ class Motion:
         )
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
-        adjoint[self._free] = -at._solver.solve(right)
+        adjoint[self._free] = -at.solver.solve(right)
         grid = self.grid
         by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
         sensitivities(

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from soro_core.identification.fem.joint import TipError
 from soro_core.identification.fem.link import at_bound
 from soro_core.identification.fem.stages import Identified
-from soro_core.identification.fem.written import LOADS, mean_and_most, quality, single_loads
+from soro_core.identification.fem.written import LOADS, mean_and_most, quality, refusal, single_loads
 from soro_core.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
 from soro_core.reporting.html import PAGE, Cell, bullets, number, picture, table, words
 
@@ -46,7 +46,7 @@ def content_of(found: Identified, source: str, file: str, accept: float) -> dict
         "part": source,
         "file": file,
         "accept": accept,
-        "accepted": errors["held_out"]["most"] <= accept,
+        "refusal": refusal(found, accept),
         "quality": quality(found),
         "errors": errors,
         "sweeps": sweeps,
@@ -85,10 +85,10 @@ def write_report(content: dict[str, Any], found: Identified, folder: Path) -> Pa
 def _body(content: dict[str, Any], found: Identified) -> Iterator[str]:
     yield f"<h1>Identification of {escape(content['part'])}</h1>"
     yield words(f"Robot file: {content['file']}. All numbers of this page: report.json.", kind="soft")
-    kind = "verdict good" if content["accepted"] else "verdict"
-    verdict = "Accepted" if content["accepted"] else "Not accepted"
+    refused = content["refusal"]
     limit = f"greatest error of a held-out tip at most {100.0 * content['accept']:g} % of the length"
-    yield f'<div class="{kind}">{verdict}: {limit}.</div>'
+    verdict = f"Not accepted: {refused}" if refused else f"Accepted: {limit}"
+    yield f'<div class="verdict{"" if refused else " good"}">{escape(verdict)}.</div>'
     yield bullets(content["quality"])
     yield "<h2>Tip against finite elements</h2>"
     yield words("Distance of the tips, in % of the length. Held-out sweeps are not fitted.")

@@ -91,7 +91,7 @@ def _body(content: dict[str, Any], found: Identified) -> Iterator[str]:
     yield f'<div class="verdict{"" if refused else " good"}">{escape(verdict)}.</div>'
     yield bullets(content["quality"])
     yield "<h2>Tip against finite elements</h2>"
-    yield words("Distance of the tips, in % of the length. Held-out sweeps are not fitted.")
+    yield words("Distance of the tips, in % of the length. Points: finite elements; lines: the link.")
     yield _sweeps(content)
     yield picture(tips_picture(found), "tips of the link and of the part over the load of each sweep")
     yield "<h2>Backbones at the end of each sweep</h2>"
@@ -168,8 +168,7 @@ def tips_picture(found: Identified) -> str:
                 label = own[0].state.sweep + (" (held out)" if own[0].state.held_out else "")
                 axes.plot(load, [1e3 * e.places[-1][k] for e in own], color=colour, label=label)
             axes.set_xlabel("load factor")
-            axes.set_title(f"tip, {'xyz'[k]} [mm]: points finite elements, lines link")
-            axes.title.set_size(7.5)
+            axes.set_title(f"tip, {'xyz'[k]} [mm]")
         axes.legend(fontsize=6)
         return svg(figure)
 

@@ -51,7 +51,7 @@ def identified(options: Options) -> tuple[str, str]:
     """Return title and text: all sweeps, fits, modes, and a circle of the tip under control."""
     rows = [_row(name, options) for name in options.pick(PARTS, PARTS[1:])]
     head = ["part", "elements", "fitted, mean", "greatest", "held out, mean", "greatest", "mesh"]
-    head += ["strains missed, constant", "2 modes", "under control", "min", "all targets"]
+    head += ["strains missed, constant", "2 modes", "under control", "min", "of them busy", "all targets"]
     text = (
         "`soro identify-fem` of the shipped parts. Tips in % of the length: of the link against finite"
         f" elements (targets: mean {100 * MEAN:g}, greatest {100 * MOST:g} fitted, {100 * HELD_OUT:g} held"
@@ -65,7 +65,7 @@ def identified(options: Options) -> tuple[str, str]:
 
 
 def _row(name: str, options: Options) -> list[str]:
-    start = time.perf_counter()
+    start, begun = time.perf_counter(), time.process_time()
     file = _coarse(load_part(name)) if options.quick else load_part(name)
     specimen = make_specimen(file)
     assert isinstance(specimen, RodSpecimen)
@@ -73,6 +73,7 @@ def _row(name: str, options: Options) -> list[str]:
     data = snapshots(specimen.z, states, name)
     found = identify(file, specimen, data, name)
     minutes = (time.perf_counter() - start) / 60.0
+    busy = (time.process_time() - begun) / 60.0
     options.say(f"{name}, control")
     varying = identify(file, specimen, data, f"{name}_modes", 1, with_mesh_check=False)
     tip = under_control(found, varying)
@@ -90,6 +91,7 @@ def _row(name: str, options: Options) -> list[str]:
         figure(100.0 * found.mesh.error, 2),
         *(figure(100.0 * share, 2) for share in (constant, two, tip)),
         figure(minutes, 2),
+        figure(busy, 2),
         met(good),
     ]
 

@@ -94,6 +94,6 @@ def identify_fem(
     typer.echo(f"written: {', '.join(map(str, written))}")
     if found.is_interrupted:
         raise typer.Exit(130)
-    if not content["accepted"]:
-        typer.echo(f"not accepted: a held-out tip is off by more than {accept:g} % of the length", err=True)
+    if content["refusal"]:
+        typer.echo(f"not accepted: {content['refusal']}", err=True)
         raise typer.Exit(1)

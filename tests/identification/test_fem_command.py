@@ -12,6 +12,8 @@ import yaml
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
+from soro_core.identification.fem import joint
+from soro_core.identification.fit import fit
 from soro_core.loop import loop_of
 from soro_core.robot import load_robot
 from soro_core.scene import load_scene
@@ -25,11 +27,13 @@ from test_fem_part_file import ROD, TUBE, written
 app = typer.Typer()
 app.add_typer(fem, name="fem")
 app.command("identify-fem")(identify_fem)
+HOOPS = {"stiffness_n": 8.0, "spacing_m": 3e-3}
+WOUND = {**ROD, "geometry": {**ROD["geometry"], "hoops": HOOPS}}
 SWEEPS = [
-    {"name": "pull", "force_n": [0.0, 0.0, 3.0], "states": 2},
+    {"name": "pull", "force_n": [0.0, 0.0, 3.0], "states": 4},
     {"name": "side", "force_n": [0.02, 0.0, 0.0], "states": 1},
-    {"name": "all", "pressures_pa": [15e3, 15e3, 15e3], "states": 2},
-    {"name": "one", "pressures_pa": [12e3, 0.0, 0.0], "states": 2},
+    {"name": "all", "pressures_pa": [15e3, 15e3, 15e3], "states": 4},
+    {"name": "one", "pressures_pa": [12e3, 0.0, 0.0], "states": 4},
     {"name": "mixed", "pressures_pa": [6e3, 10e3, 0.0], "states": 1, "held_out": True},
 ]
 
@@ -42,7 +46,7 @@ def call(*arguments):
 def made(tmp_path_factory):
     """A part, the folder of its run, and the first call of the command."""
     folder = tmp_path_factory.mktemp("part")
-    part = written(folder, ROD, sweeps=SWEEPS, viscosity_pa_s=100.0)
+    part = written(folder, WOUND, sweeps=SWEEPS, viscosity_pa_s=100.0)
     out = folder / "arm.yaml"
     done = call("identify-fem", part, "--out", out, "--report", folder / "report")
     return folder, part, out, done
@@ -65,6 +69,16 @@ def test_a_part_becomes_a_robot_file_that_moves_like_it(made):
     assert "Mesh: " in done.output
 
 
+def test_chambers_that_balloon_are_no_link(tmp_path):
+    """Without hoops walls bulge and pull the rod short: an area that grows with the length cannot do that."""
+    out = tmp_path / "arm.yaml"
+    done = call("identify-fem", written(tmp_path, ROD, sweeps=SWEEPS), "--out", out, "--no-mesh-check")
+    assert done.exit_code == 1
+    assert "not accepted: " in done.output
+    assert "area_m2" in done.output.split("not accepted: ")[1]
+    assert out.is_file()
+
+
 def test_the_tip_follows_a_circle_under_control(made, tmp_path):
     _, _, out, _ = made
     circle = {"kind": "circle", "period_s": 4.0, "curvature_per_m": 0.7}
@@ -79,7 +93,7 @@ def test_the_tip_follows_a_circle_under_control(made, tmp_path):
     assert np.sqrt(np.mean(np.square(far[-round(loaded.rate_hz) :]))) < 0.005 * 0.06
     # The radius of the circle is four times that.
     sides = np.array([t.seen.tip[:2, 3] for t in ticks[-round(loaded.rate_hz) :]])
-    assert np.hypot(*sides.T).min() > 0.4 * 0.7 * 0.06**2
+    assert np.hypot(*sides.T).min() > 0.3 * 0.7 * 0.06**2
 
 
 def test_the_report_needs_no_network_and_has_the_numbers(made):
@@ -97,24 +111,28 @@ def test_the_report_needs_no_network_and_has_the_numbers(made):
 
 def test_what_exists_is_refused_and_a_run_is_used_again(made, tmp_path):
     folder, part, out, _ = made
-    again = call("identify-fem", part, "--out", out)
+    old = ("--run", folder / "arm_fem", "--no-mesh-check")
+    again = call("identify-fem", part, "--out", out, *old)
     assert isinstance(again.exception, ConfigError)
     assert again.exception.key == "--out"
     text = out.read_text(encoding="utf-8")
-    old = ("--run", folder / "arm_fem", "--no-mesh-check")
     strict = call("identify-fem", part, "--out", out, *old, "--force", "--accept", 0.0)
     assert strict.exit_code == 1
     assert "not accepted" in strict.output
     body = [line for line in text.splitlines() if not line.startswith("#")]
     assert [line for line in out.read_text(encoding="utf-8").splitlines() if not line.startswith("#")] == body
-    other = written(tmp_path, ROD, sweeps=SWEEPS)
+    other = written(tmp_path, WOUND, sweeps=SWEEPS)
     refused = call("identify-fem", other, "--out", tmp_path / "x.yaml", "--run", folder / "arm_fem")
     assert isinstance(refused.exception, ConfigError)
     assert not (tmp_path / "x.yaml").exists()
 
 
-def test_modes_stand_beside_the_robot_file(made, tmp_path):
+def test_modes_stand_beside_the_robot_file(made, tmp_path, monkeypatch):
     folder, part, _, _ = made
+    # Which files there are does not depend on how good the fit is.
+    monkeypatch.setattr(
+        joint, "fit", lambda unknown, residuals, *_, **__: fit(unknown, residuals, "linear", 1)
+    )
     out = tmp_path / "arm.yaml"
     done = call(
         "identify-fem", part, "--out", out, "--run", folder / "arm_fem", "--modes", 1, "--no-mesh-check"

@@ -54,7 +54,10 @@ def test_the_tip_is_that_of_exponentials():
 
 
 def test_a_robot_file_loads_the_modes(tmp_path):
-    samples = samples_of(DATA, modes(DATA, STATES, 2))
+    found = modes(DATA, STATES, 2)
+    samples = samples_of(DATA, found)
+    middle = [np.interp(0.04, MIDDLE, shape) for shape in found.bending.T]
+    np.testing.assert_allclose(samples["bending"][30], middle, atol=1e-12)
     out = tmp_path / "made.yaml"
     for name, array in samples.items():
         np.save(mode_file(out, name), array)

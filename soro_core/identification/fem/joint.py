@@ -65,6 +65,8 @@ def refine(data: Snapshots, known: Template, start: Direct, strains: Mapping[str
         tips = []
         for k, state in enumerate(states):
             q = equilibrium(arm, state.pressures_pa, begin[k])
+            # The search for modes from the straight arm is long; the first candidate lies near all others.
+            begin[k] = q if begin[k] is None else begin[k]
             tips.append(arm.pose(q, data.length)[:3, 3] - state.poses[-1][:3, 3])
         return np.concatenate([np.ravel(tips), _lengths(data, values)]) / (UNIT * data.length)
 

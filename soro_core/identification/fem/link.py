@@ -15,7 +15,9 @@ from soro_core.identification.fit import Parameter
 from soro_core.robot import Robot, robot_from_dict
 
 # How far a joint fit may move what single loads give.
-FORCES, AREA, ARM, SLOPE = 0.1, 0.4, 0.4, 20.0
+FORCES, AREA, ARM, SLOPE, LEVEL = 0.1, 0.4, 0.4, 20.0, 2.0
+# Forces give these two, so that a bound of theirs is no fault of the link.
+GIVEN = ("k_e_rest", "k_b_rest")
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,10 @@ def parameters(start: Direct) -> list[Parameter]:
     k_e, k_b = start.k_e_n_per_m, start.k_b_nm
     return [
         near("k_e_rest", k_e, FORCES),
-        Parameter("k_e_level", 0.8 * k_e, 0.1 * k_e, 10.0 * k_e),
+        Parameter("k_e_level", 0.8 * k_e, k_e / LEVEL, LEVEL * k_e),
         Parameter("k_e_rate", 50.0, 1.0, 1000.0),
         near("k_b_rest", k_b, FORCES),
-        Parameter("k_b_level", 0.8 * k_b, 0.1 * k_b, 10.0 * k_b),
+        Parameter("k_b_level", 0.8 * k_b, k_b / LEVEL, LEVEL * k_b),
         Parameter("k_b_rate", 2.0, 0.1, 20.0),
         near("area_m2", start.area_m2, AREA),
         near("offset_m", start.offset_m, ARM),

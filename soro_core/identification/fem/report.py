@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from soro_core.identification.fem.joint import TipError
 from soro_core.identification.fem.link import at_bound
 from soro_core.identification.fem.stages import Identified
-from soro_core.identification.fem.written import LOADS, mean_and_most, quality, single_loads
+from soro_core.identification.fem.written import LOADS, mean_and_most, quality, refusal, single_loads
 from soro_core.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
 from soro_core.reporting.html import PAGE, Cell, bullets, number, picture, table, words
 
@@ -46,7 +46,7 @@ def content_of(found: Identified, source: str, file: str, accept: float) -> dict
         "part": source,
         "file": file,
         "accept": accept,
-        "accepted": errors["held_out"]["most"] <= accept,
+        "refusal": refusal(found, accept),
         "quality": quality(found),
         "errors": errors,
         "sweeps": sweeps,
@@ -85,13 +85,13 @@ def write_report(content: dict[str, Any], found: Identified, folder: Path) -> Pa
 def _body(content: dict[str, Any], found: Identified) -> Iterator[str]:
     yield f"<h1>Identification of {escape(content['part'])}</h1>"
     yield words(f"Robot file: {content['file']}. All numbers of this page: report.json.", kind="soft")
-    kind = "verdict good" if content["accepted"] else "verdict"
-    verdict = "Accepted" if content["accepted"] else "Not accepted"
+    refused = content["refusal"]
     limit = f"greatest error of a held-out tip at most {100.0 * content['accept']:g} % of the length"
-    yield f'<div class="{kind}">{verdict}: {limit}.</div>'
+    verdict = f"Not accepted: {refused}" if refused else f"Accepted: {limit}"
+    yield f'<div class="verdict{"" if refused else " good"}">{escape(verdict)}.</div>'
     yield bullets(content["quality"])
     yield "<h2>Tip against finite elements</h2>"
-    yield words("Distance of the tips, in % of the length. Held-out sweeps are not fitted.")
+    yield words("Distance of the tips, in % of the length. Points: finite elements; lines: the link.")
     yield _sweeps(content)
     yield picture(tips_picture(found), "tips of the link and of the part over the load of each sweep")
     yield "<h2>Backbones at the end of each sweep</h2>"
@@ -168,8 +168,7 @@ def tips_picture(found: Identified) -> str:
                 label = own[0].state.sweep + (" (held out)" if own[0].state.held_out else "")
                 axes.plot(load, [1e3 * e.places[-1][k] for e in own], color=colour, label=label)
             axes.set_xlabel("load factor")
-            axes.set_title(f"tip, {'xyz'[k]} [mm]: points finite elements, lines link")
-            axes.title.set_size(7.5)
+            axes.set_title(f"tip, {'xyz'[k]} [mm]")
         axes.legend(fontsize=6)
         return svg(figure)
 

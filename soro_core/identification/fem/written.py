@@ -11,7 +11,7 @@ import yaml
 
 from soro_core.identification.fem.direct import Direct
 from soro_core.identification.fem.joint import TipError
-from soro_core.identification.fem.link import at_bound, robot_keys
+from soro_core.identification.fem.link import GIVEN, at_bound, robot_keys
 from soro_core.identification.fem.modes import mode_file, strain_keys
 from soro_core.identification.fem.stages import Identified
 
@@ -78,6 +78,28 @@ def quality(found: Identified) -> list[str]:
     if stuck:
         lines.append(f"At a bound, so that other loads would say more: {', '.join(stuck)}.")
     return lines
+
+
+def refusal(found: Identified, accept: float) -> str:
+    """Return why a robot is not accepted, empty where it is.
+
+    Parameters
+    ----------
+    found : Identified
+        With the robot.
+    accept : float
+        Greatest error of a held-out tip over the length.
+    """
+    most = mean_and_most(found.held_out)[1]
+    if most > accept:
+        return f"a held-out tip is off by {100.0 * most:.2g} % of the length, allowed: {100.0 * accept:g} %"
+    stuck = [name for name in at_bound(found.start, found.values) if name not in GIVEN]
+    if stuck:
+        return (
+            f"{', '.join(stuck)} at a bound: the link has no law for what the part does, or its sweeps are"
+            " too few; chambers without hoops balloon"
+        )
+    return ""
 
 
 def number_table(found: Identified) -> list[str]:

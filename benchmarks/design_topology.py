@@ -55,10 +55,13 @@ def topology(options: Options) -> tuple[str, str]:
 
 def _arch(cells: tuple[int, int], own: tuple[int, int], options: Options) -> list[tuple[str, ...]]:
     options.say(f"arch, {cells[0]} x {cells[1]}")
-    task = changed(load_task("arch"), cells=cells)
+    task = load_task("arch")
+    # The same number of elements on each grid.
+    finer = task.cells[0] / cells[0]
+    air = changed(task.air, depth_m=task.air.depth_m * finer)
+    task = changed(task, cells=cells, filter_radius_m=task.filter_radius_m * finer, air=air)
     if options.quick:
-        few = changed(task.schedule, iterations=3, ramp=0)
-        task = changed(task, schedule=few, filter_radius_m=2.0 * task.size_m[0] / cells[0])
+        task = changed(task, schedule=changed(task.schedule, iterations=3, ramp=0))
     start = time.process_time()
     rows = optimise(task).rows
     spent = time.process_time() - start

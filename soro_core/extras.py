@@ -1,7 +1,7 @@
 """Packages that not every installation has: a missing one becomes one line with the command to install it.
 
 `pip install soro` brings the model and the command line. CAN, serial lines and Modbus are the extra
-`hardware`, ROS and recordings the extra `ros`, both together `all` (docs/adr/0024-extras.md).
+`hardware`, ROS and recordings the extra `ros`; `all` has these and more (docs/adr/0024-extras.md).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PACKAGES = {
     "board": ("smbus2",),
     "dask": ("distributed",),
     "parquet": ("pyarrow",),
-    "design": ("ipctk", "meshio", "shapely"),
+    "design": ("ipctk", "meshio"),
     "mesh": ("netgen",),
     "pardiso": ("pypardiso",),
     "view": ("viser", "websockets", "msgspec"),

@@ -61,7 +61,20 @@ def run(
 
 
 def prepare(folder: Path, file: PartFile, force: bool) -> None:
-    """Make the folder of a run and write the part into it; with `force` empty that of an earlier run."""
+    """Make the folder of a run and write the part into it.
+
+    Parameters
+    ----------
+    folder : Path
+    file : PartFile
+    force : bool
+        Whether the folder of an earlier run is emptied.
+
+    Raises
+    ------
+    ConfigError
+        If there is such a folder, or it is not that of a run.
+    """
     from soro_core.fem.parts.folder import BACKBONE, PART, TABLE
 
     if folder.exists():
@@ -80,7 +93,18 @@ def prepare(folder: Path, file: PartFile, force: bool) -> None:
 def follow_all(
     file: PartFile, specimen: Specimen, kept: SweepFolder, console: Console
 ) -> tuple[list[str], bool]:
-    """Follow all sweeps; return the names of those that stopped early, and whether Ctrl-C ended it."""
+    """Follow all sweeps; return the names of those that stopped early, and whether Ctrl-C ended it.
+
+    Parameters
+    ----------
+    file : PartFile
+    specimen : Specimen
+        Made of it.
+    kept : SweepFolder
+        Takes each state.
+    console : Console
+        Shows the progress.
+    """
     from soro_core.fem.parts.sweeps import follow
 
     mesh = specimen.part.mesh

@@ -80,7 +80,16 @@ class SweepFolder:
 
 
 def save_backbones(path: Path, z: Array, backbones: list[Backbone]) -> None:
-    """Write backbones and the places of their sections (s,) [m] as one file of arrays."""
+    """Write backbones as one file of arrays.
+
+    Parameters
+    ----------
+    path : Path
+        File to write, .npz.
+    z : ndarray, (s,)
+        Places of the sections [m].
+    backbones : list of Backbone
+    """
     columns: dict[str, Any] = {name: np.array([getattr(one, name) for one in backbones]) for name in _COLUMNS}
     np.savez_compressed(path, z=z, **columns)
 

@@ -57,7 +57,16 @@ def follow(specimen: Specimen, sweep: Sweep, reached: Callable[[State], None]) -
 
 
 def backbone(specimen: RodSpecimen, sweep: Sweep, state: State) -> Backbone:
-    """Return the backbone of a rod in a state of a sweep."""
+    """Return the backbone of a rod in a state.
+
+    Parameters
+    ----------
+    specimen : RodSpecimen
+    sweep : Sweep
+        Its pressures and force at load factor 1.
+    state : State
+        Of this sweep.
+    """
     pressures = np.zeros(len(specimen.rod.chambers))
     pressures[: len(sweep.pressures_pa)] = sweep.pressures_pa
     force = state.load * np.array(sweep.force_n)

@@ -55,6 +55,16 @@ def refine(data: Snapshots, known: Template, start: Direct, strains: Mapping[str
 
     The stiffness at rest stays within 10 % of what known forces give; no other state of the fit has a known
     force across the axis.
+
+    Parameters
+    ----------
+    data : Snapshots
+    known : Template
+        What does not change.
+    start : Direct
+        What single loads give.
+    strains : mapping, optional
+        Key `strains` of the robot file, for a link with modes.
     """
     bare = weightless(known)
     states = (*data.even, *data.uneven)
@@ -74,7 +84,16 @@ def refine(data: Snapshots, known: Template, start: Direct, strains: Mapping[str
 
 
 def tip_errors(data: Snapshots, robot: Robot, states: Sequence[Backbone]) -> list[TipError]:
-    """Return the errors of a robot, without its weight and in the frame of the part, in states."""
+    """Return the errors of a robot, without its weight and in the frame of the part.
+
+    Parameters
+    ----------
+    data : Snapshots
+        Places of the sections.
+    robot : Robot
+    states : sequence of Backbone
+        What finite elements give.
+    """
     arm = SoftArm(robot.replace(gravity=[0.0, 0.0, 0.0], base_quaternion=[0.0, 0.0, 0.0, 1.0]))
     found = []
     for state in states:

@@ -63,7 +63,16 @@ class Template:
 
 
 def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
-    """Return what a part file and its mesh say of the link."""
+    """Return what a part file and its mesh say of the link.
+
+    Parameters
+    ----------
+    file : PartFile
+    specimen : RodSpecimen
+        Made of it.
+    name : str
+        Of the robot.
+    """
     rod, mesh, part = specimen.rod, specimen.part.mesh, specimen.part
     section = mesh.points[rod.sections[0]]
     # Of a tapered rod, the section in the middle.
@@ -119,7 +128,13 @@ def at_bound(start: Direct, values: Mapping[str, float]) -> list[str]:
 
 
 def robot_of(known: Template, values: Mapping[str, float], strains: Mapping[str, Any] | None = None) -> Robot:
-    """Return the robot of one link with these numbers, see `robot_keys`."""
+    """Return the robot of one link with these numbers.
+
+    Parameters
+    ----------
+    known, values, strains
+        As in `robot_keys`.
+    """
     return robot_from_dict(robot_keys(known, values, strains))
 
 

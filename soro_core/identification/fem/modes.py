@@ -71,7 +71,17 @@ class Kept:
 
 
 def kept(data: Snapshots, states: Sequence[Backbone], found: Modes | None, n: int = 0) -> Kept:
-    """Return what the first `n` modes, or without modes constant strains, keep of states by projection."""
+    """Return what modes keep of states by projection.
+
+    Parameters
+    ----------
+    data : Snapshots
+    states : sequence of Backbone
+    found : Modes or None
+        None for constant strains.
+    n : int
+        Number of modes that are used, the first ones.
+    """
     dz = np.diff(data.z)
     strains = np.array([data.strains(state) for state in states])
     if found is None:

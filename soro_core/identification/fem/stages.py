@@ -150,7 +150,16 @@ def identify(
 
 
 def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCheck | None:
-    """Compute the sweep of the first uneven pressures on a coarser mesh; None if that has no solution."""
+    """Compute the sweep of the first uneven pressures on a coarser mesh; None if that has no solution.
+
+    Parameters
+    ----------
+    file : PartFile
+    specimen : RodSpecimen
+        Made of it.
+    data : Snapshots
+        Of its sweeps.
+    """
     geometry = file.geometry
     assert isinstance(geometry, RodGeometry)
     halved: dict[str, Any] = {"around": max(2, geometry.around // 2)}

@@ -132,7 +132,9 @@ def robot_of(known: Template, values: Mapping[str, float], strains: Mapping[str,
 
     Parameters
     ----------
-    known, values, strains
+    known : Template
+    values : mapping
+    strains : mapping, optional
         As in `robot_keys`.
     """
     return robot_from_dict(robot_keys(known, values, strains))

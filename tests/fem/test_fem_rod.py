@@ -72,12 +72,19 @@ def test_poses_and_strains_of_a_known_field():
     z = points[nodes[:, 0], 2]
     strains = section_strains(poses, z)
     np.testing.assert_allclose(strains, np.broadcast_to(expected, strains.shape), atol=1e-10)
-    exact = np.tile(np.eye(4), (len(z), 1, 1))
-    R = rotation_exp(np.array([0.1, -0.4, 0.2]))
+
+
+# Beyond a right angle the decomposition alone gives mirrors.
+@pytest.mark.parametrize("turn", [(0.1, -0.4, 0.2), (0.0, 2.0, 0.0), (1.0, 2.0, 0.5)])
+def test_poses_of_a_rigid_motion(turn):
+    points, R = ROD.mesh.points, rotation_exp(np.array(turn))
+    z = points[ROD.sections[:, 0], 2]
     moved = points @ R.T + [0.01, 0.02, 0.03]
+    exact = np.tile(np.eye(4), (len(z), 1, 1))
     exact[:, :3, :3] = R
     exact[:, :3, 3] = np.array([0.01, 0.02, 0.03]) + z[:, None] * R[:, 2]
-    np.testing.assert_allclose(section_poses(points, moved - points, nodes, ROD.share), exact, atol=1e-14)
+    found = section_poses(points, moved - points, ROD.sections, ROD.share)
+    np.testing.assert_allclose(found, exact, atol=1e-14)
 
 
 def test_a_chamber_bends_the_rod_away_from_it():

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -135,19 +136,25 @@ def optimise(
         Where a design has no equilibrium, or the output does not move; one line with the reason.
     """
     domain = make_domain(task, where)
-    _require_sealable(domain, where)
+    require_sealable(domain, where)
     found = analysis(domain, where)
     weights = density_filter(domain.grid, task.filter_radius_m)
     state = state or first_state(domain)
-    for k in range(len(state.rows), until or task.schedule.iterations):
+    for k in range(len(state.rows), task.schedule.iterations if until is None else until):
         state = _iterate(domain, found, weights, state, k)
         if progress is not None:
             progress(state)
     return state
 
 
-def _require_sealable(domain: Domain, where: str) -> None:
-    """Refuse a task whose given void alone joins the inlet with the open."""
+def require_sealable(domain: Domain, where: str) -> None:
+    """Refuse a task whose given void alone joins the inlet with the open.
+
+    Raises
+    ------
+    ConfigError
+        With the place of the leak; `where` is the file that it names.
+    """
     found = flood(domain, contour(domain, np.ones(len(domain.is_solid))))
     if found.is_leak.any():
         x, y = 1e3 * domain.grid.mesh.points[np.flatnonzero(found.is_leak)[0]]
@@ -258,7 +265,7 @@ def load_state(folder: Path, domain: Domain) -> State:
         state = State(moves=moves, rows=rows, **arrays)
     except FileNotFoundError:
         raise ConfigError(str(path), "", "no such file", "the folder of a run of `soro design`") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise ConfigError(str(path), "", str(error), "a state that `soro design run` has written") from None
     if state.x.shape != domain.is_solid.shape:
         allowed = f"a run of this grid, {len(domain.is_solid)} elements"

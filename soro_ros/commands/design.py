@@ -35,12 +35,13 @@ def run(
     from soro_core.config import find_config
     from soro_core.design import load_state, load_task, optimise, save
     from soro_core.design.domain import make_domain
-    from soro_core.design.optimise import STATE
+    from soro_core.design.optimise import STATE, require_sealable
     from soro_core.design.pictures import film
 
     file = find_config(task, "design")
     loaded = load_task(file)
     domain = make_domain(loaded, str(file))
+    require_sealable(domain, str(file))
     folder = Path(f"{file.stem}_design") if out is None else out
     state = None
     if resume:
@@ -54,6 +55,7 @@ def run(
 
     def keep(now: State) -> None:
         save(now, folder)
+        _write_rows(now, folder / "iterations.csv")
         typer.echo(_line(now))
 
     typer.echo(_HEAD)
@@ -62,7 +64,6 @@ def run(
     except KeyboardInterrupt:
         typer.echo(f"stopped; go on with: soro design run {task} --out {folder} --resume")
         raise typer.Exit(130) from None
-    _write_rows(state, folder / "iterations.csv")
     film(domain, state, folder / "film.gif")
     _report(domain, state, folder)
 
@@ -88,7 +89,9 @@ def export(
 ) -> None:
     """Write the final part of a run as the surface of a solid, with its mirror images."""
     from soro_core.design import shape
-    from soro_core.design.solids import enclosed, extruded, mirrored, open_edges, revolved, write_stl
+    from soro_core.design.section import mirrored
+    from soro_core.fem import extruded, revolved, write_stl
+    from soro_core.fem.surface import is_closed, volume
 
     if (extrude is not None) == revolve:
         found = "both" if revolve else "neither"
@@ -100,13 +103,12 @@ def export(
     domain, state = _loaded(folder)
     part = shape(domain, state)
     axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
-    section = mirrored(part.mesh, axes)
-    triangles = revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)
-    gaps = open_edges(triangles)
-    if gaps:
-        raise ModelError(f"the surface has {gaps} open edges: no solid to export", "stl")
-    write_stl(stl, triangles)
-    typer.echo(f"{stl}: {len(triangles)} triangles, {1e9 * enclosed(triangles):.6g} mm3, watertight")
+    section = mirrored(part.mesh, axes, "axisymmetric" if revolve else "plane_strain")
+    points, triangles = revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)
+    if not is_closed(triangles):
+        raise ModelError("the surface has open edges: no solid to export", "stl")
+    write_stl(stl, points, triangles)
+    typer.echo(f"{stl}: {len(triangles)} triangles, {1e9 * volume(points, triangles):.6g} mm3, watertight")
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
@@ -170,7 +172,7 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
 
 
 def _numbers(domain: Domain, state: State, found: Shape, moved: Reanalysis | None) -> list[tuple[str, str]]:
-    from soro_core.design.solids import area
+    from soro_core.design.section import area
 
     row = state.rows[-1]
     x, y = 1e3 * found.wall_at

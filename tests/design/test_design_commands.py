@@ -10,9 +10,10 @@ from typer.testing import CliRunner
 
 from soro_core.config import config_folder
 from soro_core.design.domain import analysis, make_domain
-from soro_core.design.solids import enclosed, open_edges, read_stl
 from soro_core.design.task import load_task
 from soro_core.errors import ConfigError
+from soro_core.fem import read_stl
+from soro_core.fem.surface import is_closed, volume
 from soro_ros.cli import application
 from soro_ros.commands import design
 from tests.design.small import bellow
@@ -58,11 +59,11 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
         assert word in checked.output
     written = soro("export", "small_design", "--stl", "small.stl", "--extrude", "4")
     assert written.exit_code == 0, written.output
-    triangles = read_stl(tmp_path / "small.stl")
-    assert open_edges(triangles) == 0
+    points, triangles = read_stl(tmp_path / "small.stl")
+    assert is_closed(triangles)
     # Mirrored on both axes, 4 mm high, a quarter of the grid of 20 x 10 mm.
-    assert enclosed(triangles) == pytest.approx(4 * 2e-4 * 0.25 * 4e-3, rel=0.1)
-    assert np.ptp(triangles[:, :, 2]) == pytest.approx(4e-3)
+    assert volume(points, triangles) == pytest.approx(4 * 2e-4 * 0.25 * 4e-3, rel=0.1)
+    assert np.ptp(points[:, 2]) == pytest.approx(4e-3)
 
 
 def test_a_part_that_leaks_ends_with_a_reason(soro, tmp_path):

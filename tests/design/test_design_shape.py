@@ -8,18 +8,10 @@ import pytest
 from soro_core.design.check import Shape, reanalyse
 from soro_core.design.domain import make_domain
 from soro_core.design.flood import flood, thinnest_wall, wet_faces
+from soro_core.design.section import area, mirrored
 from soro_core.design.shape import snapped, solid_mesh
-from soro_core.design.solids import (
-    area,
-    enclosed,
-    extruded,
-    mirrored,
-    open_edges,
-    read_stl,
-    revolved,
-    revolved_volume,
-    write_stl,
-)
+from soro_core.fem import extruded, revolved
+from soro_core.fem.surface import is_closed, volume
 from tests.design.small import bellow
 
 DOMAIN = make_domain(bellow())
@@ -126,28 +118,21 @@ def test_the_part_on_its_own_mesh_is_a_thick_tube():
 
 
 @pytest.mark.parametrize("axes", [(), ("x",), ("x", "y")])
-def test_extruded_parts_are_watertight_and_have_their_volume(axes, tmp_path):
+def test_extruded_parts_are_watertight_and_have_their_volume(axes):
     domain = replace(DOMAIN, output=np.where(np.hypot(X, Y)[:, None] < 8e-3, 1.0, 0.0) * [0.0, 1.0])
     mesh = solid_mesh(domain, dome())
     section = mirrored(mesh, axes)
     assert area(section) == pytest.approx(2.0 ** len(axes) * area(mesh), rel=1e-12)
-    triangles = extruded(section, 5e-3)
-    assert open_edges(triangles) == 0
-    assert enclosed(triangles) == pytest.approx(5e-3 * area(section), rel=1e-12)
-    write_stl(tmp_path / "part.stl", triangles)
-    read = read_stl(tmp_path / "part.stl")
-    assert open_edges(read) == 0
-    assert enclosed(read) == pytest.approx(5e-3 * area(section), rel=1e-6)
-    assert open_edges(triangles[1:]) == 3
+    points, triangles = extruded(section, 5e-3)
+    assert is_closed(triangles)
+    assert volume(points, triangles) == pytest.approx(5e-3 * area(section), rel=1e-12)
+    assert not is_closed(triangles[1:])
 
 
 @pytest.mark.parametrize("pieces", [3, 40])
 def test_revolved_parts_are_watertight_and_have_their_volume(pieces):
     domain = replace(DOMAIN, output=np.where(np.hypot(X, Y)[:, None] < 8e-3, 1.0, 0.0) * [0.0, 1.0])
-    section = mirrored(solid_mesh(domain, dome()), ("y",))
-    triangles = revolved(section, pieces)
-    assert open_edges(triangles) == 0
-    volume = revolved_volume(section, pieces)
-    assert enclosed(triangles) == pytest.approx(volume, rel=1e-12)
-    round_ = revolved_volume(section, 100_000)
-    assert round_ == pytest.approx(4.0 / 3.0 * np.pi * (8e-3**3 - 5e-3**3), rel=0.02)
+    section = mirrored(solid_mesh(domain, dome()), ("y",), "axisymmetric")
+    points, triangles = revolved(section, pieces)
+    assert is_closed(triangles)
+    assert volume(points, triangles) == pytest.approx(4.0 / 3.0 * np.pi * (8e-3**3 - 5e-3**3), rel=0.02)

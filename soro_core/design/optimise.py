@@ -258,7 +258,7 @@ def load_state(folder: Path, domain: Domain) -> State:
     """
     path = folder / STATE
     try:
-        with np.load(path, allow_pickle=False) as kept:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
         rows = tuple(Row(**row) for row in json.loads(str(arrays.pop("rows"))))
         moves = Moves(**{one.name: arrays.pop(f"moves_{one.name}") for one in fields(Moves)})

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.fem import Mesh, make_mesh
+from soro_core.fem.mesh import Space
 
 
-def mirrored(mesh: Mesh, axes: tuple[str, ...], space: str = "plane_strain") -> Mesh:
+def mirrored(mesh: Mesh, axes: tuple[str, ...], space: Space = "plane_strain") -> Mesh:
     """Return a section (quad4) with its mirror images.
 
     Parameters
@@ -15,7 +16,7 @@ def mirrored(mesh: Mesh, axes: tuple[str, ...], space: str = "plane_strain") -> 
     mesh : Mesh
     axes : tuple of str
         "x" for an image behind x = 0, "y" for one behind y = 0.
-    space : str
+    space : Space
         Of the mesh that is returned: "plane_strain", or "axisymmetric" about x = 0.
     """
     points, cells = mesh.points, mesh.cells

@@ -59,8 +59,9 @@ def _of(name: str, cells: tuple[int, int], iterations: int | None) -> Task:
     task = changed(load_task(name), cells=cells)
     if iterations is None:
         return task
-    # The coarse grids of a test need a patch and a filter that they resolve.
-    schedule = changed(task.schedule, iterations=iterations, ramp=0 if name == "arch" else 2)
+    # A test gets a filter that its grid resolves, and a pressure that a grey design bears.
+    ramp, low = (0, task.schedule.pressure_pa) if name == "arch" else (iterations, (100.0, 200.0))
+    schedule = changed(task.schedule, iterations=iterations, ramp=ramp, pressure_pa=low)
     return changed(task, schedule=schedule, filter_radius_m=2.0 * task.size_m[0] / cells[0])
 
 

@@ -57,6 +57,10 @@ def run(options: Options) -> str:
 
 def _of(name: str, cells: tuple[int, int], iterations: int | None) -> Task:
     task = changed(load_task(name), cells=cells)
+    if name == "arch":
+        # Those who compare it state filter and depth in elements.
+        edge = task.size_m[0] / cells[0]
+        task = changed(task, filter_radius_m=2.4 * edge, air=changed(task.air, depth_m=2.0 * edge))
     if iterations is None:
         return task
     # A test gets a filter that its grid resolves, and a pressure that a grey design bears.

@@ -1,4 +1,4 @@
-"""Draw the picture of docs/parts.md: the silicone rod under pressures.
+"""Draw the pictures of docs/parts.md: two rods of silicone, pulled and under pressures.
 
 python -m docs.part_pictures [--folder docs/images]
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,9 @@ def make_domain(task: Task, where: str = "task") -> Domain:
     def nodes(region: Box | Disc, key: str) -> Flags:
         found = inside(region, points, near)
         if not found.any():
-            raise ConfigError(where, key, region, f"a region with nodes of the grid, {size_text(task)}")
+            raise ConfigError(
+                where, key, _told(region), f"a region with nodes of the grid, {size_text(task)}"
+            )
         return found
 
     def elements(regions: tuple[Box | Disc, ...], key: str) -> Flags:
@@ -91,7 +94,7 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             found = inside(region, centres, 0.0)
             if not found.any():
                 allowed = f"a region with centres of elements, {size_text(task)}"
-                raise ConfigError(where, f"{key}[{k}]", region, allowed)
+                raise ConfigError(where, f"{key}[{k}]", _told(region), allowed)
             every |= found
         return every
 
@@ -101,7 +104,8 @@ def make_domain(task: Task, where: str = "task") -> Domain:
         is_open |= nodes(region, f"open[{k}]")
     is_open &= ~is_inlet
     if not is_open.any():
-        raise ConfigError(where, "open", task.open, "a region beside the inlet")
+        got = "no region" if not task.open else "regions within the inlet alone"
+        raise ConfigError(where, "open", got, "a region beside the inlet")
     is_held = np.zeros(points.shape, dtype=bool)
     for k, one in enumerate(task.held):
         found = nodes(one.where, f"held[{k}].where")
@@ -121,12 +125,17 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             output = patch(grid.mesh, nodes(task.goal.output, "goal.output"), np.array(task.goal.direction))
         except ModelError:
             allowed = "edges of the border, no single node and nothing inside"
-            raise ConfigError(where, "goal.output", task.goal.output, allowed) from None
+            raise ConfigError(where, "goal.output", _told(task.goal.output), allowed) from None
         if not (output[~is_held] != 0.0).any():
             allowed = "an output that can move: `held` holds all of it in that direction"
-            raise ConfigError(where, "goal.output", task.goal.output.model_dump(exclude_none=True), allowed)
+            raise ConfigError(where, "goal.output", _told(task.goal.output), allowed)
         output = np.where(is_held, 0.0, output)
     return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output)
+
+
+def _told(region: Box | Disc) -> dict[str, Any]:
+    """Return the keys of a region as its file has them."""
+    return region.model_dump(exclude_none=True)
 
 
 def analysis(domain: Domain, where: str = "task") -> Motion | Compliance:

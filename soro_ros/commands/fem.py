@@ -48,7 +48,7 @@ def run(
     file = load_part(part)
     folder = Path(f"{file.name}_fem") if out is None else out
     specimen = make_specimen(file)
-    prepare(folder, file, force)
+    prepare(folder, file, force, "soro fem run")
     kept = SweepFolder(folder, specimen)
     console = Console(stderr=True)
     stopped, interrupted = follow_all(file, specimen, kept, console)
@@ -60,7 +60,7 @@ def run(
         raise typer.Exit(130 if interrupted else 1)
 
 
-def prepare(folder: Path, file: PartFile, force: bool) -> None:
+def prepare(folder: Path, file: PartFile, force: bool, command: str) -> None:
     """Make the folder of a run and write the part into it.
 
     Parameters
@@ -69,24 +69,29 @@ def prepare(folder: Path, file: PartFile, force: bool) -> None:
     file : PartFile
     force : bool
         Whether the folder of an earlier run is emptied.
+    command : str
+        Command that errors name.
 
     Raises
     ------
     ConfigError
-        If there is such a folder, or it is not that of a run.
+        If there is such a folder, it is not that of a run, or it cannot be made.
     """
     from soro_core.fem.parts.folder import BACKBONE, PART, TABLE
 
     if folder.exists():
         if not force:
-            raise ConfigError(
-                "soro fem run", "--out", str(folder), "a folder that does not exist, or --force"
-            )
+            allowed = "a folder of states that does not exist, or --force"
+            raise ConfigError(command, "--out", str(folder), allowed)
         if not (folder / PART).is_file():
-            raise ConfigError("soro fem run", "--out", str(folder), "with --force, the folder of a run")
+            raise ConfigError(command, "--out", str(folder), "with --force, the folder of a run")
         for old in (*folder.glob("*.vtu"), folder / BACKBONE, folder / TABLE):
             old.unlink(missing_ok=True)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        allowed = f"a folder that can be made ({error.strerror})"
+        raise ConfigError(command, "--out", str(folder), allowed) from None
     (folder / PART).write_text(file.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 

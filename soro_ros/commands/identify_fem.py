@@ -58,6 +58,8 @@ def identify_fem(
     name = "soro identify-fem"
     if out.suffix not in (".yaml", ".yml"):
         raise ConfigError(name, "--out", str(out), "a name that ends with .yaml")
+    if not out.parent.is_dir():
+        raise ConfigError(name, "--out", str(out), "a file in a folder that exists")
     for option, path in (("--out", out), ("--report", report)):
         if path is not None and path.exists() and not force:
             raise ConfigError(name, option, str(path), "what does not exist, or --force")
@@ -69,7 +71,7 @@ def identify_fem(
     console = Console(stderr=True)
     if run is None:
         folder = out.with_name(f"{out.stem}_fem")
-        prepare(folder, file, force)
+        prepare(folder, file, force, name)
         kept = SweepFolder(folder, specimen)
         stopped, interrupted = follow_all(file, specimen, kept, console)
         if interrupted:

@@ -5,7 +5,6 @@ import csv
 import numpy as np
 import pytest
 import typer
-from test_fem_part_file import ROD, TUBE, written
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
@@ -13,6 +12,7 @@ from soro_core.fem.parts import sweeps
 from soro_core.fem.parts.file import load_part
 from soro_core.fem.parts.folder import load_backbones
 from soro_ros.commands.fem import app as fem
+from tests.fem.small_parts import ROD, TUBE, written
 from tests.refused import refused
 
 app = typer.Typer()
@@ -66,6 +66,14 @@ def test_a_folder_of_another_part_is_refused(tmp_path):
     _, path, out = call(tmp_path, ROD, sweeps=[PULL])
     written(tmp_path, ROD, sweeps=[ONE])
     with refused(""):  # the part has another list of sweeps now
+        load_backbones(out, load_part(path))
+
+
+@pytest.mark.parametrize("name", ["backbone.npz", "part.json"])
+def test_a_damaged_folder_of_a_run_is_one_line(tmp_path, name):
+    _, path, out = call(tmp_path, ROD, sweeps=[PULL])
+    (out / name).write_bytes((out / name).read_bytes()[:-40])
+    with refused("", names=("soro fem run",)):
         load_backbones(out, load_part(path))
 
 

@@ -2,8 +2,6 @@
 
 import json
 import re
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,9 +18,7 @@ from soro_core.scene import load_scene
 from soro_core.twin import Twin
 from soro_ros.commands.fem import app as fem
 from soro_ros.commands.identify_fem import identify_fem
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "fem"))
-from test_fem_part_file import ROD, TUBE, written
+from tests.fem.small_parts import ROD, TUBE, written
 
 app = typer.Typer()
 app.add_typer(fem, name="fem")

@@ -6,6 +6,7 @@ import csv
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -100,21 +101,29 @@ def load_backbones(folder: Path, part: PartFile) -> tuple[Array, list[Backbone]]
     Raises
     ------
     ConfigError
-        If the folder has none, is of another part, or lacks a sweep.
+        If the folder has none, is of another part, or lacks a sweep, or a file of it is damaged.
     """
     path = folder / BACKBONE
     absent = [name for name in (BACKBONE, PART) if not (folder / name).is_file()]
     if absent:
         raise ConfigError(str(folder), "", f"no {absent[0]}", "a folder that `soro fem run` made of a rod")
-    kept = PartFile.model_validate_json((folder / PART).read_text(encoding="utf-8"))
+    try:
+        kept = PartFile.model_validate_json((folder / PART).read_text(encoding="utf-8"))
+    except ValueError:
+        allowed = "the part file that `soro fem run` has written"
+        raise ConfigError(str(folder / PART), "", "no part", allowed) from None
     if kept != part:
         raise ConfigError(
             str(folder), "", f"another part or other sweeps than {part.name}", "those of this file"
         )
-    with np.load(path) as data:
-        rows = zip(*(data[name] for name in _COLUMNS), strict=True)
-        found = [Backbone(str(row[0]), float(row[1]), row[2], row[3], bool(row[4]), row[5]) for row in rows]
-        z = np.asarray(data["z"])
+    try:
+        with path.open("rb") as file, np.load(file) as data:
+            columns, z = [data[name] for name in _COLUMNS], np.asarray(data["z"])
+    except (OSError, ValueError, KeyError, BadZipFile):
+        allowed = "backbones that `soro fem run` has written to its end"
+        raise ConfigError(str(path), "", "no backbones", allowed) from None
+    rows = zip(*columns, strict=True)
+    found = [Backbone(str(row[0]), float(row[1]), row[2], row[3], bool(row[4]), row[5]) for row in rows]
     missing = [sweep.name for sweep in part.sweeps if sweep.name not in {one.sweep for one in found}]
     if missing:
         raise ConfigError(

@@ -20,7 +20,8 @@ NODES = (
 )
 
 # Commands that need no extra.
-ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "identify-fem", "fem", "new", "scenes"}
+ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "identify-fem", "new", "scenes"}
+ALONE |= {"design", "fem"}
 
 # What a module is to the import system where its package is not installed.
 HIDE = "import json, sys\nfor name in json.loads({hidden!r}):\n    sys.modules[name] = None\n"

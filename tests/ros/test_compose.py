@@ -96,7 +96,7 @@ def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
     run, reported = start({"platform": ""})
     monkeypatch.setattr(kernels, "compiled", compiled)
     run.start(Ready())
-    assert sum("compiles" in line for line in reported) == lines
+    assert sum("compiling kernels" in line for line in reported) == lines
 
 
 def test_without_a_pose_of_the_real_arm_control_does_not_begin(start):

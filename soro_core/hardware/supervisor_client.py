@@ -18,7 +18,7 @@ from soro_core.hardware.port import Fault
 from soro_core.hardware.reason import reason
 
 SCRIPT = Path(__file__).with_name("supervisor.py")
-START_LIMIT_S = 10.0
+START_LIMIT_S = 30.0
 _END_LIMIT_S = 2.0
 
 LOST = Fault(

@@ -109,7 +109,7 @@ def times(options: Options) -> tuple[str, str]:
         "tube in plane strain, quad4": pressed(tube("quad4", (32 // n, 128 // n), radii)),
         "tube, hex8": pressed(tube("hex8", (8 // n, 24 // n, 24 // n), radii, 24e-3)),
     }
-    solvers = dict.fromkeys(parts, ["SuperLU"])
+    solvers = {name: ["SuperLU"] for name in parts}
     if find_spec("pypardiso"):
         parts[LARGE] = pulled(block("hex8", "solid", (17 // n,) * 3, (1e-2,) * 3))
         solvers[LARGE] = ["SuperLU", "pardiso"]

@@ -10,6 +10,7 @@ from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety.emptying import watch_vent
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitors import broken_wire, watch
+from soro_core.safety.refusal import why_refused
 from soro_core.safety.remembered import Array, Flags, chamber
 from soro_core.safety.state import MUST_BE_ZERO, SafetyState, counted, initial_state
 
@@ -44,7 +45,7 @@ def offer(
     refusal : str or None
         Why the command was refused.
     """
-    refusal = _refuse(limits, state, command_pa, stamp_ns, now_ns, source)
+    refusal = why_refused(limits, state, command_pa, stamp_ns, now_ns, source)
     if refusal is not None:
         return counted(state, refusal), refusal
     taken = np.array(command_pa, dtype=np.float64)
@@ -242,40 +243,6 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
         ),
         None,
     )
-
-
-def _refuse(
-    limits: Limits, state: SafetyState, command_pa: Array, stamp_ns: int, now_ns: int, source: str
-) -> str | None:
-    """Return why a command is refused, or None; finiteness first: a comparison with NaN is false."""
-    names = state.monitors.names
-    command = np.asarray(command_pa, dtype=np.float64)
-    if command.shape != state.command_pa.shape:
-        return f"wrong length: {command.shape} for {state.command_pa.shape[0]} chambers"
-    asked = command.tolist()
-    if not all(map(math.isfinite, asked)):
-        return f"not finite: {chamber(names, int(np.argmin(np.isfinite(command))))}"
-    if any(not limits.minimum_pa <= value <= limits.maximum_pa for value in asked):
-        worst = int(np.argmax(np.maximum(limits.minimum_pa - command, command - limits.maximum_pa)))
-        return (
-            f"out of range: {chamber(names, worst)} {command[worst]:.0f} Pa, allowed "
-            f"{limits.minimum_pa:.0f} to {limits.maximum_pa:.0f} Pa"
-        )
-    age = (now_ns - stamp_ns) * 1e-9
-    if age > limits.command_age_s:
-        return f"stale: {age:.3f} s old, allowed {limits.command_age_s:g} s"
-    if age < -limits.command_age_s:
-        return f"from the future: stamped {-age:.3f} s ahead"
-    if source == state.command_source:
-        return "out of order: not newer than the last command" if stamp_ns <= state.command_stamp_ns else None
-    # A silent source is not replaced by another one: the next cycle trips, and after the reset the first
-    # source may command.
-    in_force = state.cycle_ns is not None and not state.vented
-    if state.command_ns is not None and (
-        in_force or (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
-    ):
-        return f"second source: {source} while {state.command_source} is live"
-    return None
 
 
 def _each(fresh: bool | Flags, shape: tuple[int, ...]) -> Flags:

@@ -230,7 +230,7 @@ class Recorder(SoroNode[RecorderConfig]):
         stream = self._streams[name]
         stream.loss.receive(number)
         now_ns = self.get_clock().now().nanoseconds
-        if self._controls.paused and stream.latched:
+        if self._controls.paused and stream.latched and now_ns:
             stream.missed = data
         if self._controls.paused or not now_ns:  # no simulated time yet
             return

@@ -170,6 +170,22 @@ def test_the_delay_of_an_arm_at_rest_is_not_known():
     assert abs(fit.delay_s) < fit.deviation_s
 
 
+@pytest.mark.parametrize(("information", "is_late"), [(20.0, False), (1e4, True)])
+def test_a_delay_of_which_the_rows_say_little_is_not_named(information, is_late):
+    """`information` [1/s^2] of the rows beside 100 of the prior: 20 leave a deviation of 91 ms."""
+    config = EstimatorConfig()
+    model = DelayModel(SoftArm(load_robot("tue_three_bellow")), config)
+    row = np.sqrt(information * model._noise * config.watch.delay_correlation_s / config.watch.delay_time_s)
+    regressor, delay_s = np.zeros((3, 6)), 0.021 * (100.0 + information) / information
+    regressor[0, 0] = row
+    fit = model.start(0.0)
+    for k in range(1, 100):
+        fit = model._fitted(fit, regressor, np.array([row * delay_s, 0.0, 0.0]), 0.1 * k)
+    assert fit.delay_s == pytest.approx(0.021, rel=0.01)
+    assert fit.deviation_s == pytest.approx((100.0 + information) ** -0.5, rel=0.01)
+    assert fit.is_late == is_late
+
+
 def test_a_sensor_that_is_silent_is_not_judged():
     run = Run(noise_m=1.5e-3)
     estimate, _ = run.ticks(400)

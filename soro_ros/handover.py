@@ -15,6 +15,11 @@ from rclpy.subscription import Subscription
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
+# Readers that one task serves, and then the executor: in lockstep each command brings the next readings.
+TURNS = 100
+# The middleware counts the messages that it brings; of others there is no number.
+_NO_NUMBER = {"publication_sequence_number": None}
+
 
 class Reader:
     """A subscription and the messages that wait for it, as many as its quality of service keeps."""
@@ -26,18 +31,19 @@ class Reader:
         self.wants_message_alone = subscription._callback_type == kind
 
     def take(self) -> None:
-        """Give the oldest message to the subscription."""
+        """Give the oldest message to the subscription, as the events executor does."""
         message = self.waiting.popleft()
-        self.subscription.callback(serialize_message(message) if self.subscription.raw else message)
+        given = serialize_message(message) if self.subscription.raw else message
+        self.subscription.callback(given if self.wants_message_alone else (given, _NO_NUMBER))
 
 
 class Handover:
     """Hands messages from node to node of one process as they are, in a task of the executor.
 
-    A message goes this way if every reader of its topic is in this process and wants nothing but the message,
-    and the topic has one publisher. Otherwise the middleware brings it to every reader, as it does before
-    `begin` and for topics that keep messages for later readers: none gets a message twice or out of order.
-    Writer and readers share the message: none of them may change it.
+    A message goes this way if every reader of its topic is in this process, and the topic has one publisher;
+    so it needs no number, by which a reader distinguishes publishers. Otherwise the middleware brings it to
+    every reader, as it does before `begin` and for topics that keep messages for later readers: none gets a
+    message twice or out of order. Writer and readers share the message: none of them may change it.
     """
 
     def __init__(self) -> None:
@@ -80,11 +86,10 @@ class Handover:
         return True
 
     def _take(self) -> None:
-        """Give all that waits, in order, and what is handed over meanwhile: a task costs more than a reader.
-
-        That ends with the commands to the valves, which pass the middleware.
-        """
-        while self._turns:
+        """Give what waits, in order, and what is handed over meanwhile: a task costs more than a reader."""
+        for _ in range(TURNS):
+            if not self._turns:
+                return
             reader = self._turns[0]
             if self.failure is None and reader.waiting:
                 try:
@@ -92,6 +97,8 @@ class Handover:
                 except Exception as error:  # rclpy's events executor crashes if a task raises
                     self.failure = reader.node, error
             self._turns.popleft()  # only now: while one has its turn, there is a task
+        if self._turns and self._executor is not None:
+            self._executor.create_task(self._take)
 
 
 class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
@@ -145,6 +152,5 @@ def _is_private(publisher: Publisher, readers: list[Reader]) -> bool:
     """Whether these are all readers of a topic, and it has no other publisher."""
     return (
         publisher.get_subscription_count() == len(readers)
-        and all(reader.wants_message_alone for reader in readers)
         and readers[0].subscription.get_publisher_count() == 1
     )

@@ -12,8 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 
 
+# Cycles before a schedule is found: the first ones come in a bunch, when the executor begins.
+UNSETTLED = 20
+
+
 class LoopTimer:
-    """Lateness of each cycle against an ideal schedule that starts with the first one.
+    """Lateness of each cycle against an ideal schedule, which begins after `UNSETTLED` cycles.
 
     Parameters
     ----------
@@ -21,6 +25,12 @@ class LoopTimer:
         Nominal period.
     keep : int
         Number of latest cycles for the percentiles.
+
+    Attributes
+    ----------
+    cycles : int
+    overruns : int
+        Periods without a cycle, since there is a schedule.
     """
 
     def __init__(self, period_s: float, keep: int = 12000) -> None:
@@ -34,6 +44,9 @@ class LoopTimer:
     def tick(self) -> None:
         """Record that a cycle starts now."""
         now = time.perf_counter()
+        self.cycles += 1
+        if self.cycles <= UNSETTLED:
+            return
         if self._start is None:
             self._start = now
         else:
@@ -48,12 +61,11 @@ class LoopTimer:
                 # The first cycle was late: the earliest one defines the schedule.
                 self._start += late
                 late = 0.0
-            self._late[self.cycles % self._late.size] = late
-        self.cycles += 1
+            self._late[(self.cycles - UNSETTLED - 1) % self._late.size] = late
 
     def percentile_ms(self, percent: float) -> float:
-        """Return a percentile of the lateness [ms]; 0 before the second cycle."""
-        filled = self._late[: min(self.cycles, self._late.size)]
+        """Return a percentile of the lateness [ms]; 0 before there is a schedule."""
+        filled = self._late[: min(max(self.cycles - UNSETTLED, 0), self._late.size)]
         return float(np.percentile(filled, percent)) * 1e3 if filled.size else 0.0
 
 

@@ -137,9 +137,9 @@ def test_with_a_second_publisher_the_middleware_brings_the_messages_of_both(star
     assert process.got[0] is not sent[0]
 
 
-def test_a_reader_of_the_number_of_a_message_gets_it_from_the_middleware(started):
+def test_a_message_that_is_handed_over_has_no_number_and_one_of_the_middleware_has_its_own(started):
     process = Process()
-    taken: list[int] = []
+    taken: list[int | None] = []
 
     def take(*received):
         """The events executor passes message and information as a pair."""
@@ -150,8 +150,21 @@ def test_a_reader_of_the_number_of_a_message_gets_it_from_the_middleware(started
     process.readers(2)
     sent = process.send("one", "two")
     process.wait(2)
-    assert taken == [1, 2]
-    assert process.got[0] is not sent[0]
+    assert taken == [None, None]
+    assert are_the_same(process.got, sent)
+    process.handover.end()
+    process.send("three", "four")
+    process.wait(4)
+    assert taken[2:] == [1, 2]
+
+
+def test_a_loop_of_messages_leaves_the_executor_its_turns(started):
+    process, turns = Process(), []
+    process.reader.callback = lambda m: process.writer.publish(m)  # each message brings the next
+    process.reading.create_timer(0.001, lambda: turns.append(1))
+    process.send("one")
+    wait_until(lambda: process.spun() and len(turns) >= 3, "turns of the timer")
+    process.handover.end()
 
 
 def test_a_topic_that_keeps_its_messages_stays_with_the_middleware(started):

@@ -32,6 +32,8 @@ from soro_ros.motion_topic import MotionTopic
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.tick_inputs import TickInputs, unusable
 
+# What is learned is told again after this time: the filter forgets it after five times as long.
+_TELL_AGAIN_NS = 20_000_000
 _TRAJECTORY, _TIP = "arm/reference/trajectory", "arm/reference/tip"
 
 
@@ -141,6 +143,7 @@ class ControllerTicks:
         self.state = self.controller.initial_state()
         self._epoch_ns: int | None = None
         self._last_ns = 0
+        self._told: tuple[Learned | None, int] = None, 0
         self._reference: Reference | None = None
         self._zero_ns = 0
         self._refuse("")
@@ -263,8 +266,11 @@ class ControllerTicks:
             self._publish(np.zeros(len(self._names)), now_ns)
 
     def _publish_learned(self, learned: Learned | None, stamp_ns: int) -> None:
-        """Publish what is learned; in lockstep the filter waits for an answer, even an empty one."""
-        if self.controller.law.learns and (self._lockstep or learned is not None):
+        """Publish what is new; in lockstep the filter waits for an answer, even an old or an empty one."""
+        told, told_ns = self._told
+        is_due = learned is not told or abs(stamp_ns - told_ns) > _TELL_AGAIN_NS
+        if self.controller.law.learns and (self._lockstep or (learned is not None and is_due)):
+            self._told = learned, stamp_ns
             self._ports.publish("arm/learned", learning.learned(learned, stamp_ns))
 
     def _unusable(self, message: JointState, stamp_ns: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -49,6 +50,7 @@ class Handover:
     def __init__(self) -> None:
         self._readers: dict[str, list[Reader]] = {}
         self._turns: deque[Reader] = deque()
+        self._later: deque[tuple[Node, Callable[[], None]]] = deque()
         self._executor: Executor | None = None
         self.failure: tuple[Node, Exception] | None = None
         """What a reader has raised, and its node; nothing is handed over after it."""
@@ -78,27 +80,47 @@ class Handover:
         readers = self._readers.get(publisher.name)
         if self._executor is None or not readers or not _is_private(publisher, readers):
             return False
-        if not self._turns:
-            self._executor.create_task(self._take)
+        self._ask_for_turns(self._executor)
         for reader in readers:
             reader.waiting.append(message)
             self._turns.append(reader)
         return True
 
+    def after(self, node: Node, callback: Callable[[], None]) -> None:
+        """Call a function of a node after all that is handed over now, and what its readers hand over then."""
+        if self._executor is None:
+            callback()
+            return
+        self._ask_for_turns(self._executor)
+        self._later.append((node, callback))
+
+    def _ask_for_turns(self, executor: Executor) -> None:
+        if not (self._turns or self._later):
+            executor.create_task(self._take)
+
     def _take(self) -> None:
         """Give what waits, in order, and what is handed over meanwhile: a task costs more than a reader."""
         for _ in range(TURNS):
-            if not self._turns:
+            # One leaves its queue only after its turn: while one has its turn, there is a task.
+            if self._turns:
+                reader = self._turns[0]
+                if reader.waiting:
+                    self._call(reader.node, reader.take)
+                self._turns.popleft()
+            elif self._later:
+                self._call(*self._later[0])
+                self._later.popleft()
+            else:
                 return
-            reader = self._turns[0]
-            if self.failure is None and reader.waiting:
-                try:
-                    reader.take()
-                except Exception as error:  # rclpy's events executor crashes if a task raises
-                    self.failure = reader.node, error
-            self._turns.popleft()  # only now: while one has its turn, there is a task
-        if self._turns and self._executor is not None:
+        if (self._turns or self._later) and self._executor is not None:
             self._executor.create_task(self._take)
+
+    def _call(self, node: Node, callback: Callable[[], None]) -> None:
+        if self.failure is None:
+            try:
+                callback()
+            except Exception as error:  # rclpy's events executor crashes if a task raises
+                self.failure = node, error
 
 
 class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
@@ -106,6 +128,16 @@ class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
 
     handover: Handover | None = None
     """That of the process; None for a node that is alone. It is set before the node has topics."""
+
+    def after_handover(self, callback: Callable[[], None]) -> None:
+        """Call a function once the other nodes of the process have answered what this one has published.
+
+        At once where messages pass the middleware, or the node is alone.
+        """
+        if self.handover is None:
+            callback()
+        else:
+            self.handover.after(self, callback)
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Publisher:
         """Create a publisher; parameters as in rclpy."""

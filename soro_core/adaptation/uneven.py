@@ -34,9 +34,11 @@ class UnevenForce:
     by_mass: Array
     by_q: Array
 
-    def at(self, q: Array) -> Array:
-        """Return the force at coordinates (n_q,) near to `q`, the mass as it is."""
-        return np.asarray(self.force + self.by_q @ (q - self.q))
+    def at(self, q: Array, mass_kg: float) -> Array:
+        """Return the force at coordinates (n_q,) and a mass [kg] near to those where it is found."""
+        return np.asarray(
+            self.force + self.by_q @ (q - self.q) + self.by_mass * (mass_kg - self.mass_kg)
+        )
 
     def added_to(self, learned: Learned, scales: Scales) -> Learned:
         """Return a learned model with this force, as far as W has its form.

@@ -55,6 +55,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._period_ns = round(1e9 / config.rate_hz)
         self._epoch_ns = 0
         self._observed = -1
+        self._slewed_ns: int | None = None
         self._skipped = 0
         self._running = False
         self._first: PlantFrame | None = None
@@ -200,9 +201,12 @@ class TwinNode(SoroNode[TwinConfig]):
             due = CATCH_UP_TICKS
         frame = self._link.latest() if self._link is not None else None
         for _ in range(due):
+            self._end_tick()
             self._observe()
             if self._chambers is not None:
-                self._step_with_commands()
+                self._begin_tick()
+                # The nodes of this process answer first: the arm's motion can wait, a command cannot.
+                self.after_handover(self._end_tick)
             else:
                 self._step_with_valves(frame)
 
@@ -235,8 +239,20 @@ class TwinNode(SoroNode[TwinConfig]):
 
     # One tick -------------------------------------------------------------------------------------
     def _step_with_commands(self) -> None:
-        self._limiter.slew(self._now_ns())
-        self._limiter.judge(self._seen.reading_pa, True, self._now_ns())
+        self._begin_tick()
+        self._end_tick()
+
+    def _begin_tick(self) -> None:
+        """Take the set points of this tick; later commands are for the next one."""
+        self._slewed_ns = self._now_ns()
+        self._limiter.slew(self._slewed_ns)
+
+    def _end_tick(self) -> None:
+        """Judge the readings and move the arm, once for each tick that has begun."""
+        if self._slewed_ns is None:
+            return
+        now_ns, self._slewed_ns = self._slewed_ns, None
+        self._limiter.judge(self._seen.reading_pa, True, now_ns)
         self._chambers.report_latch()
         self._arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
 

@@ -7,6 +7,7 @@ forces of the model and the learned one are those at the reference. The learner 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -25,6 +26,10 @@ from soro_core.control.uneven import Uneven, UnevenShape, bends_unevenly
 from soro_core.frozen import replaced
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Time between samples of the learner, and between steps of the uneven bend [s]: both change slowly. A loop of
+# 250 Hz or less takes each at every tick, a faster one at ticks of their own in turns.
+_SAMPLE_S = 0.004
 
 
 class CompositeOptions(LearnerConfig, LawOptions):
@@ -45,13 +50,20 @@ class CompositeState:
     shape : UnevenShape or None
         The uneven bend at the reference; None for an arm without one.
     lacking : UnevenForce or None
-        What constant strains lack there; None before the first tick.
+        What constant strains lack near there; None before the first tick.
+    learned : Learned or None
+        What the filter is told: the same object until there is something new; None before the first tick.
+    sampled_s, bent_s : float
+        Time since the last sample of the learner, and since the last step of the shape [s].
     """
 
     learner: LearnerState
     creep: Array
     shape: UnevenShape | None = None
     lacking: UnevenForce | None = None
+    learned: Learned | None = None
+    sampled_s: float = 0.0
+    bent_s: float = math.inf
 
 
 class Composite(Law[CompositeState]):
@@ -90,18 +102,22 @@ class Composite(Law[CompositeState]):
         now = reference.now
         error = q - (now.q + reference.ahead_s * now.qd)
         s = qd - now.qd + gains.rate * error
-        learner = self._learned(state, belief, reference, s, dt)
+        learner, sampled_s = state.learner, state.sampled_s + dt
+        if _is_due(sampled_s, dt):
+            learner, sampled_s = self._learned(state, belief, reference, s, sampled_s), 0.0
+        elif learner.note:
+            learner = replaced(learner, note="")
         # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
         at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
         motion = arm.motion_forces(at, wanted.qd, wanted.qdd)
         model = motion.own
         internal = arm.internal_force(at, state.creep)
         learned = self.learner.force.with_mass(learner.learned, at, motion.by_mass)
-        shape, lacking = state.shape, None
-        if self.uneven is not None and shape is not None:
-            point = Point(at, wanted.qd, wanted.qdd)
+        shape, lacking, bent_s = state.shape, state.lacking, state.bent_s + dt
+        if self.uneven is not None and shape is not None and _is_due(bent_s, dt):
+            point, bent_s = Point(at, wanted.qd, wanted.qdd), 0.0
             shape, lacking = self.uneven.step(shape, point, learner.learned.mass_kg)
-        uneven = np.zeros_like(at) if lacking is None else lacking.force
+        uneven = np.zeros_like(at) if lacking is None else lacking.at(at, learner.learned.mass_kg)
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
             "error": error,
@@ -115,7 +131,10 @@ class Composite(Law[CompositeState]):
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
         wished = model + internal + learned + uneven + proportional + derivative
-        return CompositeState(learner, creep, shape, lacking), wished, terms
+        told = state.learned
+        if told is None or learner.learned is not state.learner.learned or lacking is not state.lacking:
+            told = self._told(learner.learned, lacking)
+        return CompositeState(learner, creep, shape, lacking, told, sampled_s, bent_s), wished, terms
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -140,10 +159,10 @@ class Composite(Law[CompositeState]):
 
     def learned(self, state: CompositeState) -> Learned:
         """Return the learned model, for the filter; W with the tangent of the uneven bend's force."""
-        learned = state.learner.learned
-        return (
-            learned if state.lacking is None else state.lacking.added_to(learned, self.learner.force.scales)
-        )
+        return state.learned or self._told(state.learner.learned, state.lacking)
+
+    def _told(self, learned: Learned, lacking: UnevenForce | None) -> Learned:
+        return learned if lacking is None else lacking.added_to(learned, self.learner.force.scales)
 
     def counts(self, state: CompositeState) -> dict[str, int]:
         """Return samples refused and priors restored."""
@@ -175,3 +194,8 @@ class Composite(Law[CompositeState]):
             uneven=state.lacking,
         )
         return self.learner.step(learner, sample, dt)
+
+
+def _is_due(since_s: float, dt: float) -> bool:
+    """Whether what is done every `_SAMPLE_S` falls to this tick, after a time [s]; `dt` [s] of the loop."""
+    return since_s + 0.5 * dt >= _SAMPLE_S

@@ -87,7 +87,7 @@ class Handover:
         return True
 
     def after(self, node: Node, callback: Callable[[], None]) -> None:
-        """Call a function of a node after all that is handed over now, and what its readers hand over then."""
+        """Call a function of a node after what is handed over now, and what its readers hand over then."""
         if self._executor is None:
             callback()
             return

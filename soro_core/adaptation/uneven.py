@@ -36,9 +36,7 @@ class UnevenForce:
 
     def at(self, q: Array, mass_kg: float) -> Array:
         """Return the force at coordinates (n_q,) and a mass [kg] near to those where it is found."""
-        return np.asarray(
-            self.force + self.by_q @ (q - self.q) + self.by_mass * (mass_kg - self.mass_kg)
-        )
+        return np.asarray(self.force + self.by_q @ (q - self.q) + self.by_mass * (mass_kg - self.mass_kg))
 
     def added_to(self, learned: Learned, scales: Scales) -> Learned:
         """Return a learned model with this force, as far as W has its form.

@@ -100,11 +100,11 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     SafetyState
     """
     dt = 0.0 if state.cycle_ns is None else max(now_ns - state.cycle_ns, 0) * 1e-9
-    state = state._replace(cycle_ns=now_ns)
     if state.vented or state.command_ns is None:
-        return state
+        return state._replace(cycle_ns=now_ns)
     age = (now_ns - state.command_ns) * 1e-9
     if age > limits.command_age_s:
+        state = state._replace(cycle_ns=now_ns)
         return request_vent(state, f"command lost: last one {age * 1e3:.0f} ms old")
     # After a stall longer than the watchdog, the set points move no further than in one watchdog time.
     dt = min(dt, limits.command_age_s)
@@ -113,7 +113,7 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     slewed = np.minimum(np.maximum(state.command_pa, lowest), highest)
     # The last set points are within the limits, unless these have become narrower since.
     least, most = np.minimum(limits.minimum_pa, highest), np.maximum(limits.maximum_pa, lowest)
-    return state._replace(setpoint_pa=np.minimum(np.maximum(slewed, least), most))
+    return state._replace(cycle_ns=now_ns, setpoint_pa=np.minimum(np.maximum(slewed, least), most))
 
 
 def judge(

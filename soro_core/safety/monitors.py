@@ -91,7 +91,7 @@ def watch(
     dt = max(now_ns - state.now_ns, 0) * 1e-9 if state.now_ns != NEVER else 0.0
     first = fresh & ~state.seen
     expected = step(response, state.expected, state.setpoint_pa, dt)
-    if not state.seen.all():  # nothing is known of a chamber before its first reading, and then that
+    if not _all(state.seen):  # nothing is known of a chamber before its first reading, and then that
         expected = replace(
             expected,
             pressure_pa=np.where(state.seen, expected.pressure_pa, reading_pa),
@@ -122,7 +122,7 @@ def _spike(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fou
     """A change since the last fresh reading beyond what the prediction changed."""
     jump = np.abs(now.off_pa - s.residual_pa)
     bad = now.fresh & ~now.first & (jump > m.spike_pa)
-    if not bad.any():
+    if not _any(bad):
         return {}, None
     n = int(np.argmax(bad))
     jumped = f"from {s.reading_pa[n] / 1e3:.1f} to {now.reading_pa[n] / 1e3:.1f} kPa in one sample"
@@ -177,7 +177,7 @@ def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: Sample) 
     since = np.where((now.setpoint_pa != s.setpoint_pa) | now.first, now.now_ns, s.still_ns)
     settled_s = max(SETTLED_S, response.delay_s + SETTLED_LAGS * max(response.tau_s, response.vent_tau_s))
     settled = now.fresh & (now.now_ns - since >= settled_s * 1e9)
-    if not settled.any() and s.drift_ns.max(initial=NEVER) == NEVER:
+    if not _any(settled) and _none_since(s.drift_ns):
         return {"still_ns": since}, None  # as always under closed-loop control
     running = settled & (s.drift_ns != NEVER)
     mean = np.where(running, follow(s.mean_pa, now.reading_pa, now.dt, DRIFT_FILTER_S), now.reading_pa)
@@ -226,8 +226,22 @@ def _since(since_ns: Times, holds: Flags, judged: Flags, now_ns: int) -> Times:
 
 def _longest(since_ns: Times, now_ns: int, limit_s: float) -> int | None:
     """Chamber whose condition has held longest, if that is too long."""
-    if since_ns.max(initial=NEVER) == NEVER:
+    if _none_since(since_ns):
         return None
     held = np.where(since_ns == NEVER, -1, now_ns - since_ns)
     n = int(held.argmax())
     return n if held[n] >= limit_s * 1e9 else None
+
+
+# numpy takes longer for the few numbers of an arm than Python for their list.
+def _any(flags: Flags) -> bool:
+    return True in flags.tolist()
+
+
+def _all(flags: Flags) -> bool:
+    return False not in flags.tolist()
+
+
+def _none_since(since_ns: Times) -> bool:
+    """Whether no chamber's condition holds."""
+    return max(since_ns.tolist(), default=NEVER) == NEVER

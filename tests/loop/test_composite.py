@@ -11,8 +11,8 @@ from benchmarks.motions import PATHS, error
 from soro_core import load_robot
 from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
-from soro_core.control import Controller, ControllerConfig
-from soro_core.control.laws.protocol import ArmBelief, Preview
+from soro_core.control import Controller, ControllerConfig, Point
+from soro_core.control.laws.protocol import ArmBelief, Certainty, Preview
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +63,39 @@ def test_a_lag_of_first_order_leaves_a_fast_circle_its_radius(robot):
     missing = 1.0 - float(made[1:] @ wanted[1:]) / float(wanted[1:] @ wanted[1:])
     print(f"missing of the moments: {100.0 * missing:.3f} %")
     assert abs(missing) < 0.2e-2
+
+
+@pytest.mark.parametrize(("rate_hz", "every"), [(200, 1), (250, 1), (500, 2), (1000, 4)])
+def test_a_fast_loop_learns_and_bends_in_turns_of_4_ms(robot, rate_hz, every):
+    controller = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test"))
+    state, q, dt = controller.initial_state(), np.array([0.1, 0.0, 0.0]), 1.0 / rate_hz
+    certain = Certainty(1e-12 * np.eye(6), positions=True)
+    sampled, bent, told = [], [], []
+    for k in range(1, 41):
+        before, at = state.law, np.full(3, 20e3)
+        state, command = controller.step(state, q, np.zeros(3), k * dt, dt, at, None, certain)
+        assert command.status.ok
+        sampled.append(state.law.learner.information is not before.learner.information)
+        bent.append(state.law.shape is not before.shape)
+        told.append(controller.law.learned(state.law) is not controller.law.learned(before))
+    for ticks in (sampled, bent):
+        late = np.flatnonzero(ticks[8:])
+        assert set(np.diff(late)) == {every}
+    # In turns, so that no tick has both; the filter is told of each.
+    assert every == 1 or not any(a and b for a, b in zip(sampled, bent, strict=True))
+    assert told[8:] == [a or b for a, b in zip(sampled, bent, strict=True)][8:]
+
+
+def test_between_its_steps_the_force_of_the_bend_follows_arm_and_mass(robot):
+    law = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test")).law
+    q, mass_kg, zero = np.array([0.1, 4.0, -2.0]), 0.02, np.zeros(3)
+    nearby = q * 1.02, mass_kg * 1.05
+    shape = law.uneven.initial_state()
+    for _ in range(12):
+        shape, found = law.uneven.step(shape, Point(q, zero, zero), mass_kg)
+    there = law.uneven.away(Point(nearby[0], zero, zero), nearby[1])
+    off = np.abs(found.at(*nearby) - there).max() / np.abs(found.force - there).max()
+    assert off < 0.05  # of what a force that stays would miss
 
 
 def test_the_circle_with_a_load_that_is_not_known(robot):

@@ -211,3 +211,38 @@ def test_what_a_reader_raises_is_kept_and_no_other_message_is_handed_over(starte
     node, error = process.handover.failure
     assert (node, str(error)) == (process.reading, "wrong word")
     assert words(taken) == ["one"]
+
+
+def test_what_can_wait_is_done_after_the_answers_of_the_other_nodes(started):
+    process, done = Process(), []
+    answers = process.reading.create_publisher(String, "answers", qos.RELIABLE)
+    process.writing.create_subscription(String, "answers", lambda m: done.append(m.data), qos.RELIABLE)
+    wait_until(lambda: process.spun() and answers.get_subscription_count() == 1, "the reader of answers")
+    process.reader.callback = lambda m: answers.publish(String(data=f"to {m.data}"))
+    process.send("one")
+    process.writing.after_handover(lambda: done.append("after"))
+    assert done == []
+    wait_until(lambda: process.spun() and len(done) == 2, "the answer")
+    assert done == ["to one", "after"]
+
+
+def test_without_other_nodes_nothing_waits(started):
+    done, alone = [], NodeWithHandover("alone")
+    alone.after_handover(lambda: done.append("alone"))
+    process = Process()
+    process.handover.end()
+    process.writing.after_handover(lambda: done.append("ended"))
+    assert done == ["alone", "ended"]
+    alone.destroy_node()
+
+
+def test_what_waits_and_raises_is_the_failure_of_its_node(started):
+    process = Process()
+
+    def fail():
+        raise ValueError("no motion")
+
+    process.writing.after_handover(fail)
+    wait_until(lambda: process.spun() and process.handover.failure is not None, "the failure")
+    node, error = process.handover.failure
+    assert (node, str(error)) == (process.writing, "no motion")

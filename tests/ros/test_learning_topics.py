@@ -157,6 +157,20 @@ def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):
         assert learning.learned_of(sent["arm/learned"][1]) is None
 
 
+def test_what_is_learned_is_told_again_before_the_filter_forgets_it(domain):
+    fixed = "control.adapt:=false", "control.law_options.uneven:=false"
+    with active(ControllerNode, "control.law:=composite", "enabled:=true", *fixed) as node:
+        sent, zero = captured(node, "arm/learned"), np.zeros(3)
+        first_ns = node.get_clock().now().nanoseconds
+        for k in range(20):
+            stamp_ns = first_ns + k * TICK_NS
+            receive(node, "chambers/state", messages.chambers(CHAMBERS, zero, stamp_ns))
+            receive(node, "arm/covariance", learning.covariance(Certainty(P, True), stamp_ns))
+            receive(node, "arm/state", messages.arm_state(COORDINATES, zero, zero, zero, stamp_ns))
+    told_s = [(learning.stamp_ns(message) - first_ns) * 1e-9 for message in sent]
+    assert told_s == pytest.approx([0.0, 0.025, 0.050, 0.075], abs=1e-6)
+
+
 def test_keys_of_a_law_reach_the_node(domain):
     with active(ControllerNode, "control.law:=composite", "control.law_options.forget_s:=3.0") as node:
         assert node.controller.law.learner.config.forget_s == 3.0

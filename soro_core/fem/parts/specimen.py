@@ -15,14 +15,8 @@ from soro_core.fem.blocks import grid, revolved_tube
 from soro_core.fem.fibres import fibres
 from soro_core.fem.loads import no_loads, traction
 from soro_core.fem.part import Part, make_part
-from soro_core.fem.parts.file import (
-    BellowsGeometry,
-    PartFile,
-    RodGeometry,
-    Sweep,
-    TubeGeometry,
-    material_of,
-)
+from soro_core.fem.parts.file import PartFile, Sweep, material_of
+from soro_core.fem.parts.geometry import BellowsGeometry, RodGeometry, TubeGeometry
 from soro_core.fem.response import Array, Indices
 from soro_core.fem.rod import Rod, rod_mesh
 from soro_core.rotation import rotation_log

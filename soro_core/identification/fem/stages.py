@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from soro_core.config import changed
-from soro_core.fem.parts.file import PartFile, RodGeometry, Sweep
+from soro_core.fem.parts.file import PartFile, Sweep
+from soro_core.fem.parts.geometry import RodGeometry
 from soro_core.fem.parts.specimen import RodSpecimen, make_specimen
 from soro_core.fem.parts.sweeps import backbone, follow
 from soro_core.identification.fem.direct import Direct, direct

@@ -87,7 +87,7 @@ def _tube(occ: Any, tube: TubeGeometry) -> Any:
 def _bellows(occ: Any, shape: Bellows) -> Any:
     """The section, of lines and of arcs of circles, revolved about z."""
     # Both ends and the middle of each piece, up half a lobe; then the other half, mirrored.
-    pieces = 0.5 * np.arange(9)
+    pieces = np.linspace(0.0, 4.0, 9)
     outer, normal = shape.outline(pieces)
     walls = []
     for half in (outer, outer + shape.wall * normal):

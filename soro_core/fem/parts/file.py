@@ -54,11 +54,13 @@ class PartFile(Strict):
     base_quaternion: Annotated[
         tuple[float, float, float, float], Field(strict=False, description="of the robot file alone")
     ] = (0.0, 0.0, 0.0, 1.0)
-    sweeps: Annotated[tuple[Sweep, ...], Field(strict=False, min_length=1)]
+    sweeps: Annotated[tuple[Sweep, ...], Field(strict=False)]
 
     @field_validator("sweeps")
     @classmethod
     def _names(cls, value: tuple[Sweep, ...]) -> tuple[Sweep, ...]:
+        if not value:
+            raise ValueError("one sweep or more, each with a name and a load")
         names = [sweep.name for sweep in value]
         if len(set(names)) < len(names):
             raise ValueError(f"different names (here {', '.join(names)})")

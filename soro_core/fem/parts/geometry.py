@@ -10,7 +10,7 @@ from soro_core.config import Strict
 from soro_core.fem.bellows import Bellows
 from soro_core.fem.rod import RodCounts, RodShape
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0)]
 Count = Annotated[int, Field(ge=1)]
 
 

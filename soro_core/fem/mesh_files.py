@@ -72,7 +72,7 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     wanted = [kind for kind in fitting if found.get_cells_type(kind).size]
     if not wanted:
         held = ", ".join(sorted({block.type for block in found.cells}))
-        raise ModelError(f"path {path}: elements {held}; allowed for {space}: {', '.join(fitting)}", "path")
+        raise ModelError(f"path {path}: elements {held}; allowed: {', '.join(fitting)} ({space})", "path")
     d = 3 if space == "solid" else 2
     points = np.asarray(found.points, dtype=float)[:, :d] * unit_m
     cells = np.asarray(found.get_cells_type(wanted[0]), dtype=np.int64)

@@ -34,6 +34,7 @@ def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -
     """
     from soro_core.config import find_config
     from soro_core.fem.parts.file import load_part
+    from soro_core.fem.parts.mesh_geometry import MeshGeometry
     from soro_core.fem.parts.specimen import make_specimen
     from soro_core.fem.parts.step import write_step
     from soro_core.fem.surface import revolved, solid_surface
@@ -46,9 +47,13 @@ def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -
         raise ConfigError("soro design export", "", source, f"a folder of a run, {error.allowed}") from None
     file = load_part(path)
     if step is not None:
+        if isinstance(file.geometry, MeshGeometry):
+            raise ConfigError(str(path), "geometry.kind", "mesh", "a part of stated dimensions, for --step")
         typer.echo(f"{step}: a solid of {1e9 * write_step(step, file.geometry):.6g} mm3")
     if stl is not None:
         mesh = make_specimen(file).part.mesh
+        if mesh.space == "plane_strain":
+            raise ConfigError(str(path), "geometry.space", mesh.space, "solid or axisymmetric, for --stl")
         write_surface(stl, *(solid_surface(mesh) if mesh.space == "solid" else revolved(mesh, pieces)))
 
 

@@ -8,9 +8,12 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from soro_core.config import Strict, changed, find_config, parse, read_yaml
-from soro_core.errors import ConfigError, ModelError
-from soro_core.fem.material import Hyperelastic, Material, load_material
-from soro_core.fem.parts.geometry import Geometry, RodGeometry, TubeGeometry
+from soro_core.fem.material import Material, load_material
+from soro_core.fem.parts.checks import check_part
+from soro_core.fem.parts.contact import ContactKeys
+from soro_core.fem.parts.geometry import Geometry
+from soro_core.fem.parts.mesh_geometry import MeshGeometry
+from soro_core.fem.parts.tendons import Tendon
 
 
 class Sweep(Strict):
@@ -22,9 +25,13 @@ class Sweep(Strict):
     ] = ()
     force_n: Annotated[
         tuple[float, float, float],
-        Field(strict=False, description="on the end face of a rod, of constant direction"),
+        Field(strict=False, description="on the end face of a rod or on `forced`, of constant direction"),
     ] = (0.0, 0.0, 0.0)
-    extension_m: Annotated[float, Field(description="of a tube or bellows, held")] = 0.0
+    extension_m: Annotated[float, Field(description="of a tube or bellows or of `moved`, held")] = 0.0
+    tensions_n: Annotated[
+        tuple[Annotated[float, Field(ge=0.0)], ...],
+        Field(strict=False, description="one a tendon, whatever its length; default: none"),
+    ] = ()
     states: Annotated[int, Field(ge=1, le=1000, description="evenly spaced states that are written")] = 8
     held_out: Annotated[bool, Field(description="of identify-fem: judges it and is not fitted")] = False
 
@@ -54,6 +61,12 @@ class PartFile(Strict):
     base_quaternion: Annotated[
         tuple[float, float, float, float], Field(strict=False, description="of the robot file alone")
     ] = (0.0, 0.0, 0.0, 1.0)
+    contact: Annotated[
+        ContactKeys | None, Field(description="of surfaces with each other and with planes; default: none")
+    ] = None
+    tendons: Annotated[
+        tuple[Tendon, ...], Field(strict=False, description="of a rod or of a solid mesh")
+    ] = ()
     sweeps: Annotated[tuple[Sweep, ...], Field(strict=False)]
 
     @field_validator("sweeps")
@@ -76,41 +89,13 @@ def load_part(name_or_path: str | Path) -> PartFile:
         One line with file, key, what was found and what is allowed.
     """
     path = find_config(name_or_path, "parts")
-    part = parse({"name": path.stem, **read_yaml(path)}, PartFile, str(path))
-    _check_shape(part.geometry, str(path))
-    for i, sweep in enumerate(part.sweeps):
-        _check_sweep(sweep, part.geometry, str(path), f"sweeps[{i}]")
-    if part.bulk_over_shear is not None and not isinstance(load_material(part.material), Hyperelastic):
-        allowed = f"none with {part.material}, which is St. Venant-Kirchhoff"
-        raise ConfigError(str(path), "bulk_over_shear", part.bulk_over_shear, allowed)
+    where = str(path)
+    part = parse({"name": path.stem, **read_yaml(path)}, PartFile, where)
+    if isinstance(part.geometry, MeshGeometry):
+        beside = path.parent / part.geometry.file
+        part = changed(part, geometry=changed(part.geometry, file=str(beside.resolve())))
+    check_part(part, where)
     return part
-
-
-def _check_shape(geometry: Geometry, where: str) -> None:
-    try:
-        if not isinstance(geometry, TubeGeometry):
-            _ = geometry.shape
-        if isinstance(geometry, RodGeometry):
-            _ = geometry.counts
-    except ModelError as error:
-        key = error.key if error.key in type(geometry).model_fields else f"{error.key}_m"
-        allowed = str(error).split("allowed: ")[-1]
-        raise ConfigError(where, f"geometry.{key}", getattr(geometry, key), allowed) from None
-
-
-def _check_sweep(sweep: Sweep, geometry: Geometry, where: str, key: str) -> None:
-    is_rod = isinstance(geometry, RodGeometry)
-    chambers = geometry.chambers if isinstance(geometry, RodGeometry) else 1
-    if len(sweep.pressures_pa) not in (0, chambers):
-        allowed = f"{chambers} pressures, or none"
-        raise ConfigError(where, f"{key}.pressures_pa", list(sweep.pressures_pa), allowed)
-    if is_rod and sweep.extension_m:
-        raise ConfigError(where, f"{key}.extension_m", sweep.extension_m, "0 of a rod: state force_n")
-    if not is_rod and any(sweep.force_n):
-        allowed = "0 of a part about an axis: state extension_m, the force is computed"
-        raise ConfigError(where, f"{key}.force_n", list(sweep.force_n), allowed)
-    if not (any(sweep.pressures_pa) or any(sweep.force_n) or sweep.extension_m):
-        raise ConfigError(where, key, "no load", "pressures_pa, force_n or extension_m")
 
 
 def material_of(part: PartFile) -> Material:

@@ -8,6 +8,7 @@ from pydantic import Field, field_validator
 
 from soro_core.config import Strict
 from soro_core.fem.bellows import Bellows
+from soro_core.fem.parts.mesh_geometry import MeshGeometry
 from soro_core.fem.rod import RodCounts, RodShape
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -109,4 +110,4 @@ class TubeGeometry(Strict):
         return value
 
 
-Geometry = Annotated[RodGeometry | BellowsGeometry | TubeGeometry, Field(discriminator="kind")]
+Geometry = Annotated[RodGeometry | BellowsGeometry | TubeGeometry | MeshGeometry, Field(discriminator="kind")]

@@ -53,7 +53,9 @@ def follow(specimen: Specimen, sweep: Sweep, reached: Callable[[State], None]) -
     reached : callable
         Called with every state in equilibrium; those at the loads of the sweep are among them.
     """
-    return solve(specimen.under(sweep), sweep.loads, Settings(first_step=1.0 / sweep.states), reached)
+    part = specimen.under(sweep)
+    settings = Settings(first_step=1.0 / sweep.states, iterations=part.usual_iterations)
+    return solve(part, sweep.loads, settings, reached)
 
 
 def backbone(specimen: RodSpecimen, sweep: Sweep, state: State) -> Backbone:

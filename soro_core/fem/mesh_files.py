@@ -135,7 +135,8 @@ def mesh_step(path: str | Path, largest_m: float) -> Mesh:
     if not 0.0 < largest_m < np.inf:
         raise ModelError(f"largest_m {largest_m}; allowed: a number above 0", "largest_m")
     try:
-        found = OCCGeometry(str(path)).GenerateMesh(maxh=1e3 * largest_m)
+        # Its threads wait busily for each other: with fewer cores than threads it takes ten times longer.
+        found = OCCGeometry(str(path)).GenerateMesh(maxh=1e3 * largest_m, parallel_meshing=False)
     except Exception as error:
         line = " ".join(str(error).split())
         raise ModelError(f"path {path}: {line}; allowed: a STEP file of a solid", "path") from None

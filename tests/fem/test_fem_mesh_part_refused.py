@@ -105,7 +105,7 @@ def test_a_section_has_no_tendons(tmp_path):
     ("part", "changes", "key", "names"),
     [
         (BEAM_PART, {"distance_m": 0.0}, "distance_m", ()),
-        (BEAM_PART, {"distance_m": 1e-2}, "distance_m", ()),
+        (BEAM_PART, {"distance_m": 1e-2}, "distance_m", ("0.00312 m",)),
         (BEAM_PART, {"stiffness_pa": 0.0}, "stiffness_pa", ()),
         (BEAM_PART, {"planes": [{**PLANE, "normal": [0.0, 0.0, 0.0]}]}, "planes[0].normal", ()),
         (BEAM_PART, {"planes": [{**PLANE, "size_m": -1.0}]}, "planes[0].size_m", ()),

@@ -40,5 +40,6 @@ def bare_part(file: PartFile, mesh: Mesh, loads: Loads) -> tuple[Part, tuple[Rou
     except ModelError as error:
         if error.key != "distance_m" or contact is None:
             raise
-        got = str(error).partition("; allowed: ")[0].removeprefix("distance_m ")
-        raise ConfigError(file.name, "contact.distance_m", got, "less than that") from None
+        why = str(error).partition(": ")[2].partition("; allowed: ")[0]
+        allowed = f"less, because {why}"
+        raise ConfigError(file.name, "contact.distance_m", contact.distance_m, allowed) from None

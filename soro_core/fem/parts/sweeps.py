@@ -53,9 +53,7 @@ def follow(specimen: Specimen, sweep: Sweep, reached: Callable[[State], None]) -
     reached : callable
         Called with every state in equilibrium; those at the loads of the sweep are among them.
     """
-    part = specimen.under(sweep)
-    settings = Settings(first_step=1.0 / sweep.states, iterations=part.usual_iterations)
-    return solve(part, sweep.loads, settings, reached)
+    return solve(specimen.under(sweep), sweep.loads, Settings(first_step=1.0 / sweep.states), reached)
 
 
 def backbone(specimen: RodSpecimen, sweep: Sweep, state: State) -> Backbone:

@@ -33,7 +33,7 @@ class RodGeometry(Strict):
     chamber_offset_m: Annotated[float, Field(description="of the axis of a chamber from that of the rod")]
     plug_m: Annotated[float, Field(description="length of the solid part at each end")]
     taper: Annotated[float, Field(description="size of the section at the tip over that at the base")] = 1.0
-    hoops: Hoops | None = None
+    hoops: Annotated[Hoops | None, Field(description="default: none")] = None
     around: Annotated[int, Field(description="elements around a quarter of a chamber")] = 4
     across: Annotated[int, Field(description="elements across a wall")] = 2
     along: Annotated[int, Field(description="elements along the chambers")] = 18
@@ -69,8 +69,10 @@ class BellowsGeometry(Strict):
     neck_radius_m: Annotated[float, Field(description="least radius of the outline")]
     fillet_m: Annotated[float, Field(description="radius at the outer edges of a lobe")]
     wall_m: Annotated[float, Field(description="thickness, laid inwards")]
-    element: Literal["quad4", "quad8"] = "quad8"
-    across: Count = 2
+    element: Annotated[Literal["quad4", "quad8"], Field(description="without middle nodes, or with")] = (
+        "quad8"
+    )
+    across: Annotated[Count, Field(description="elements across the wall")] = 2
     along: Annotated[
         tuple[Count, Count, Count, Count],
         Field(strict=False, description="elements along half a neck, a side, a fillet, half the top"),
@@ -94,12 +96,14 @@ class TubeGeometry(Strict):
     """A round tube about an axis, whose ends keep their planes."""
 
     kind: Literal["tube"]
-    length_m: Positive
-    inner_radius_m: Positive
-    outer_radius_m: Positive
-    element: Literal["quad4", "quad8"] = "quad4"
-    across: Count = 4
-    along: Count = 12
+    length_m: Annotated[Positive, Field(description="along the axis")]
+    inner_radius_m: Annotated[Positive, Field(description="of the wall")]
+    outer_radius_m: Annotated[Positive, Field(description="of the wall, above the inner one")]
+    element: Annotated[Literal["quad4", "quad8"], Field(description="without middle nodes, or with")] = (
+        "quad4"
+    )
+    across: Annotated[Count, Field(description="elements across the wall")] = 4
+    along: Annotated[Count, Field(description="elements along the axis")] = 12
 
     @field_validator("outer_radius_m")
     @classmethod

@@ -47,7 +47,7 @@ class Region(Strict):
 class Held(Strict):
     """Nodes that do not move in some directions."""
 
-    region: Name
+    region: Annotated[Name, Field(description="its name in regions")]
     directions: Annotated[
         str, Field(pattern=r"^[xyz]+$", description="for example xyz; y of a part about an axis is along it")
     ]
@@ -56,7 +56,7 @@ class Held(Strict):
 class Pressed(Strict):
     """Faces that take one pressure of a sweep."""
 
-    region: Name
+    region: Annotated[Name, Field(description="its name in regions")]
     is_open: Annotated[
         bool, Field(description="whether they are an open surface; else they close a cavity")
     ] = False
@@ -65,14 +65,14 @@ class Pressed(Strict):
 class Moved(Strict):
     """Nodes that a sweep moves by its `extension_m`."""
 
-    region: Name
+    region: Annotated[Name, Field(description="its name in regions")]
     direction: Annotated[str, Field(pattern=r"^[xyz]$", description="of the motion")]
 
 
 class MeshGeometry(Strict):
     """A mesh of a file (extra `design`; STEP: extra `mesh`), and what acts where."""
 
-    kind: Literal["mesh"]
+    kind: Annotated[Literal["mesh"], Field(description="a mesh of a file")]
     file: Annotated[
         str,
         Field(min_length=1, description="beside the part file: .msh, .vtu, what else meshio reads; .step"),

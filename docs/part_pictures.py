@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/parts.md: two rods of silicone, pulled and under pressures.
+"""Draw the pictures of docs/parts.md: two rods of silicone and a finger, pulled and under pressures.
 
 python -m docs.part_pictures [--folder docs/images]
 """
@@ -16,6 +16,7 @@ from soro_core.fem.parts.sweeps import follow
 SHOWN = {
     "silicone_rod_three_chambers": ("pull", "all", "one"),
     "tapered_rod_three_chambers": ("all", "one", "two"),
+    "finger_over_table": ("blown", "lifted"),
 }
 
 

@@ -7,6 +7,7 @@ from soro_core.fem.blocks import block, mapped, revolved_tube, sphere, tube
 from soro_core.fem.contact import Contact, Obstacle
 from soro_core.fem.dynamics import Motion, Moving, march
 from soro_core.fem.fibres import Fibres, fibres, pieces_of
+from soro_core.fem.hexahedra import extruded_mesh, revolved_mesh
 from soro_core.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
 from soro_core.fem.mass import Modes, modes
 from soro_core.fem.material import (
@@ -54,6 +55,7 @@ __all__ = [
     "block",
     "drucker_modulus",
     "extruded",
+    "extruded_mesh",
     "fibres",
     "first_unstable",
     "follow",
@@ -71,6 +73,7 @@ __all__ = [
     "read_mesh",
     "read_stl",
     "revolved",
+    "revolved_mesh",
     "revolved_tube",
     "rod_mesh",
     "section_poses",

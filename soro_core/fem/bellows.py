@@ -44,19 +44,27 @@ class Bellows:
     wall: float
 
     def __post_init__(self) -> None:
+        least = self.neck_radius + self.neck + self.fillet
         rules = {
-            "lobes": self.lobes >= 1,
-            "lobe_width": 2.0 * self.fillet < self.lobe_width < self.pitch,
-            "neck_radius": self.wall < self.neck_radius,
-            "outer_radius": self.neck_radius + self.neck + self.fillet < self.outer_radius,
-            "wall": 0.0 < self.wall < self.fillet,
+            "lobes": (self.lobes >= 1, "1 or more"),
+            "pitch": (0.0 < self.pitch < np.inf, "above 0"),
+            "fillet": (0.0 < self.fillet < np.inf, "above 0"),
+            "lobe_width": (
+                2.0 * self.fillet < self.lobe_width < self.pitch,
+                f"above two fillets, {2.0 * self.fillet:g}, and below the pitch, {self.pitch:g}",
+            ),
+            "wall": (0.0 < self.wall < self.fillet, f"above 0, below the fillet, {self.fillet:g}"),
+            "neck_radius": (
+                self.wall < self.neck_radius < np.inf,
+                f"above the wall, {self.wall:g}, which lies inside",
+            ),
+            "outer_radius": (
+                least < self.outer_radius < np.inf,
+                f"above neck_radius + (pitch - lobe_width) / 2 + fillet, {least:g}",
+            ),
         }
-        for key, is_kept in rules.items():
+        for key, (is_kept, allowed) in rules.items():
             if not is_kept:
-                allowed = (
-                    "1 lobe or more, 2 fillet < lobe_width < pitch, 0 < wall < fillet, wall < neck_radius,"
-                    " neck_radius + (pitch - lobe_width) / 2 + fillet < outer_radius"
-                )
                 raise ModelError(f"{key} {getattr(self, key)}; allowed: {allowed}", key)
 
     @property

@@ -64,7 +64,7 @@ class Equations:
         """
         if not self.is_there(self.gap(u, load)):
             return False
-        scale = max(balance.size, 1e-12 * float(np.abs(balance.data).max()) * self.span)
+        scale = max(balance.size, 1e-9 * float(np.abs(balance.data).max()) * self.span)
         off = float(np.linalg.norm(self.free(balance)))
         if off <= tolerance * scale:
             return True

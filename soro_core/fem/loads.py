@@ -162,6 +162,21 @@ def traction(mesh: Mesh, faces: Indices, stress_pa: ArrayLike) -> Array:
     return _spread(mesh, faces, share, np.asarray(stress_pa, dtype=float))
 
 
+def spread_force(mesh: Mesh, faces: Indices, force_n: ArrayLike) -> Array:
+    """Return the forces (n, d) [N] of a force (d,) that faces share by their undeformed area.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    faces : ndarray of int, (f, m)
+        Faces on which it acts.
+    force_n : array_like, (d,)
+        Their sum [N].
+    """
+    return traction(mesh, faces, np.asarray(force_n, dtype=float) / _face_areas(mesh, faces).sum())
+
+
 def spread_spring(mesh: Mesh, faces: Indices, stiffness: ArrayLike) -> Array:
     """Return springs (n, d) [N/m] that share a stiffness per undeformed area (d,) [N/m3].
 

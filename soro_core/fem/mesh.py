@@ -51,7 +51,7 @@ class Mesh:
         _, index, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         return np.asarray(faces[np.sort(index[count == 1])])
 
-    def faces_at(self, inside: Array) -> Indices:
+    def faces_at(self, inside: ArrayLike) -> Indices:
         """Return the boundary faces (f, m) whose nodes are all marked in `inside`, (n,) of bool.
 
         Raises

@@ -72,7 +72,7 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     wanted = [kind for kind in fitting if found.get_cells_type(kind).size]
     if not wanted:
         held = ", ".join(sorted({block.type for block in found.cells}))
-        raise ModelError(f"path {path}: elements {held}; allowed for {space}: {', '.join(fitting)}", "path")
+        raise ModelError(f"path {path}: elements {held}; allowed: {', '.join(fitting)} ({space})", "path")
     d = 3 if space == "solid" else 2
     points = np.asarray(found.points, dtype=float)[:, :d] * unit_m
     cells = np.asarray(found.get_cells_type(wanted[0]), dtype=np.int64)
@@ -135,7 +135,8 @@ def mesh_step(path: str | Path, largest_m: float) -> Mesh:
     if not 0.0 < largest_m < np.inf:
         raise ModelError(f"largest_m {largest_m}; allowed: a number above 0", "largest_m")
     try:
-        found = OCCGeometry(str(path)).GenerateMesh(maxh=1e3 * largest_m)
+        # Its threads wait busily for each other: with fewer cores than threads it takes ten times longer.
+        found = OCCGeometry(str(path)).GenerateMesh(maxh=1e3 * largest_m, parallel_meshing=False)
     except Exception as error:
         line = " ".join(str(error).split())
         raise ModelError(f"path {path}: {line}; allowed: a STEP file of a solid", "path") from None

@@ -47,15 +47,22 @@ class RodShape:
     taper: float = 1.0
 
     def __post_init__(self) -> None:
-        r, e = self.chamber_radius_m, self.chamber_offset_m
+        is_counted = 2 <= self.chambers <= 12
+        offset = self.chamber_offset_m
+        most = min(offset * np.sin(np.pi / self.chambers), self.radius_m - offset) if is_counted else 0.0
         rules = {
             "length_m": (0.0 < self.length_m < np.inf, "above 0"),
-            "chambers": (2 <= self.chambers <= 12, "2 to 12"),
+            "radius_m": (0.0 < self.radius_m < np.inf, "above 0"),
+            "chambers": (is_counted, "2 to 12"),
+            "chamber_offset_m": (0.0 < offset < self.radius_m, f"above 0, below radius_m, {self.radius_m:g}"),
             "chamber_radius_m": (
-                0.0 < r < min(e * np.sin(np.pi / self.chambers), e, self.radius_m - e),
-                "above 0, and walls to the neighbours, the axis and the outside",
+                0.0 < self.chamber_radius_m < most,
+                f"above 0, below {most:.4g}, so that there are walls to the neighbours and to the outside",
             ),
-            "plug_m": (0.0 < 2.0 * self.plug_m < self.length_m, "above 0, below half of length_m"),
+            "plug_m": (
+                0.0 < 2.0 * self.plug_m < self.length_m,
+                f"above 0, below half of length_m, {0.5 * self.length_m:g}",
+            ),
             "taper": (0.1 <= self.taper <= 10.0, "0.1 to 10"),
         }
         for key, (is_kept, allowed) in rules.items():
@@ -73,9 +80,9 @@ class RodCounts:
     plug: int = 1
 
     def __post_init__(self) -> None:
-        for key in ("around", "across", "along", "plug"):
-            if getattr(self, key) < 1 + (key == "around"):
-                raise ModelError(f"{key} {getattr(self, key)}; allowed: 1 or more, around 2 or more", key)
+        for key, least in (("around", 2), ("across", 1), ("along", 1), ("plug", 1)):
+            if getattr(self, key) < least:
+                raise ModelError(f"{key} {getattr(self, key)}; allowed: {least} or more", key)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,36 +79,54 @@ def check(folder: Folder) -> None:
 
 @app.command()
 def export(
-    folder: Folder,
-    stl: Annotated[Path, typer.Option(help="File to write, in millimetres.")],
-    extrude: Annotated[
-        float | None, typer.Option(metavar="MM", help="Height along z.", show_default=False)
+    source: Annotated[str, typer.Argument(help="Folder of a run, a part file, or a shipped part's name.")],
+    stl: Annotated[
+        Path | None, typer.Option(help="Surface to write, in millimetres.", show_default=False)
     ] = None,
-    revolve: Annotated[bool, typer.Option("--revolve", help="Revolve about x = 0.")] = False,
+    step: Annotated[
+        Path | None,
+        typer.Option(help="Solid of a part file to write, in millimetres.", show_default=False),
+    ] = None,
+    extrude: Annotated[
+        float | None, typer.Option(metavar="MM", help="Height along z, of a run.", show_default=False)
+    ] = None,
+    revolve: Annotated[bool, typer.Option("--revolve", help="Revolve about x = 0, of a run.")] = False,
     pieces: Annotated[int, typer.Option(min=3, help="Flat pieces of a revolution.")] = 96,
 ) -> None:
-    """Write the final part of a run as the surface of a solid, with its mirror images."""
-    from soro_core.design import shape
-    from soro_core.design.section import mirrored
-    from soro_core.fem import extruded, revolved, write_stl
-    from soro_core.fem.surface import is_closed, volume
+    """Write a part as a solid: the final one of a run, with its mirror images, or that of a part file.
 
+    A run becomes an STL file by --extrude or --revolve. A part file (config/parts) becomes a STEP file of
+    its exact dimensions, or the STL file of its mesh.
+    """
+    from soro_ros.commands.export_part import export_part, write_surface
+
+    for option, path, ending in (("--stl", stl, ".stl"), ("--step", step, ".step")):
+        if path is not None and path.suffix != ending:
+            raise ConfigError("soro design export", option, str(path), f"a name that ends with {ending}")
+    if not Path(source).is_dir():
+        if extrude is not None or revolve:
+            option = "--revolve" if revolve else "--extrude"
+            raise ConfigError("soro design export", option, source, "a folder of a run; a part file is solid")
+        export_part(source, stl, step, pieces)
+        return
+    if step is not None:
+        raise ConfigError("soro design export", "--step", source, "a part file; --stl is for a run")
+    if stl is None:
+        raise ConfigError("soro design export", "--stl", None, "a file to write, of a run")
     if (extrude is not None) == revolve:
         found = "both" if revolve else "neither"
         raise ConfigError("soro design export", "--extrude", found, "one of --extrude MM and --revolve")
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
-    if stl.suffix != ".stl":
-        raise ConfigError("soro design export", "--stl", str(stl), "a name that ends with .stl")
-    domain, state = _loaded(folder)
+    from soro_core.design import shape
+    from soro_core.design.section import mirrored
+    from soro_core.fem import extruded, revolved
+
+    domain, state = _loaded(Path(source))
     part = shape(domain, state)
     axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
     section = mirrored(part.mesh, axes, "axisymmetric" if revolve else "plane_strain")
-    points, triangles = revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)
-    if not is_closed(triangles):
-        raise ModelError("the surface has open edges: no solid to export", "stl")
-    write_stl(stl, points, triangles)
-    typer.echo(f"{stl}: {len(triangles)} triangles, {1e9 * volume(points, triangles):.6g} mm3, watertight")
+    write_surface(stl, *(revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)))
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"

@@ -67,6 +67,8 @@ def identify_fem(
     specimen = make_specimen(file)
     if not isinstance(specimen, RodSpecimen):
         raise ConfigError(part, "geometry.kind", file.geometry.kind, "rod_with_chambers: a robot bends")
+    if file.contact is not None:
+        raise ConfigError(part, "contact", "surfaces that touch", "none: a link touches nothing")
     check_sweeps(file.sweeps, part)
     console = Console(stderr=True)
     if run is None:

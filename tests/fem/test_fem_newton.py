@@ -133,6 +133,16 @@ def test_a_spring_carries_what_it_is_given():
     np.testing.assert_allclose(done.last.u[bottom, 1], -0.02, rtol=1e-6)
 
 
+def test_a_part_that_moves_as_a_whole_needs_no_force():
+    """All forces are rounding then: of what they are a share says nothing."""
+    mesh = block("hex8", "solid", (2, 2, 10), (0.01, 0.01, 0.04))
+    end = mesh.points[:, 2] == 0.04
+    loads = no_loads(mesh).hold(end, 0).hold(end, 1).hold(end, 2, -2e-3)
+    done = solve(make_part(mesh, SOFT, loads))
+    assert done.status == "solved", done.cause
+    np.testing.assert_allclose(done.last.u, np.tile([0.0, 0.0, -2e-3], (len(end), 1)), atol=1e-12)
+
+
 def test_a_hanging_part_pulls_with_its_weight():
     mesh = block("hex20", "solid", (1, 1, 2), (0.1, 0.1, 0.2))
     top = mesh.points[:, 2] == 0.2

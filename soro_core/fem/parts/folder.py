@@ -13,6 +13,7 @@ import numpy as np
 from soro_core.errors import ConfigError
 from soro_core.fem import State
 from soro_core.fem.parts.file import PartFile, Sweep
+from soro_core.fem.parts.mesh_specimen import MeshSpecimen
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.parts.sweeps import Backbone, backbone
 from soro_core.fem.response import Array
@@ -59,6 +60,10 @@ class SweepFolder:
         if isinstance(self.specimen, RodSpecimen):
             row |= {f"force_{axis}_n": state.load * f for axis, f in zip("xyz", sweep.force_n, strict=True)}
             self.backbones.append(backbone(self.specimen, sweep, state))
+        if isinstance(self.specimen, MeshSpecimen) and self.specimen.forced.size:
+            row |= {f"force_{axis}_n": state.load * f for axis, f in zip("xyz", sweep.force_n, strict=True)}
+        tensions = sweep.tensions_n or (0.0,) * len(self.specimen.tendons)
+        row |= {f"tension_{c}_n": state.load * t for c, t in enumerate(tensions)}
         row |= self.specimen.measured(state) | {"energy_j": state.energy}
         self.rows.append(row)
         with (self.folder / TABLE).open("w", newline="", encoding="utf-8") as stream:

@@ -10,10 +10,11 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from soro_core.fem.parts.mesh_specimen import MeshSpecimen
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.response import Array
 
-# Order of the nodes of a section's element around it: corners and middles of edges in turn.
+# Order of the nodes of a quadrilateral around it: corners and middles of edges in turn.
 _AROUND = {4: [0, 1, 2, 3], 8: [0, 4, 1, 5, 2, 6, 3, 7]}
 MOST = 12
 
@@ -36,9 +37,7 @@ def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> 
     figure = Figure(figsize=(2.6 * columns, 3.4 * rows), layout="constrained")
     for k, (name, u) in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1, aspect="equal")
-        faces, far = (
-            _rod_faces(specimen, u) if isinstance(specimen, RodSpecimen) else _ring_faces(specimen, u)
-        )
+        faces, far = _solid_faces(specimen, u) if u.shape[1] == 3 else _section_faces(specimen, u)
         drawn = PolyCollection(list(1e3 * faces), array=1e3 * far, cmap="viridis", lw=0.15, edgecolor="white")
         axes.add_collection(drawn)
         axes.autoscale_view()
@@ -79,12 +78,18 @@ def draw_curves(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _rod_faces(specimen: RodSpecimen, u: Array) -> tuple[Array, Array]:
-    """Outside of a rod seen across the plane of its bend, far faces first; (f, 4, 2) and (f,)."""
+def _solid_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:
+    """Outside of a solid seen across the plane of its bend, far faces first; (f, m, 2) and (f,)."""
     mesh = specimen.part.mesh
-    inside = {tuple(sorted(face)) for faces in specimen.rod.chambers for face in faces.tolist()}
+    pressed, end = [], np.arange(len(mesh.points))
+    if isinstance(specimen, RodSpecimen):
+        pressed, end = list(specimen.rod.chambers), specimen.rod.tip
+    elif isinstance(specimen, MeshSpecimen):
+        pressed, end = [faces for faces, is_open in specimen.pressed if not is_open], specimen.watched
+    inside = {tuple(sorted(face)) for faces in pressed for face in faces.tolist()}
     faces = np.array([face for face in mesh.boundary().tolist() if tuple(sorted(face)) not in inside])
-    moved = u[specimen.rod.tip].mean(axis=0)
+    faces = faces[:, _AROUND[faces.shape[1]]]
+    moved = u[end].mean(axis=0)
     side = np.array([moved[0], moved[1], 0.0])
     length = float(np.linalg.norm(side))
     side = side / length if length > 1e-6 * np.ptp(mesh.points) else np.array([1.0, 0.0, 0.0])
@@ -95,10 +100,12 @@ def _rod_faces(specimen: RodSpecimen, u: Array) -> tuple[Array, Array]:
     return seen[order], np.linalg.norm(u[faces].mean(axis=1), axis=1)[order]
 
 
-def _ring_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:
-    """Both sides of a section about an axis, (2 e, m, 2) and (2 e,)."""
+def _section_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:
+    """Elements of a section (e, m, 2) and (e,); of one about an axis both sides."""
     mesh = specimen.part.mesh
     around = mesh.cells[:, _AROUND[mesh.cells.shape[1]]]
     right = (mesh.points + u)[around]
     far = np.linalg.norm(u[around].mean(axis=1), axis=1)
+    if mesh.space == "plane_strain":
+        return right, far
     return np.concatenate([right, right * [-1.0, 1.0]]), np.concatenate([far, far])

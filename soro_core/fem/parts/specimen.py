@@ -13,16 +13,14 @@ from soro_core.fem.backbone import section_poses
 from soro_core.fem.bellows import bellows_mesh
 from soro_core.fem.blocks import grid, revolved_tube
 from soro_core.fem.fibres import fibres
-from soro_core.fem.loads import no_loads, traction
-from soro_core.fem.part import Part, make_part
-from soro_core.fem.parts.file import (
-    BellowsGeometry,
-    PartFile,
-    RodGeometry,
-    Sweep,
-    TubeGeometry,
-    material_of,
-)
+from soro_core.fem.loads import no_loads, spread_force
+from soro_core.fem.part import Part
+from soro_core.fem.parts.bare import bare_part
+from soro_core.fem.parts.file import PartFile, Sweep
+from soro_core.fem.parts.geometry import BellowsGeometry, RodGeometry, TubeGeometry
+from soro_core.fem.parts.mesh_geometry import MeshGeometry
+from soro_core.fem.parts.mesh_specimen import MeshSpecimen, mesh_specimen
+from soro_core.fem.parts.tendons import Routed, tensioned
 from soro_core.fem.response import Array, Indices
 from soro_core.fem.rod import Rod, rod_mesh
 from soro_core.rotation import rotation_log
@@ -40,11 +38,14 @@ class RodSpecimen:
         What lies where.
     tip : ndarray of int, (f, 4)
         Faces of the end.
+    tendons : tuple of Routed
+        Tendons.
     """
 
     part: Part
     rod: Rod
     tip: Indices
+    tendons: tuple[Routed, ...] = ()
 
     @property
     def chambers(self) -> int:
@@ -61,14 +62,13 @@ class RodSpecimen:
         return section_poses(self.part.mesh.points, u, self.rod.sections, self.rod.share)
 
     def under(self, sweep: Sweep) -> Part:
-        """Return the part under pressures in its chambers and a force on its end face."""
+        """Return the part under pressures in its chambers, a force on its end face and tensions."""
         loads = self.part.loads
         for faces, pressure in zip(self.rod.chambers, sweep.pressures_pa, strict=False):
             loads = loads.press(faces, pressure) if pressure else loads
         if any(sweep.force_n):
-            pull = traction(self.part.mesh, self.tip, sweep.force_n)
-            loads = loads.pull(pull * np.linalg.norm(sweep.force_n) / np.linalg.norm(pull.sum(axis=0)))
-        return self.part.under(loads)
+            loads = loads.pull(spread_force(self.part.mesh, self.tip, sweep.force_n))
+        return self.part.under(tensioned(loads, self.tendons, sweep.tensions_n))
 
     def measured(self, state: State) -> dict[str, float]:
         """Return place and turn of the last section."""
@@ -92,11 +92,14 @@ class RingSpecimen:
         Faces of the inner wall.
     tip : ndarray of int
         Nodes of the upper end.
+    tendons : tuple of Routed
+        None.
     """
 
     part: Part
     inside: Indices
     tip: Indices
+    tendons: tuple[Routed, ...] = ()
 
     @property
     def chambers(self) -> int:
@@ -120,7 +123,7 @@ class RingSpecimen:
         }
 
 
-Specimen: TypeAlias = RodSpecimen | RingSpecimen
+Specimen: TypeAlias = RodSpecimen | RingSpecimen | MeshSpecimen
 
 
 def make_specimen(file: PartFile) -> Specimen:
@@ -129,16 +132,20 @@ def make_specimen(file: PartFile) -> Specimen:
     Raises
     ------
     ConfigError
-        If an element of its mesh is inverted or degenerate.
+        If an element of its mesh is inverted or degenerate, or what its file states does not fit the mesh.
     """
     try:
-        return (
-            _rod(file, file.geometry)
-            if isinstance(file.geometry, RodGeometry)
-            else _ring(file, file.geometry)
-        )
+        if isinstance(file.geometry, RodGeometry):
+            return _rod(file, file.geometry)
+        if isinstance(file.geometry, MeshGeometry):
+            return mesh_specimen(file, file.geometry)
+        return _ring(file, file.geometry)
     except ModelError as error:
-        raise ConfigError(file.name, "geometry", str(error), "a mesh without such elements") from None
+        got, _, allowed = str(error).partition("; allowed: ")
+        if isinstance(file.geometry, MeshGeometry):
+            got = got.removeprefix(f"path {file.geometry.file}: ")
+            raise ConfigError(file.name, "geometry.file", got, allowed) from None
+        raise ConfigError(file.name, "geometry", got, allowed) from None
 
 
 def _rod(file: PartFile, geometry: RodGeometry) -> RodSpecimen:
@@ -151,7 +158,8 @@ def _rod(file: PartFile, geometry: RodGeometry) -> RodSpecimen:
         loads = loads.reinforce(fibres(rod.hoops, stiffness))
     ends = np.zeros(len(rod.mesh.points), dtype=bool)
     ends[rod.tip] = True
-    return RodSpecimen(make_part(rod.mesh, material_of(file), loads), rod, rod.mesh.faces_at(ends))
+    part, tendons = bare_part(file, rod.mesh, loads)
+    return RodSpecimen(part, rod, rod.mesh.faces_at(ends), tendons)
 
 
 def _ring(file: PartFile, geometry: TubeGeometry | BellowsGeometry) -> RingSpecimen:
@@ -163,5 +171,5 @@ def _ring(file: PartFile, geometry: TubeGeometry | BellowsGeometry) -> RingSpeci
         counts = (geometry.across, 2 * geometry.lobes * sum(geometry.along))
         mesh = bellows_mesh(geometry.element, geometry.shape, geometry.across, geometry.along)
     across, along = grid(geometry.element, counts)[0].T
-    part = make_part(mesh, material_of(file), no_loads(mesh).hold(along == 0.0, 1))
+    part, _ = bare_part(file, mesh, no_loads(mesh).hold(along == 0.0, 1))
     return RingSpecimen(part, mesh.faces_at(across == 0.0), np.flatnonzero(along == 1.0))

@@ -88,6 +88,10 @@ def snapshots(z: Array, states: Sequence[Backbone], where: str) -> Snapshots:
 
 def check_sweeps(sweeps: Sequence[Sweep], where: str) -> None:
     """Refuse sweeps that do not suffice before they are computed; errors as in `snapshots`."""
+    for sweep in sweeps:
+        if any(sweep.tensions_n):
+            allowed = "pressures or forces: a link has no tendon"
+            raise ConfigError(where, f"sweeps.{sweep.name}.tensions_n", list(sweep.tensions_n), allowed)
     kinds = [_kind(s.name, np.array(s.pressures_pa), np.array(s.force_n), s.held_out, where) for s in sweeps]
     _require(kinds, [sweep.name for sweep in sweeps], where)
 

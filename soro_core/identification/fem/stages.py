@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from soro_core.config import changed
-from soro_core.fem.parts.file import PartFile, RodGeometry, Sweep
+from soro_core.fem.parts.file import PartFile, Sweep
+from soro_core.fem.parts.geometry import RodGeometry
 from soro_core.fem.parts.specimen import RodSpecimen, make_specimen
 from soro_core.fem.parts.sweeps import backbone, follow
 from soro_core.identification.fem.direct import Direct, direct
@@ -69,6 +70,8 @@ class Identified:
         Modes of the robot, None where its strains are constant.
     fitted, held_out : list of TipError
         Of the states of the fit, and of those that judge it.
+    constant : list of TipError or None
+        Of the held-out states with constant strain, where the robot has modes.
     kept : tuple of tuple of Kept
         What constant strains, one mode, two modes ... keep of the fitted and of the held-out states.
     mesh : MeshCheck or None
@@ -83,6 +86,7 @@ class Identified:
     samples: Mapping[str, Array] | None
     fitted: list[TipError]
     held_out: list[TipError]
+    constant: list[TipError] | None
     kept: tuple[tuple[Kept, Kept], ...]
     mesh: MeshCheck | None
 
@@ -133,8 +137,11 @@ def identify(
     for n in range(MOST_MODES + 1):
         basis = found if n else None
         compared.append((kept(data, pressed, basis, n), kept(data, data.held_out, basis, n)))
-    samples, strains = None, None
+    samples, strains, constant = None, None, None
     if n_modes:
+        progress("fit of constant strain")
+        plain = robot_of(known, refine(data, known, start).values)
+        constant = tip_errors(data, plain, data.held_out)
         samples = samples_of(data, modes(data, pressed, n_modes))
         strains = strain_keys(samples)
     progress("fit to all states")
@@ -146,7 +153,9 @@ def identify(
     if with_mesh_check:
         progress("a coarser mesh")
         mesh = mesh_check(file, specimen, data)
-    return Identified(data, known, start, result, robot, samples, fitted, held_out, tuple(compared), mesh)
+    return Identified(
+        data, known, start, result, robot, samples, fitted, held_out, constant, tuple(compared), mesh
+    )
 
 
 def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCheck | None:

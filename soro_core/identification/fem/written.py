@@ -14,6 +14,7 @@ from soro_core.identification.fem.joint import TipError
 from soro_core.identification.fem.link import GIVEN, at_bound, robot_keys
 from soro_core.identification.fem.modes import mode_file, strain_keys
 from soro_core.identification.fem.stages import Identified
+from soro_core.identification.fem.verdict import kept_verdict, link_verdict
 
 # Digits of numbers in the file.
 _DIGITS = 7
@@ -61,7 +62,7 @@ def robot_text(found: Identified, source: str, out: Path) -> str:
 
 
 def quality(found: Identified) -> list[str]:
-    """Return one line each on errors, on the mesh and on numbers that stop at a bound."""
+    """Return one line each on errors, on the mesh, on modes and on numbers that stop at a bound."""
     lines = [
         f"Tip against finite elements, in % of the length: {_errors(found.fitted)} fitted,"
         f" {_errors(found.held_out)} held out."
@@ -72,6 +73,10 @@ def quality(found: Identified) -> list[str]:
             f"Mesh: {mesh.elements} elements; with {mesh.coarse_elements} the tip of sweep {mesh.sweep} moves"
             f" by {100.0 * mesh.difference:.2g} %, which leaves an error of some {100.0 * mesh.error:.2g} %."
         )
+    lines.append(kept_verdict(found.kept))
+    if found.constant is not None and found.samples is not None:
+        n = next(iter(found.samples.values())).shape[1]
+        lines.append(link_verdict(found.constant, found.held_out, n, found.kept[n][1]))
     if found.is_interrupted:
         lines.append("Interrupted: the numbers are the best until then.")
     stuck = at_bound(found.start, found.values)

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-
 # Cycles before a schedule is found: the first ones come in a bunch, when the executor begins.
 UNSETTLED = 20
 

@@ -117,13 +117,15 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 # compiles their kernels.
 _COMPILES = "tests/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/twin/", "tests/ros/")
-# The other worker computes meanwhile: first what needs no kernels, until those of the nodes are there, and
-# what compiles the other variants of a step, which two workers would both compile; last what keeps time by
-# the clock, when the nodes are done or nearly so.
+# The other worker computes meanwhile: first what needs no kernels, or only its own (finite elements), until
+# those of the nodes are there, and what compiles the other variants of a step, which two workers would both
+# compile; last what keeps time by the clock, when the nodes are done or nearly so.
 _ORDER = (
     *_NODES,
     "tests/bag/",
     "tests/safety/",
+    "tests/fem/",
+    "tests/design/",
     "tests/robot/",
     "tests/apparatus/",
     "tests/integrate/",

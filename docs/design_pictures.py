@@ -37,7 +37,8 @@ def picture_of_bellows(path: Path) -> None:
     mesh = bellows_mesh("quad8", SHAPE, 2, (6, 8, 4, 2))
     z = mesh.points[:, 1]
     bottom, top = z < 1e-9, z > z.max() - 1e-9
-    part = make_part(mesh, MATERIAL, no_loads(mesh).hold(bottom, 1).hold(top, 1, 20e-3))
+    loads = no_loads(mesh).hold(bottom | top, 0).hold(bottom, 1).hold(top, 1, 20e-3)
+    part = make_part(mesh, MATERIAL, loads)
     done = solve(part, [x / 20.0 for x in np.arange(1.0, 21.0)])
     states = {20.0 * state.load: state for state in done.states}
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
@@ -45,10 +46,10 @@ def picture_of_bellows(path: Path) -> None:
     for k, x in enumerate(SHOWN_MM):
         section(left, mesh, states[x].u if x else np.zeros_like(mesh.points), 32.0 * k)
         left.text(32.0 * k, -5.0, f"{x:g} mm", ha="center")
-    left.set(xlim=(-16, 80), ylim=(-8, 80), aspect="equal", xlabel="r [mm]", ylabel="z [mm]", xticks=[])
+    left.set(xlim=(-16, 80), ylim=(-8, 88), aspect="equal", xlabel="r [mm]", ylabel="z [mm]", xticks=[])
     x = np.array([0.0, *states])
     force = [0.0, *(3.0 * state.reaction[top, 1].sum() for state in states.values())]
-    right.plot(x, force, label="soro_core.fem, ends free to widen")
+    right.plot(x, force, label="soro_core.fem, both ends clamped")
     right.plot(list(THESIS), list(THESIS.values()), "o", color="tab:red", label="thesis")
     right.set(xlabel="extension [mm]", ylabel="force of three bellows [N]", xlim=(0, None), ylim=(0, None))
     right.grid(alpha=0.3)

@@ -16,7 +16,15 @@ from numba.core import cgutils
 from numba.core.datamodel import models
 from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
-from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, register_model
+from numba.experimental.jitclass.base import imp_dtor
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_builtin,
+    lower_getattr_generic,
+    register_model,
+    type_callable,
+)
 
 # Sets the cache's folder before anything is compiled.
 from soro_core._jit import kernel  # noqa: F401
@@ -120,6 +128,23 @@ else:
         Only compiled code makes one, so that making one is cached as well.
         """
 
+    @type_callable(Box)  # type: ignore[untyped-decorator]
+    def _box_of(context: Any) -> Any:
+        return lambda content: BoxType([("content", content)])
+
+    @lower_builtin(Box, numba.types.Any)  # type: ignore[untyped-decorator]
+    def _make(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """As the constructor of `structref`, which is a function of its own with all words of the content."""
+        kind, (content,) = signature.return_type, signature.args
+        place = context.data_model_manager[kind.get_data_type()].get_value_type()
+        size = context.get_constant(numba.types.uintp, context.get_abi_sizeof(place))
+        box = context.make_helper(builder, kind)
+        box.meminfo = context.nrt.meminfo_alloc_dtor(builder, size, imp_dtor(context, builder.module, kind))
+        data = structref._Utils(context, builder, kind).get_data_struct(box._getvalue())
+        context.nrt.incref(builder, content, arguments[0])
+        data.content = arguments[0]
+        return box._getvalue()
+
     structref.register(BoxType)
-    structref.define_proxy(Box, BoxType, ["content"])
+    structref.define_boxing(BoxType, Box)
     view = _view

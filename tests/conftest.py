@@ -117,42 +117,52 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 # compiles their kernels.
 _COMPILES = "tests/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/twin/", "tests/ros/")
-# The other worker computes meanwhile: first what needs no kernels, until those of the nodes are there, and
-# what compiles the other variants of a step, which two workers would both compile; last what keeps time by
-# the clock, when the nodes are done or nearly so.
+# Long runs of nodes that keep no time: either worker takes them, a file at a time, so that both end together.
+_LOCKSTEP = tuple(
+    f"tests/ros/test_{name}.py"
+    for name in ("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes")
+)
+# The other worker computes meanwhile: first what needs no kernels, or only its own (finite elements), until
+# those of the nodes are there, and what compiles the other variants of a step, which two workers would both
+# compile; last what keeps time by the clock, when the nodes are done or nearly so.
 _ORDER = (
     *_NODES,
     "tests/bag/",
     "tests/safety/",
+    "tests/fem/",
+    "tests/design/",
     "tests/robot/",
     "tests/apparatus/",
     "tests/integrate/",
     "tests/model/",
     "",
+    *_LOCKSTEP,
     "tests/benchmarks/",
     "tests/hardware/",
 )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort by the place of a test's folder in `_ORDER`."""
+    """Sort by the place of a test's folder or file in `_ORDER`."""
 
     def rank(item: pytest.Item) -> int:
-        first = (n for n, one in enumerate(_ORDER) if one and item.nodeid.startswith(one))
-        return next(first, _ORDER.index(""))
+        return _ORDER.index(max((one for one in _ORDER if item.nodeid.startswith(one)), key=len))
 
     items.sort(key=rank)
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give the runs of nodes to one worker, and the other tests one by one."""
+    """Give the runs of nodes to one worker but for long ones in lockstep, and the other tests one by one."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
+            if nodeid.startswith(_LOCKSTEP):
+                return nodeid.split("::")[0]
             return "nodes" if nodeid.startswith(_NODES) else nodeid
 
+    config.option.loadscopereorder = False  # keeps `_ORDER`
     return Scheduling(config, log)
 
 

@@ -14,7 +14,7 @@ from soro_core.fem.response import Array
 
 @dataclass(frozen=True)
 class Bellows:
-    """Outer outline and wall of a bellows; it begins and ends at the bottom of a neck.
+    """Outer outline and wall of a bellows; each end is the bottom of a neck, or a tube from there.
 
     Parameters
     ----------
@@ -28,6 +28,8 @@ class Bellows:
         Radius at the outer edges of a lobe [m].
     wall : float
         Thickness, laid inwards [m]; below the fillet.
+    end : float
+        Length of a tube of the least radius at each end [m].
 
     Raises
     ------
@@ -42,6 +44,7 @@ class Bellows:
     neck_radius: float
     fillet: float
     wall: float
+    end: float = 0.0
 
     def __post_init__(self) -> None:
         least = self.neck_radius + self.neck + self.fillet
@@ -62,6 +65,7 @@ class Bellows:
                 least < self.outer_radius < np.inf,
                 f"above neck_radius + (pitch - lobe_width) / 2 + fillet, {least:g}",
             ),
+            "end": (0.0 <= self.end < np.inf, "0 or more"),
         }
         for key, (is_kept, allowed) in rules.items():
             if not is_kept:
@@ -75,7 +79,7 @@ class Bellows:
     @property
     def length(self) -> float:
         """Of the whole [m]."""
-        return self.lobes * self.pitch
+        return self.lobes * self.pitch + 2.0 * self.end
 
     def outline(self, piece: Array) -> tuple[Array, Array]:
         """Return places (n, 2) and normals into the wall (n, 2) from the bottom of a neck to half a lobe.
@@ -122,8 +126,9 @@ def bellows_mesh(
         Number of elements across the wall.
     along : tuple of int
         Number of elements along half a neck, a side, a fillet, and half the top of a lobe.
+        Those of the ends are about as long as those of a neck.
     lobes : float
-        Of the outline, in halves, from z = 0; by default, 0, all.
+        Of the outline, in halves, after the end at z = 0; by default, 0, all, and the other end.
 
     Raises
     ------
@@ -137,9 +142,13 @@ def bellows_mesh(
         raise ModelError(f"along {along}; allowed: 1 element or more on each piece", "along")
     each = sum(along)
     ends = np.concatenate([[0.0], np.cumsum(along)])
+    tube = int(np.ceil(shape.end / (0.5 * np.pi * shape.neck / along[0])))
+    count = tube + halves * each + (0 if lobes else tube)
 
     def place(unit: Array) -> Array:
-        at = unit[:, 1] * halves * each
+        # Counted in elements: below 0 in the first end, beyond the lobes in the last.
+        along_all = unit[:, 1] * count - tube
+        at = np.clip(along_all, 0.0, halves * each)
         half = np.minimum(np.floor(at / each), halves - 1.0)
         rest = at - half * each
         # Every other half runs back from the top of its lobe.
@@ -148,6 +157,7 @@ def bellows_mesh(
         point = point + shape.wall * (1.0 - unit[:, :1]) * normal
         base = 0.5 * shape.pitch * (half + is_back)
         z = np.where(is_back, base - point[:, 1], base + point[:, 1])
+        z = z + shape.end * (1.0 + (along_all - at) / max(tube, 1))
         return np.stack([point[:, 0], z], axis=1)
 
-    return mapped(kind, "axisymmetric", (across, halves * each), place)
+    return mapped(kind, "axisymmetric", (across, count), place)

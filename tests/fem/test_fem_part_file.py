@@ -39,6 +39,17 @@ def test_the_kind_decides_what_is_held(tmp_path):
     assert (tube.part.mesh.points[tube.tip, 1] == 0.02).all()
 
 
+def test_bellows_may_end_in_tubes(tmp_path):
+    file = load_part("printed_bellows")
+    geometry = file.geometry.model_copy(update={"end_m": 4.1e-3})
+    ring = make_specimen(file.model_copy(update={"geometry": geometry}))
+    r, z = ring.part.mesh.points[ring.tip].T
+    np.testing.assert_allclose(z, 64e-3)
+    assert (r.min(), r.max()) == pytest.approx((2.8e-3, 3.6e-3))
+    with refused("geometry"):
+        make_specimen(file.model_copy(update={"geometry": geometry.model_copy(update={"end_m": -1e-3})}))
+
+
 def with_geometry(**changes):
     return {"geometry": {**ROD["geometry"], **changes}}
 

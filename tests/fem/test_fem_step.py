@@ -6,6 +6,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from soro_core.config import changed
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
 from soro_core.fem.parts.file import load_part
@@ -51,9 +52,10 @@ def test_a_rod_has_closed_chambers_of_exact_dimensions(tmp_path, again, taper, f
     assert len(solid.shells) == 4
 
 
-def test_bellows_have_the_volume_of_their_pieces(again):
-    """Of half a lobe, by Pappus: half a neck, a side, a fillet, half the top."""
-    geometry = load_part("printed_bellows").geometry
+@pytest.mark.parametrize("end_m", [0.0, 4.1e-3])
+def test_bellows_have_the_volume_of_their_pieces(again, end_m):
+    """Of half a lobe, by Pappus: half a neck, a side, a fillet, half the top; and the tubes at the ends."""
+    geometry = changed(load_part("printed_bellows").geometry, end_m=end_m)
     solid = again(geometry)
     neck, fillet, wall = 1.3375, 1.1, 0.8
     inner, outer = 3.6 + neck, 12.6 - fillet
@@ -64,10 +66,13 @@ def test_bellows_have_the_volume_of_their_pieces(again):
     half = quarter(inner, neck, neck + wall, -1.0) + np.pi * (outer**2 - inner**2) * wall
     half += quarter(outer, fillet - wall, fillet, 1.0)
     half += 2.0 * np.pi * wall * (0.5 * 4.3 - fillet) * (12.6 - 0.5 * wall)
-    assert solid.mass == pytest.approx(16.0 * half, rel=1e-9)
+    tubes = 2.0 * 1e3 * end_m * np.pi * (3.6**2 - (3.6 - wall) ** 2)
+    assert solid.mass == pytest.approx(16.0 * half + tubes, rel=1e-9)
     # Around a fillet the box of Open CASCADE is that of a whole torus: take the corners.
     x, y, z = np.array([tuple(corner.p) for corner in solid.vertices]).T
-    np.testing.assert_allclose([z.min(), z.max(), np.hypot(x, y).max()], [0.0, 55.8, 12.6], atol=1e-9)
+    np.testing.assert_allclose(
+        [z.min(), z.max(), np.hypot(x, y).max()], [0.0, 55.8 + 2e3 * end_m, 12.6], atol=1e-9
+    )
     np.testing.assert_allclose(np.hypot(x, y).min(), 3.6 - wall, atol=1e-9)
 
 

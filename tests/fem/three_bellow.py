@@ -8,14 +8,19 @@ from soro_core.fem.material import material_from_dict
 from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
 
+LENGTH = 64e-3  # of the part [m]
+PITCH = 6.975e-3
+LOBES = 8
+# Where the outline ends is not given. The part is longer than its lobes: each end is a tube, wide as a neck.
 SHAPE = Bellows(
-    lobes=8,
-    pitch=6.975e-3,
+    lobes=LOBES,
+    pitch=PITCH,
     lobe_width=4.3e-3,
     outer_radius=12.6e-3,
     neck_radius=3.6e-3,
     fillet=1.1e-3,
     wall=0.8e-3,
+    end=0.5 * (LENGTH - LOBES * PITCH),
 )
 MATERIAL = material_from_dict(
     {
@@ -42,13 +47,12 @@ THESIS = {
 ALONG = (8, 8, 5, 4)
 
 
-def forces(is_clamped, lobes):
-    """Force of three bellows [N] by extension, from some lobes at one end, up to a plane of symmetry."""
-    mesh = bellows_mesh("quad8", SHAPE, 3, ALONG, lobes=lobes)
+def forces(shape=SHAPE, is_clamped=True, lobes=0.5 * LOBES, across=3, along=ALONG):
+    """Force of three bellows [N] by extension, from one end with some lobes, up to a plane of symmetry."""
+    mesh = bellows_mesh("quad8", shape, across, along, lobes=lobes)
     z = mesh.points[:, 1]
     end, middle = z < 1e-9, z > z.max() - 1e-9
-    share = lobes / SHAPE.lobes
-    loads = no_loads(mesh).hold(end, 1, -20e-3 * share).hold(middle, 1)
+    loads = no_loads(mesh).hold(end, 1, -20e-3 * lobes / shape.lobes).hold(middle, 1)
     if is_clamped:
         loads = loads.hold(end, 0)
     done = solve(make_part(mesh, MATERIAL, loads), [x / 20.0 for x in THESIS])

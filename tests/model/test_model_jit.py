@@ -6,7 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from soro_core import _jit
+import numpy as np
+
+from soro_core import SoftArm, _jit, load_robot
+from soro_core.model.entries import make_box
 
 PACKAGE = Path(_jit.__file__).parent
 
@@ -172,3 +175,13 @@ def test_what_only_kernels_call_is_linked_and_found_again(tmp_path):
     # What it calls in turn lies within it.
     assert run("second") == [8.0, ["second"], [False, True]]
     assert run("second") == [8.0, [], [True]]
+
+
+def test_a_box_keeps_its_tables_as_long_as_it_lives():
+    tables = SoftArm(load_robot("tue_three_bellow")).tables
+    counts = [sys.getrefcount(tables.mass)]
+    boxes = [make_box(tables) for _ in range(3)]
+    counts.append(sys.getrefcount(tables.mass))
+    boxes.clear()
+    counts.append(sys.getrefcount(tables.mass))
+    assert np.diff(counts).tolist() == [3, -3]

@@ -17,9 +17,10 @@ def compiled():
     found = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
     return {f"{one.py_func.__module__}.{one.__name__} {s}" for one in found for s in one.signatures}
 
-def count(name, callback):
-    modules, kernels = set(sys.modules), compiled()
-    callback()
+def count(name, callback, times=1):
+    modules, kernels = set(sys.modules), compiled()  # takes longer than a hundred ticks
+    for _ in range(times):
+        callback()
     for new in [*sorted(set(sys.modules) - modules), *sorted(compiled() - kernels)]:
         print(f"{name}: {new}")
 """
@@ -98,11 +99,9 @@ for name, callback in (
     count(f"tick after {name}", tick)
     assert node.diagnostics.status.message == "active"
 count("path", lambda: receive(node, "arm/reference/path", path(0.004)))
-for k in range(100):
-    count("tick of a plan", tick)
+count("tick of a plan", tick, 100)
 count("unreachable path", lambda: receive(node, "arm/reference/path", path(0.4)))
-for k in range(20):
-    count("tick of a plan that fails", tick)
+count("tick of a plan that fails", tick, 20)
 count("unreachable", lambda: receive(node, "arm/reference/tip", tip(0.5)))
 count("report", lambda: fire(node, 1.0))
 """

@@ -45,6 +45,8 @@ class NewArm:
         Of the factors between the description and the arm.
     identified : tuple of str
         Options of `soro identify`.
+    tracked : tuple of str
+        Options of `soro run`.
     """
 
     name: str
@@ -52,6 +54,7 @@ class NewArm:
     excited: tuple[str, ...]
     seed: int
     identified: tuple[str, ...] = ()
+    tracked: tuple[str, ...] = ()
 
 
 ARMS = (
@@ -140,7 +143,8 @@ def walk(arm: NewArm, folder: Path, say: Callable[[str], None], environment: Map
     soro("excite", f"{arm.name}_scene.yaml", *twin, *arm.excited)
     bag = next((folder / "runs").iterdir())
     output = soro("identify", f"{arm.name}_robot.yaml", str(bag), "--out", "found.yaml", *arm.identified)
-    soro("run", f"{arm.name}_scene.yaml", *twin, "--set", "robot=found.yaml", "--folder", "tracked")
+    found = ("--set", "robot=found.yaml", "--folder", "tracked")
+    soro("run", f"{arm.name}_scene.yaml", *twin, *found, *arm.tracked)
     summary = json.loads(next((folder / "tracked").glob("*/summary.json")).read_text())
     numbers, open_ = compare(described, true, output)
     return Outcome(numbers, open_, float(summary["tip_error_last_rms_m"]), described.length, output)

@@ -69,6 +69,7 @@ class BellowsGeometry(Strict):
     neck_radius_m: Annotated[float, Field(description="least radius of the outline")]
     fillet_m: Annotated[float, Field(description="radius at the outer edges of a lobe")]
     wall_m: Annotated[float, Field(description="thickness, laid inwards")]
+    end_m: Annotated[float, Field(description="length of a tube as wide as a neck at each end")] = 0.0
     element: Annotated[Literal["quad4", "quad8"], Field(description="without middle nodes, or with")] = (
         "quad8"
     )
@@ -89,6 +90,7 @@ class BellowsGeometry(Strict):
             self.neck_radius_m,
             self.fillet_m,
             self.wall_m,
+            self.end_m,
         )
 
 

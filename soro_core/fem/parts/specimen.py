@@ -168,8 +168,8 @@ def _ring(file: PartFile, geometry: TubeGeometry | BellowsGeometry) -> RingSpeci
         radii = (geometry.inner_radius_m, geometry.outer_radius_m)
         mesh = revolved_tube(geometry.element, counts, radii, geometry.length_m)
     else:
-        counts = (geometry.across, 2 * geometry.lobes * sum(geometry.along))
         mesh = bellows_mesh(geometry.element, geometry.shape, geometry.across, geometry.along)
+        counts = (geometry.across, len(mesh.cells) // geometry.across)
     across, along = grid(geometry.element, counts)[0].T
     part, _ = bare_part(file, mesh, no_loads(mesh).hold(along == 0.0, 1))
     return RingSpecimen(part, mesh.faces_at(across == 0.0), np.flatnonzero(along == 1.0))

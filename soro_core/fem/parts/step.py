@@ -89,20 +89,23 @@ def _bellows(occ: Any, shape: Bellows) -> Any:
     # Both ends and the middle of each piece, up half a lobe; then the other half, mirrored.
     pieces = np.linspace(0.0, 4.0, 9)
     outer, normal = shape.outline(pieces)
-    walls = []
+    walls, sides = [], []
     for half in (outer, outer + shape.wall * normal):
         back = half[::-1] * [1.0, -1.0] + [0.0, shape.pitch]
         lobe = np.concatenate([half, back[1:]])
-        lobes = [lobe + np.array([0.0, k * shape.pitch]) for k in range(shape.lobes)]
-        walls.append(MM * np.concatenate([lobes[0], *(one[1:] for one in lobes[1:])]))
-
-    up, down = (
-        [_edge(occ, walls[k][i : i + 3], i // 2 % 8 in ROUND) for i in range(0, len(walls[k]) - 2, 2)]
-        for k in (0, 1)
-    )
+        lobes = [lobe + np.array([0.0, shape.end + k * shape.pitch]) for k in range(shape.lobes)]
+        wall = MM * np.concatenate([lobes[0], *(one[1:] for one in lobes[1:])])
+        side = [_edge(occ, wall[i : i + 3], i // 2 % 8 in ROUND) for i in range(0, len(wall) - 2, 2)]
+        if shape.end > 0.0:
+            tube = [0.0, MM * shape.end]
+            wall = np.concatenate([wall[:1] - tube, wall, wall[-1:] + tube])
+            side = [_edge(occ, wall[:2]), *side, _edge(occ, wall[-2:])]
+        walls.append(wall)
+        sides.append(side)
     base, end = (_edge(occ, np.array([wall[k] for wall in walls])) for k in (0, -1))
     # Open CASCADE takes edges in turn.
-    return occ.Face(occ.Wire([*up, end, *down[::-1], base])).Revolve(occ.Axis((0, 0, 0), occ.Z), 360)
+    face = occ.Face(occ.Wire([*sides[0], end, *sides[1][::-1], base]))
+    return face.Revolve(occ.Axis((0, 0, 0), occ.Z), 360)
 
 
 def _edge(occ: Any, places: Array, is_round: bool = False) -> Any:

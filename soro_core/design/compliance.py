@@ -42,7 +42,7 @@ class Compliance:
     poisson_ratio: float
     void_stiffness: float
 
-    def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
+    def evaluate(self, density: Array, penalty: float, pressure_pa: float) -> Evaluation:
         """Return u . K u [J/m] with its gradient.
 
         Parameters
@@ -53,8 +53,6 @@ class Compliance:
             Exponent of the stiffness.
         pressure_pa : float
             Of the inlet.
-        guess : ndarray
-            Not used: the part is linear.
         """
         grid = self.grid
         air = pressures(grid, self.flow, density, pressure_pa * self.held)

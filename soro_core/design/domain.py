@@ -57,6 +57,8 @@ class Domain:
     def start(self) -> Array:
         """Return the design variables (e,) of the first iteration."""
         x = np.full(len(self.is_solid), self.task.volume_fraction)
+        for one in self.task.start:
+            x[inside(one.where, self.grid.centres, 0.0)] = one.density
         x[self.is_solid], x[self.is_void] = 1.0, 0.0
         return x
 
@@ -88,14 +90,17 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             )
         return found
 
-    def elements(regions: tuple[Box | Disc, ...], key: str) -> Flags:
+    def elements(region: Box | Disc, key: str) -> Flags:
+        found = inside(region, centres, 0.0)
+        if not found.any():
+            allowed = f"a region with centres of elements, {size_text(task)}"
+            raise ConfigError(where, key, _told(region), allowed)
+        return found
+
+    def given(regions: tuple[Box | Disc, ...], key: str) -> Flags:
         every = np.zeros(len(centres), dtype=bool)
         for k, region in enumerate(regions):
-            found = inside(region, centres, 0.0)
-            if not found.any():
-                allowed = f"a region with centres of elements, {size_text(task)}"
-                raise ConfigError(where, f"{key}[{k}]", _told(region), allowed)
-            every |= found
+            every |= elements(region, f"{key}[{k}]")
         return every
 
     is_inlet = nodes(task.inlet, "inlet")
@@ -113,7 +118,9 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             is_held[found, "xy".index(axis)] = True
     if task.space == "axisymmetric":
         is_held[points[:, 0] < near, 0] = True
-    is_solid, is_void = elements(task.solid, "solid"), elements(task.void, "void")
+    is_solid, is_void = given(task.solid, "solid"), given(task.void, "void")
+    for k, one_start in enumerate(task.start):
+        elements(one_start.where, f"start[{k}].where")
     if (is_solid & is_void).any():
         x, y = 1e3 * centres[np.flatnonzero(is_solid & is_void)[0]]
         raise ConfigError(where, "void", f"({x:.4g}, {y:.4g}) mm", "elements that are not solid too")

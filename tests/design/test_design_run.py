@@ -80,7 +80,7 @@ HELD_TOP = {"where": {"kind": "box", "y_m": [0.01, 0.01]}, "along": ["y"]}
         ("solid[0].kind", {"solid": [{"kind": "ball"}]}),
         ("schedule", {"schedule": {"ramp": 99}}),
         ("cells[0]", {"cells": [1, 9]}),
-        ("goal.material.str", {"goal": {"material": 3}}),
+        ("goal.material", {"goal": {"material": 3}}),
         ("air.depth_m", {"air": {"depth_m": -1.0}}),
         ("space", {"space": "solid"}),
     ],

@@ -17,8 +17,8 @@ from soro_core.design.evaluation import Evaluation
 from soro_core.design.filter import density_filter, greyness, projection
 from soro_core.design.flood import flood
 from soro_core.design.mma import Moves, mma_step, no_moves
-from soro_core.design.motion import Motion
 from soro_core.design.shape import contour
+from soro_core.design.stroke import Stroke
 from soro_core.design.task import Task
 from soro_core.errors import ConfigError, ModelError
 from soro_core.fem.response import Array
@@ -184,14 +184,14 @@ def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple
 
 
 def _evaluated(
-    found: Motion | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
+    found: Stroke | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
 ) -> Evaluation:
     if isinstance(found, Compliance):
         return found.evaluate(density, penalty, pressure_pa)
     return found.evaluate(density, penalty, pressure_pa, guess)
 
 
-def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: State, k: int) -> State:
+def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: State, k: int) -> State:
     task = domain.task
     x = state.x
     scheduled, penalty, sharpness = task.schedule.at(k)

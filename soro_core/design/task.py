@@ -133,7 +133,7 @@ class Schedule(Strict):
         tuple[Positive, ...],
         Field(
             strict=False,
-            description="of the projection after the ramp, for equally many iterations each; none without one",
+            description="of the projection after the ramp, each for as many iterations; none without one",
         ),
     ] = (2.0, 4.0, 8.0)
     threshold: Annotated[Share, Field(description="density at which the projection steps")] = 0.5
@@ -161,9 +161,9 @@ class Task(Strict):
     """A rectangle in which material is to be distributed."""
 
     description: Annotated[str, Field(description="one line")] = ""
-    space: Annotated[
-        Literal["plane_strain", "axisymmetric"], Field(description="the latter about x = 0")
-    ] = "plane_strain"
+    space: Annotated[Literal["plane_strain", "axisymmetric"], Field(description="the latter about x = 0")] = (
+        "plane_strain"
+    )
     size_m: Annotated[Range, Field(description="lengths along x and y")]
     cells: Annotated[
         tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]],
@@ -173,7 +173,8 @@ class Task(Strict):
     held: Annotated[tuple[Held, ...], Field(strict=False, min_length=1)]
     inlet: Annotated[Region, Field(description="nodes at full pressure")]
     open: Annotated[
-        Regions, Field(min_length=1, description="nodes at pressure 0; those of the inlet stay at full pressure")
+        Regions,
+        Field(min_length=1, description="nodes at pressure 0; those of the inlet stay at full pressure"),
     ]
     solid: Annotated[Regions, Field(description="elements that stay so, by their centres")] = ()
     void: Annotated[Regions, Field(description="elements that stay so, by their centres")] = ()
@@ -230,4 +231,6 @@ def resolved(task: Task, where: str = "task") -> Task:
 def write_task(task: Task, path: Path) -> None:
     """Write a task as a file that `load_task` reads."""
     data = json.loads(task.model_dump_json(exclude_none=True, exclude_unset=True))
-    path.write_text(yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110), encoding="utf-8")
+    path.write_text(
+        yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110), encoding="utf-8"
+    )

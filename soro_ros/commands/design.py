@@ -29,8 +29,8 @@ def run(
     """Distribute material in a rectangle so that air moves an output as far as it can (docs/design.md).
 
     Prints each iteration, and keeps it: Ctrl-C loses the one under way alone, --resume goes on. The folder
-    gets task.yaml, state.npz, iterations.csv, film.gif and design.png, also where a run stops early, as far as
-    it came. Exit status 1: no equilibrium, or the part does not hold air, with the reason; 130: Ctrl-C.
+    gets task.yaml, state.npz, iterations.csv, film.gif and design.png, also of a run that stops early, as far
+    as it came. Exit status 1: no equilibrium, or the part does not hold air, with the reason; 130: Ctrl-C.
     """
     from soro_core.config import find_config
     from soro_core.design import load_state, load_task, optimise, save

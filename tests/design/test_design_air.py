@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.config import changed
-from soro_core.design import motion
+from soro_core.design import stroke
 from soro_core.design.darcy import Flow, pressures
 from soro_core.design.domain import analysis, make_domain
 from soro_core.design.grid import make_grid
@@ -56,7 +56,7 @@ def slope_of(evaluate, density, along, step):
 @pytest.mark.parametrize("space", ["plane_strain", "axisymmetric"])
 def test_the_adjoint_is_exact(space, monkeypatch):
     """Energy, spring, air and its flow, void and grey elements at once, for a motion of large strain."""
-    monkeypatch.setattr(motion, "TOLERANCE", 1e-11)
+    monkeypatch.setattr(stroke, "TOLERANCE", 1e-11)
     task = bellow(cells=[20, 10], space=space)
     found = analysis(make_domain(task))
     rng = np.random.default_rng(2)

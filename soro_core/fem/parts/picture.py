@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from soro_core.fem import Mesh
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.response import Array
 
@@ -33,12 +34,11 @@ def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> 
     shown = list(shapes.items())[:MOST]
     columns = min(len(shown), 4)
     rows = -(-len(shown) // columns)
+    mesh = specimen.part.mesh
     figure = Figure(figsize=(2.6 * columns, 3.4 * rows), layout="constrained")
     for k, (name, u) in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1, aspect="equal")
-        faces, far = (
-            _rod_faces(specimen, u) if isinstance(specimen, RodSpecimen) else _ring_faces(specimen, u)
-        )
+        faces, far = _rod_faces(specimen, u) if isinstance(specimen, RodSpecimen) else ring_faces(mesh, u)
         drawn = PolyCollection(list(1e3 * faces), array=1e3 * far, cmap="viridis", lw=0.15, edgecolor="white")
         axes.add_collection(drawn)
         axes.autoscale_view()
@@ -95,9 +95,23 @@ def _rod_faces(specimen: RodSpecimen, u: Array) -> tuple[Array, Array]:
     return seen[order], np.linalg.norm(u[faces].mean(axis=1), axis=1)[order]
 
 
-def _ring_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:
-    """Both sides of a section about an axis, (2 e, m, 2) and (2 e,)."""
-    mesh = specimen.part.mesh
+def ring_faces(mesh: Mesh, u: Array) -> tuple[Array, Array]:
+    """Return the deformed elements of both sides of a section about an axis, and how far they have moved.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The section, of e elements with m nodes each.
+    u : ndarray, (n, 2)
+        Displacements [m].
+
+    Returns
+    -------
+    faces : ndarray, (2 e, m, 2)
+        Corners [m], in order.
+    far : ndarray, (2 e,)
+        Length of the mean displacement of an element [m].
+    """
     around = mesh.cells[:, _AROUND[mesh.cells.shape[1]]]
     right = (mesh.points + u)[around]
     far = np.linalg.norm(u[around].mean(axis=1), axis=1)

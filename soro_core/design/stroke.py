@@ -22,7 +22,7 @@ _NONE = np.empty(0)
 # Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.
 TOLERANCE = 1e-7
 ROUNDS, SHORTENINGS = 15, 8
-LEAST_STEP = 0.2
+LEAST_STEP = 0.05
 
 
 @dataclass(frozen=True, eq=False)

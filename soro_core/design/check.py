@@ -14,6 +14,7 @@ from soro_core.design.task import Farthest
 from soro_core.errors import ModelError
 from soro_core.fem import Mesh, Settings, make_part, no_loads, solve
 from soro_core.fem.response import Array, Indices
+from soro_core.fem.solid import tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,11 @@ class Shape:
     outer: Indices
     wall_m: float
     wall_at: Array
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume of its solid; a section is 1 m thick."""
+        return float(tables(self.mesh, self.mesh.cells)[2].sum())
 
     @property
     def leak(self) -> str:

@@ -196,14 +196,12 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
 
 
 def _numbers(domain: Domain, state: State, found: Shape, moved: Reanalysis | None) -> list[tuple[str, str]]:
-    from soro_core.design.section import area
-
     row = state.rows[-1]
     x, y = 1e3 * found.wall_at
-    grid_area = domain.task.size_m[0] * domain.task.size_m[1]
+    share = found.volume_m3 / domain.grid.volumes.sum()
     rows = [
         ("goal, first and last", f"{state.rows[0].objective:.5g}, {row.objective:.5g}"),
-        ("solid, of the grid and of the part", f"{row.volume:.4f}, {area(found.mesh) / grid_area:.4f}"),
+        ("solid, of the grid and of the part", f"{row.volume:.4f}, {share:.4f}"),
         ("greyness", f"{row.greyness:.3f}"),
         ("leak", found.leak or "none"),
         ("closed void, nodes", f"{int(found.air.is_closed.sum())}"),

@@ -189,7 +189,17 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
 
 
 def held_nodes(task: Task, points: Array, near: float) -> Flags:
-    """Return the directions in which points do not move, (n, 2) of bool; arguments as in `inside`."""
+    """Return the directions in which points do not move, (n, 2) of bool.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    points : ndarray, (n, 2)
+        Points [m].
+    near : float
+        Distance from the border of a region that still counts [m].
+    """
     is_held = np.zeros(points.shape, dtype=bool)
     for one in task.held:
         found = inside(one.where, points, near)

@@ -1,4 +1,4 @@
-"""Topology optimisation driven by pressure: the linear arch, and a bellow on two grids."""
+"""Topology optimisation driven by pressure: the linear arch, a bellow on two grids, and the other tasks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ TITLE = "Topology optimisation"
 ARCH = {(100, 50): 16.9, (200, 100): 14.4}
 # Most minutes of the processor.
 BELLOW_MIN = {(100, 50): 2.0, (200, 100): 6.0}
-OTHERS = ("gripper", "pneunet")
+# Other tasks, and those of them whose own mesh has a target.
+OTHERS, AGREEING = ("disc", "gripper", "pneunet"), ("disc", "pneunet")
 MOTION_MM, GRIDS_AGREE, GREYNESS, OWN_MESH_AGREES, STROKE_MM = 2.4, 0.02, 0.08, 0.05, 7.0
 
 
@@ -62,8 +63,8 @@ def topology(options: Options) -> tuple[str, str]:
         rows += _others_rows(name, _optimised(load_task(name), name, options))
     return TITLE, (
         f"{table(('case', '', 'found', 'target', ''), rows)}\n\n"
-        "Tasks: those of `config/design`. Gripper and PneuNet move the wanted way where their motion is "
-        "positive. Times are those of one core, kernels compiled. "
+        "Tasks: those of `config/design`. Disc, gripper and PneuNet move the wanted way where their motion "
+        "is positive. Times are those of one core, kernels compiled. "
         "Own mesh: the part cut along the contour of its densities, computed by `soro_core.fem` "
         "([how](../docs/design.md))."
     )
@@ -128,11 +129,16 @@ def _rows(name: str, bellow: Found, minutes: float) -> list[tuple[str, ...]]:
 
 
 def _others_rows(name: str, found: Found) -> list[tuple[str, ...]]:
-    free, leak = 1e3 * found.moved.free_m, found.part.leak
+    free, leak, last = 1e3 * found.moved.free_m, found.part.leak, found.state.rows[-1]
+    gap = abs(found.moved.motion_m / last.motion_m - 1.0)
+    agree = (f"<= {OWN_MESH_AGREES:.0%}", met(gap <= OWN_MESH_AGREES)) if name in AGREEING else ("", "")
     return [
         (name, "leak", leak or "none", "none", met(not leak)),
         (name, "motion without spring, own mesh", f"{free:.2f} mm", "> 0", met(free > 0.0)),
         (name, "motion with spring, grid", f"{found.motion_mm:.3f} mm", "", ""),
         (name, "the same, own mesh", f"{1e3 * found.moved.motion_m:.3f} mm", "", ""),
+        (name, "own mesh against grid", f"{gap:.1%}", *agree),
+        (name, "greyness", f"{last.greyness:.3f}", f"<= {GREYNESS}", met(last.greyness <= GREYNESS)),
+        (name, "thinnest wall", f"{1e3 * found.part.wall_m:.2f} mm", "", ""),
         (name, "time", f"{found.processor_s:.0f} s", "", ""),
     ]

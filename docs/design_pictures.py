@@ -1,6 +1,8 @@
-"""Draw the pictures of docs/design.md: bellows, paths beyond limit points, a fold that closes.
+"""Draw the pictures of docs/design.md: bellows, paths beyond limit points, a fold that closes, shipped tasks.
 
-python -m docs.design_pictures [--folder docs/images]
+python -m docs.design_pictures [--folder docs/images] [--only disc] [--runs runs]
+
+A task is run if the folder of runs does not hold it: minutes for each.
 """
 
 from __future__ import annotations
@@ -13,23 +15,37 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from soro_core.design import (
+    Domain,
+    State,
+    load_state,
+    load_task,
+    make_domain,
+    optimise,
+    reanalyse,
+    save,
+    shape,
+)
+from soro_core.design.optimise import STATE, TONES
+from soro_core.design.pictures import picture, whole
+from soro_core.design.task import Farthest
 from soro_core.fem import Contact, Mesh, bellows_mesh, make_part, no_loads, solve
+from soro_core.fem.parts.picture import section_faces
 from tests.fem import moving_parts as moving
 from tests.fem.three_bellow import MATERIAL, SHAPE, THESIS
 
 SHOWN_MM = (0.0, 10.0, 20.0)
+# Task of the strip of iterations, and how many are shown.
+FILMED, FRAMES = "disc", 6
 
 
 def section(axes: Any, mesh: Mesh, u: np.ndarray, shift: float) -> None:
-    """Draw the deformed wall on both sides of the axis, coloured by its movement along the axis."""
-    # Corners and middles of edges in turn.
-    around = mesh.cells[:, [0, 4, 1, 5, 2, 6, 3, 7]]
-    for side in (-1.0, 1.0):
-        corners = 1e3 * (mesh.points + u)[around] * [side, 1.0] + [shift, 0.0]
-        drawn = PolyCollection(corners, array=1e3 * u[mesh.cells, 1].mean(axis=1), cmap="viridis", lw=0.1)
-        drawn.set_clim(0.0, 20.0)
-        drawn.set_edgecolor("white")
-        axes.add_collection(drawn)
+    """Draw the deformed wall on both sides of the axis, coloured by its movement."""
+    faces, far = section_faces(mesh, u)
+    drawn = PolyCollection(1e3 * faces + [shift, 0.0], array=1e3 * far, cmap="viridis", lw=0.1)
+    drawn.set_clim(0.0, 20.0)
+    drawn.set_edgecolor("white")
+    axes.add_collection(drawn)
 
 
 def picture_of_bellows(path: Path) -> None:
@@ -93,16 +109,65 @@ def picture_of_fold(path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
+def run_of(name: str, runs: Path) -> tuple[Domain, State]:
+    """Return a shipped task with its last state, of a run that is there or of one made now."""
+    task, folder = load_task(name), runs / f"{name}_design"
+    domain = make_domain(task)
+    if (folder / STATE).exists():
+        return domain, load_state(folder, domain)
+    state = optimise(task)
+    folder.mkdir(parents=True, exist_ok=True)
+    save(state, folder)
+    return domain, state
+
+
+def picture_of_task(domain: Domain, state: State, path: Path) -> None:
+    """What `soro design run` draws."""
+    found = shape(domain, state)
+    moved = reanalyse(domain, found) if isinstance(domain.task.goal, Farthest) else None
+    picture(domain, state, found, moved, path)
+
+
+def picture_of_iterations(domain: Domain, state: State, path: Path) -> None:
+    """Densities of some iterations, from the first to the last."""
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    last = len(state.frames) - 1
+    x, y = (1e3 * side for side in domain.task.size_m)
+    extent = (-x if "x" in domain.task.mirrors else 0.0, x, -y if "y" in domain.task.mirrors else 0.0, y)
+    shown = [round(last * (k / (FRAMES - 1)) ** 2) for k in range(FRAMES)]
+    for axes, k in zip(figure.subplots(2, FRAMES // 2, sharex=True, sharey=True).ravel(), shown, strict=True):
+        axes.imshow(whole(domain, state.frames[k]), extent=extent, cmap="gray_r", vmin=0, vmax=TONES)
+        axes.set_title(f"iteration {k + 1}", fontsize=9)
+        axes.tick_params(labelsize=7)
+    figure.savefig(path, dpi=100)
+
+
+PARTS = {
+    "bellows": picture_of_bellows,
+    "paths": picture_of_paths,
+    "fold": picture_of_fold,
+}
+TASKS = ("arch", "bellow", "disc", "gripper", "pneunet")
+
+
 def main() -> None:
     """Draw them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--folder", type=Path, default=Path("docs/images"))
-    folder = parser.parse_args().folder
-    picture_of_bellows(folder / "design_bellows.png")
-    picture_of_paths(folder / "design_paths.png")
-    picture_of_fold(folder / "design_fold.png")
+    parser.add_argument("--runs", type=Path, default=Path("runs"), help="where runs of tasks are, or go")
+    parser.add_argument("--only", nargs="+", choices=(*PARTS, *TASKS), help="default: all")
+    options = parser.parse_args()
+    for name in options.only or (*PARTS, *TASKS):
+        path = options.folder / f"design_{name}.png"
+        if name in PARTS:
+            PARTS[name](path)
+            continue
+        domain, state = run_of(name, options.runs)
+        picture_of_task(domain, state, path)
+        if name == FILMED:
+            picture_of_iterations(domain, state, options.folder / "design_iterations.png")
 
 
 if __name__ == "__main__":

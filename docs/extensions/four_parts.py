@@ -17,6 +17,7 @@ GENERATED = {
         "scene_keys",
         "robot_keys",
         "part_keys",
+        "task_keys",
         "platform_keys",
         "api",
     )

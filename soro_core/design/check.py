@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.design.domain import NEAR, Domain, inside, patch
+from soro_core.design.domain import NEAR, Domain, held_nodes, inside, patch
 from soro_core.design.flood import Flood, flood, thinnest_wall, wet_faces
 from soro_core.design.optimise import State
 from soro_core.design.shape import Contour, contour, solid_mesh
 from soro_core.design.task import Farthest
 from soro_core.errors import ModelError
-from soro_core.fem import Loads, Mesh, Settings, make_part, no_loads, solve
+from soro_core.fem import Mesh, Settings, make_part, no_loads, solve
 from soro_core.fem.response import Array, Indices
+from soro_core.fem.solid import tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,11 @@ class Shape:
     wall_at: Array
 
     @property
+    def volume_m3(self) -> float:
+        """Volume of its solid; a section is 1 m thick."""
+        return float(tables(self.mesh, self.mesh.cells)[2].sum())
+
+    @property
     def leak(self) -> str:
         """Why it does not hold air, else empty."""
         if self.air.is_leak.any():
@@ -101,12 +107,8 @@ def reanalyse(domain: Domain, found: Shape) -> Reanalysis:
         raise ModelError("a goal without an output has no motion; allowed: goal.kind farthest", "goal")
     near = NEAR * min(domain.grid.edge_m)
     loads = no_loads(mesh)
-    for one in task.held:
-        at = inside(one.where, mesh.points, near)
-        for axis in one.along:
-            loads = loads.hold(at, "xy".index(axis))
-    if task.space == "axisymmetric":
-        loads = loads.hold(mesh.points[:, 0] < near, 0)
+    for axis, is_held in enumerate(held_nodes(task, mesh.points, near).T):
+        loads = loads.hold(is_held, axis)
     if len(found.wet):
         # The flood has named leaks; the mouth of the inlet is open.
         loads = loads.press(found.wet, task.schedule.pressure_pa[1], is_patch=True)
@@ -114,8 +116,8 @@ def reanalyse(domain: Domain, found: Shape) -> Reanalysis:
     part = make_part(mesh, goal.law("goal.material"), loads)
     moved, causes = [], []
     for spring in (goal.spring_pa, 0.0):
-        sprung: Loads = replace(loads, springs=loads.springs + spring * np.abs(weights))
-        done = solve(part.under(sprung), settings=Settings(tolerance=1e-8, iterations=20))
+        sprung = part.under(loads.spring(spring * np.abs(weights)))
+        done = solve(sprung, settings=Settings(tolerance=1e-8, iterations=20))
         reached = float((weights * done.last.u).sum()) if done.status == "solved" else np.nan
         moved.append((reached, done.last.u))
         causes.append(done.cause)

@@ -42,7 +42,7 @@ class Compliance:
     poisson_ratio: float
     void_stiffness: float
 
-    def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
+    def evaluate(self, density: Array, penalty: float, pressure_pa: float) -> Evaluation:
         """Return u . K u [J/m] with its gradient.
 
         Parameters
@@ -53,8 +53,6 @@ class Compliance:
             Exponent of the stiffness.
         pressure_pa : float
             Of the inlet.
-        guess : ndarray
-            Not used: the part is linear.
         """
         grid = self.grid
         air = pressures(grid, self.flow, density, pressure_pa * self.held)
@@ -80,16 +78,16 @@ class Compliance:
     def _load(self) -> Array:
         """Forces (8, 4) of unit pressures of the nodes: -int N dp/dX dV."""
         grid = self.grid
-        gradient = grid.slope[0][:, :2, 0::2]
-        by_node = -np.einsum("g,ga,gkb->akb", grid.volume[0], grid.shape, gradient)
+        by_node = -np.einsum("g,ga,gbk->akb", grid.volume[0], grid.shape, grid.slope[0])
         return np.asarray(by_node.reshape(8, 4))
 
     def _stiffness(self) -> Array:
         """Stiffness (8, 8) of a solid element."""
         nu = self.poisson_ratio
         strain = np.zeros((len(self.grid.shape), 3, 8))
-        slope = self.grid.slope[0]
-        strain[:, 0], strain[:, 1], strain[:, 2] = slope[:, 0], slope[:, 3], slope[:, 1] + slope[:, 2]
+        x, y = np.moveaxis(self.grid.slope[0], 2, 0)
+        strain[:, 0, 0::2] = strain[:, 2, 1::2] = x
+        strain[:, 1, 1::2] = strain[:, 2, 0::2] = y
         law = np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
         law *= self.youngs_modulus_pa / (1.0 - nu**2)
         return np.asarray(np.einsum("g,gci,cd,gdj->ij", self.grid.volume[0], strain, law, strain))

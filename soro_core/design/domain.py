@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.design.compliance import Compliance
 from soro_core.design.darcy import Flow
 from soro_core.design.grid import Flags, Grid, make_grid
-from soro_core.design.motion import Motion
+from soro_core.design.stroke import Stroke
 from soro_core.design.task import Box, Disc, Farthest, Stiffest, Task
 from soro_core.errors import ConfigError, ModelError
 from soro_core.fem import Mesh
@@ -57,6 +57,8 @@ class Domain:
     def start(self) -> Array:
         """Return the design variables (e,) of the first iteration."""
         x = np.full(len(self.is_solid), self.task.volume_fraction)
+        for one in self.task.start:
+            x[inside(one.where, self.grid.centres, 0.0)] = one.density
         x[self.is_solid], x[self.is_void] = 1.0, 0.0
         return x
 
@@ -88,14 +90,17 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             )
         return found
 
-    def elements(regions: tuple[Box | Disc, ...], key: str) -> Flags:
+    def elements(region: Box | Disc, key: str) -> Flags:
+        found = inside(region, centres, 0.0)
+        if not found.any():
+            allowed = f"a region with centres of elements, {size_text(task)}"
+            raise ConfigError(where, key, _told(region), allowed)
+        return found
+
+    def given(regions: tuple[Box | Disc, ...], key: str) -> Flags:
         every = np.zeros(len(centres), dtype=bool)
         for k, region in enumerate(regions):
-            found = inside(region, centres, 0.0)
-            if not found.any():
-                allowed = f"a region with centres of elements, {size_text(task)}"
-                raise ConfigError(where, f"{key}[{k}]", _told(region), allowed)
-            every |= found
+            every |= elements(region, f"{key}[{k}]")
         return every
 
     is_inlet = nodes(task.inlet, "inlet")
@@ -106,14 +111,12 @@ def make_domain(task: Task, where: str = "task") -> Domain:
     if not is_open.any():
         got = "no region" if not task.open else "regions within the inlet alone"
         raise ConfigError(where, "open", got, "a region beside the inlet")
-    is_held = np.zeros(points.shape, dtype=bool)
     for k, one in enumerate(task.held):
-        found = nodes(one.where, f"held[{k}].where")
-        for axis in one.along:
-            is_held[found, "xy".index(axis)] = True
-    if task.space == "axisymmetric":
-        is_held[points[:, 0] < near, 0] = True
-    is_solid, is_void = elements(task.solid, "solid"), elements(task.void, "void")
+        nodes(one.where, f"held[{k}].where")
+    is_held = held_nodes(task, points, near)
+    is_solid, is_void = given(task.solid, "solid"), given(task.void, "void")
+    for k, one_start in enumerate(task.start):
+        elements(one_start.where, f"start[{k}].where")
     if (is_solid & is_void).any():
         x, y = 1e3 * centres[np.flatnonzero(is_solid & is_void)[0]]
         raise ConfigError(where, "void", f"({x:.4g}, {y:.4g}) mm", "elements that are not solid too")
@@ -138,7 +141,7 @@ def _told(region: Box | Disc) -> dict[str, Any]:
     return region.model_dump(exclude_none=True)
 
 
-def analysis(domain: Domain, where: str = "task") -> Motion | Compliance:
+def analysis(domain: Domain, where: str = "task") -> Stroke | Compliance:
     """Return what the goal of a task is computed with; `where` is named in errors."""
     task, grid = domain.task, domain.grid
     air = task.air
@@ -150,7 +153,7 @@ def analysis(domain: Domain, where: str = "task") -> Motion | Compliance:
         return Compliance(grid, flow, held, domain.is_held, goal.youngs_modulus_pa, nu, task.void_stiffness)
     # A spring of the patch, shared by the weights of its nodes.
     spring = goal.spring_pa * np.abs(domain.output)
-    return Motion(
+    return Stroke(
         grid,
         flow,
         held,
@@ -183,6 +186,28 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
         return found
     gap = points - np.asarray(region.centre_m)
     return np.asarray(np.hypot(*gap.T) <= region.radius_m + near)
+
+
+def held_nodes(task: Task, points: Array, near: float) -> Flags:
+    """Return the directions in which points do not move, (n, 2) of bool.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    points : ndarray, (n, 2)
+        Points [m].
+    near : float
+        Distance from the border of a region that still counts [m].
+    """
+    is_held = np.zeros(points.shape, dtype=bool)
+    for one in task.held:
+        found = inside(one.where, points, near)
+        for axis in one.along:
+            is_held[found, "xy".index(axis)] = True
+    if task.space == "axisymmetric":
+        is_held[points[:, 0] < near, 0] = True
+    return is_held
 
 
 def size_text(task: Task) -> str:

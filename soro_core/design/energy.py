@@ -3,143 +3,75 @@
     phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - int p J(u) dV
 
 phi_solid is the energy of the material and phi_small that of small strains: void (gamma = 0) is linear and
-cannot turn inside out (Wang et al. 2014). An element has 8 displacements u = (u_1x, u_1y, ...), and five
-numbers of F change with them: F_11, F_12, F_21, F_22, F_33.
+cannot turn inside out (Wang et al. 2014). An element has 8 displacements u = (u_1x, u_1y, ...).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from soro_core._jit import inner, kernel
-from soro_core.fem.response import BULK, Array, Indices, add_volume_curvature, cofactor, respond
+from soro_core.fem.response import Array, Indices, add_volume_curvature, cofactor
+from soro_core.fem.solid import Work, add_force, add_stiffness, fill_gradient, make_work, respond_element
 
 
-@inner
-def _fill(slope: Array, u: Array, F: Array) -> None:
-    """F <- deformation gradient; slope (5, 8)."""
-    F[:] = 0.0
-    F[0, 0] = F[1, 1] = F[2, 2] = 1.0
-    for i in range(8):
-        F[0, 0] += slope[0, i] * u[i]
-        F[0, 1] += slope[1, i] * u[i]
-        F[1, 0] += slope[2, i] * u[i]
-        F[1, 1] += slope[3, i] * u[i]
-        F[2, 2] += slope[4, i] * u[i]
+class Elements(NamedTuple):
+    """What the kernels read of a grid and its material.
 
-
-@inner
-def _add_force(slope: Array, factor: float, P: Array, force: Array) -> None:
-    """force += factor P : dF/du."""
-    for i in range(8):
-        force[i] += factor * (
-            P[0, 0] * slope[0, i]
-            + P[0, 1] * slope[1, i]
-            + P[1, 0] * slope[2, i]
-            + P[1, 1] * slope[3, i]
-            + P[2, 2] * slope[4, i]
-        )
-
-
-@inner
-def _add_stiffness(slope: Array, factor: float, A: Array, K: Array) -> None:
-    """K += factor dF/du : A : dF/du, below the diagonal; A (9, 9)."""
-    column = np.empty(5)
-    for i in range(8):
-        for c in range(5):
-            m = c if c < 2 else (c + 1 if c < 4 else 8)
-            column[c] = factor * (
-                A[m, 0] * slope[0, i]
-                + A[m, 1] * slope[1, i]
-                + A[m, 3] * slope[2, i]
-                + A[m, 4] * slope[3, i]
-                + A[m, 8] * slope[4, i]
-            )
-        for j in range(i, 8):
-            value = 0.0
-            for c in range(5):
-                value += slope[c, j] * column[c]
-            K[j, i] += value
-
-
-@inner
-def _solid(
-    law: Array, is_averaged: bool, slope: Array, volume: Array, u: Array, work: Array, f: Array, K: Array
-) -> float:
-    """f, K <- force and stiffness (its lower half) of solid; return its energy, or NaN where J <= 0.
-
-    With `is_averaged` the element has one volume ratio, as in `soro_core.fem`. work is (5, 9, 9).
+    Attributes
+    ----------
+    law : ndarray
+        Numbers of the material.
+    is_averaged : bool
+        Whether an element has one volume ratio, the mean of J.
+    cells : ndarray of int, (e, 4)
+        Nodes of the elements.
+    kind : ndarray of int, (e,)
+        Kind of each element.
+    slope, hoop, volume : ndarray, (kinds, g, ...)
+        Those of `soro_core.fem.solid.tables`.
+    shape : ndarray, (g, 4)
+        Shape functions at the points of integration.
+    small : ndarray, (kinds, 8, 8)
+        Stiffness of small strains.
     """
-    F, H, P, A = work[0, :3, :3], work[1, :3, :3], work[2, :3, :3], work[3]
-    by_volume, cubes = work[4, 0, :8], np.empty((3, 3, 3))
-    f[:] = 0.0
-    K[:] = 0.0
-    by_volume[:] = 0.0
-    total, deformed, energy = 0.0, 0.0, 0.0
-    for g in range(volume.shape[0]):
-        _fill(slope[g], u, F)
-        J = cofactor(F, H)
-        if not J > 0.0:
-            return math.nan
-        total += volume[g]
-        deformed += J * volume[g]
-        if is_averaged:
-            _add_force(slope[g], volume[g], H, by_volume)
-    bulk, mean_stress = law[BULK], 0.0
-    if is_averaged:
-        mean_stress = bulk * (deformed / total - 1.0)
-        energy += 0.5 * total * mean_stress * (deformed / total - 1.0)
-        bulk = 0.0
-    for g in range(volume.shape[0]):
-        _fill(slope[g], u, F)
-        cofactor(F, H)
-        energy += volume[g] * respond(law, bulk, F, H, cubes, P, A)
-        if is_averaged:
-            for i in range(3):
-                for j in range(3):
-                    P[i, j] += mean_stress * H[i, j]
-            add_volume_curvature(F, mean_stress, A)
-        _add_force(slope[g], volume[g], P, f)
-        _add_stiffness(slope[g], volume[g], A, K)
-    if is_averaged:
-        for i in range(8):
-            for j in range(i, 8):
-                K[j, i] += law[BULK] / total * by_volume[i] * by_volume[j]
-    return energy
+
+    law: Array
+    is_averaged: bool
+    cells: Indices
+    kind: Indices
+    slope: Array
+    hoop: Array
+    volume: Array
+    shape: Array
+    small: Array
 
 
 @inner
 def _add_air(
-    slope: Array, volume: Array, shape: Array, p: Array, u: Array, work: Array, f: Array, K: Array
+    slope: Array, hoop: Array, volume: Array, shape: Array, p: Array, u: Array, work: Work, f: Array, K: Array
 ) -> float:
     """Add force and stiffness of -int p J dV to f, K; return it."""
-    F, H, A = work[0, :3, :3], work[1, :3, :3], work[3]
     energy = 0.0
     for g in range(volume.shape[0]):
         here = 0.0
         for a in range(4):
             here -= shape[g, a] * p[a] * volume[g]
-        _fill(slope[g], u, F)
-        energy += here * cofactor(F, H)
-        _add_force(slope[g], here, H, f)
-        A[:] = 0.0
-        add_volume_curvature(F, here, A)
-        _add_stiffness(slope[g], 1.0, A, K)
+        fill_gradient(u, slope[g], hoop[g], work.F)
+        energy += here * cofactor(work.F, work.H)
+        add_force(work.H, slope[g], hoop[g], here, f)
+        work.A[:] = 0.0
+        add_volume_curvature(work.F, here, work.A)
+        add_stiffness(work.A, slope[g], hoop[g], 1.0, work.column, K)
     return energy
 
 
 @kernel
 def assemble(
-    law: Array,
-    is_averaged: bool,
-    cells: Indices,
-    kind: Indices,
-    slope: Array,
-    volume: Array,
-    shape: Array,
-    small: Array,
+    elements: Elements,
     kappa: Array,
     gamma: Array,
     pressure: Array,
@@ -150,12 +82,13 @@ def assemble(
 ) -> tuple[float, float, int]:
     """Add forces (n, 2) and stiffness; return the energies of material and air, and -1 or a bad element.
 
-    small (kinds, 8, 8) is the stiffness of small strains; kappa, gamma (e,) and pressure (n,) are those of
-    elements and nodes; position (e, 8, 8) says where in `data` the stiffness goes. Without `data` there is
-    none. A bad element has J <= 0 in its solid.
+    kappa, gamma (e,) and pressure (n,) are those of elements and nodes; position (e, 8, 8) says where in
+    `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0 in its solid.
     """
+    law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
     f, K, fs, Ks = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
-    of_cell, scaled, p, work = np.empty(8), np.empty(8), np.empty(4), np.empty((5, 9, 9))
+    of_cell, scaled, p, work = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), make_work(8)
+    with_stiffness = data.shape[0] > 0
     stored, by_air = 0.0, 0.0
     for e in range(cells.shape[0]):
         k = kind[e]
@@ -164,17 +97,19 @@ def assemble(
             p[a] = pressure[cells[e, a]]
             is_wet = is_wet or p[a] != 0.0
             for i in range(2):
-                of_cell[2 * a + i] = u[cells[e, a], i]
-                scaled[2 * a + i] = gamma[e] * u[cells[e, a], i]
+                of_cell[a, i] = u[cells[e, a], i]
+                scaled[a, i] = gamma[e] * u[cells[e, a], i]
         rest = kappa[e] * (1.0 - gamma[e] ** 2)
         for i in range(8):
             f[i] = 0.0
             for j in range(8):
                 K[i, j] = rest * small[k, i, j]
-                f[i] += K[i, j] * of_cell[j]
-            stored += 0.5 * f[i] * of_cell[i]
+                f[i] += K[i, j] * of_cell[j // 2, j % 2]
+            stored += 0.5 * f[i] * of_cell[i // 2, i % 2]
         if gamma[e] > 0.0:
-            energy = _solid(law, is_averaged, slope[k], volume[k], scaled, work, fs, Ks)
+            energy = respond_element(
+                law, is_averaged, slope[k], hoop[k], volume[k], scaled, with_stiffness, work, fs, Ks
+            )
             if math.isnan(energy):
                 return stored, by_air, e
             stored += kappa[e] * energy
@@ -183,10 +118,10 @@ def assemble(
                 for j in range(i + 1):
                     K[i, j] += kappa[e] * gamma[e] ** 2 * Ks[i, j]
         if is_wet:
-            by_air += _add_air(slope[k], volume[k], shape, p, of_cell, work, f, K)
+            by_air += _add_air(slope[k], hoop[k], volume[k], shape, p, of_cell, work, f, K)
         for i in range(8):
             force[cells[e, i // 2], i % 2] += f[i]
-        if data.shape[0] > 0:
+        if with_stiffness:
             for i in range(8):
                 for j in range(i + 1):
                     data[position[e, i, j]] += K[i, j]
@@ -197,14 +132,7 @@ def assemble(
 
 @kernel
 def sensitivities(
-    law: Array,
-    is_averaged: bool,
-    cells: Indices,
-    kind: Indices,
-    slope: Array,
-    volume: Array,
-    shape: Array,
-    small: Array,
+    elements: Elements,
     kappa: Array,
     gamma: Array,
     u: Array,
@@ -217,42 +145,44 @@ def sensitivities(
     The columns: of the stored energy by kappa and by gamma, then of adjoint . force by both. Of the pressure
     there is only adjoint . force.
     """
-    fs, Ks, work = np.empty(8), np.empty((8, 8)), np.empty((5, 9, 9))
-    of_cell, scaled, y = np.empty(8), np.empty(8), np.empty(8)
-    F, H, f = work[0, :3, :3], work[1, :3, :3], np.empty(8)
+    law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
+    fs, Ks, f, work = np.empty(8), np.empty((8, 8)), np.empty(8), make_work(8)
+    of_cell, scaled, x, y = np.empty((4, 2)), np.empty((4, 2)), np.empty(8), np.empty(8)
     by_pressure[:] = 0.0
     for e in range(cells.shape[0]):
         k, c = kind[e], gamma[e]
         for a in range(4):
             for i in range(2):
-                of_cell[2 * a + i] = u[cells[e, a], i]
-                scaled[2 * a + i] = c * u[cells[e, a], i]
+                of_cell[a, i] = x[2 * a + i] = u[cells[e, a], i]
+                scaled[a, i] = c * of_cell[a, i]
                 y[2 * a + i] = adjoint[cells[e, a], i]
         quadratic, mixed = 0.0, 0.0
         for i in range(8):
             for j in range(8):
-                quadratic += 0.5 * of_cell[i] * small[k, i, j] * of_cell[j]
-                mixed += y[i] * small[k, i, j] * of_cell[j]
+                quadratic += 0.5 * x[i] * small[k, i, j] * x[j]
+                mixed += y[i] * small[k, i, j] * x[j]
         energy = (1.0 - c * c) * quadratic
         energy_by_gamma = -2.0 * c * quadratic
         work_done = (1.0 - c * c) * mixed
         work_by_gamma = -2.0 * c * mixed
         if c > 0.0:
-            energy += _solid(law, is_averaged, slope[k], volume[k], scaled, work, fs, Ks)
+            energy += respond_element(
+                law, is_averaged, slope[k], hoop[k], volume[k], scaled, True, work, fs, Ks
+            )
             for i in range(8):
-                energy_by_gamma += fs[i] * of_cell[i]
+                energy_by_gamma += fs[i] * x[i]
                 work_done += c * y[i] * fs[i]
                 work_by_gamma += y[i] * fs[i]
                 for j in range(8):
                     entry = Ks[i, j] if j <= i else Ks[j, i]
-                    work_by_gamma += c * y[i] * entry * of_cell[j]
+                    work_by_gamma += c * y[i] * entry * x[j]
         by_element[e, 0], by_element[e, 1] = energy, kappa[e] * energy_by_gamma
         by_element[e, 2], by_element[e, 3] = work_done, kappa[e] * work_by_gamma
         for g in range(volume.shape[1]):
-            _fill(slope[k, g], of_cell, F)
-            cofactor(F, H)
+            fill_gradient(of_cell, slope[k, g], hoop[k, g], work.F)
+            cofactor(work.F, work.H)
             f[:] = 0.0
-            _add_force(slope[k, g], volume[k, g], H, f)
+            add_force(work.H, slope[k, g], hoop[k, g], volume[k, g], f)
             done = 0.0
             for i in range(8):
                 done += y[i] * f[i]

@@ -19,6 +19,7 @@ from soro_core.fem.blocks import block
 from soro_core.fem.mesh import Space
 from soro_core.fem.pattern import Pattern, make_pattern
 from soro_core.fem.response import Array, Indices
+from soro_core.fem.solid import tables
 
 Flags: TypeAlias = NDArray[np.bool_]
 
@@ -39,10 +40,10 @@ class Grid:
         Kind of each element.
     shape : ndarray, (g, 4)
         Shape functions at the points of integration.
-    slope : ndarray, (kinds, g, 5, 8)
-        Derivatives of F_11, F_12, F_21, F_22, F_33 by the displacements of an element [1/m].
+    slope : ndarray, (kinds, g, 4, 2)
+    hoop : ndarray, (kinds, g, 4)
     volume : ndarray, (kinds, g)
-        Volume at the points of integration [m3]; plane strain is 1 m thick, rings are whole.
+        Those of `soro_core.fem.solid.tables`.
     diffusion, mass : ndarray, (kinds, 4, 4)
         int dN_a/dX . dN_b/dX dV [m] and int N_a N_b dV [m3].
     scalars, vectors : Pattern
@@ -55,6 +56,7 @@ class Grid:
     kind: Indices
     shape: Array
     slope: Array
+    hoop: Array
     volume: Array
     diffusion: Array
     mass: Array
@@ -126,21 +128,10 @@ def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]
     kind = (
         np.repeat(np.arange(counts[0]), counts[1]) if is_ring else np.zeros(len(mesh.cells), dtype=np.int64)
     )
-    first = mesh.cells[:: counts[1]] if is_ring else mesh.cells[:1]
-    one = mesh.element
-    at = mesh.points[first]
-    by_xi = np.einsum("ead,gak->egdk", at, one.slope)
-    gradient = np.einsum("gak,egkd->egad", one.slope, np.linalg.inv(by_xi))
-    volume = np.linalg.det(by_xi) * one.weight
-    slope = np.zeros((*gradient.shape[:2], 5, 8))
-    slope[:, :, 0, 0::2] = slope[:, :, 2, 1::2] = gradient[..., 0]
-    slope[:, :, 1, 0::2] = slope[:, :, 3, 1::2] = gradient[..., 1]
-    if is_ring:
-        radius = at[:, :, 0] @ one.shape.T
-        slope[:, :, 4, 0::2] = one.shape / radius[:, :, None]
-        volume = volume * 2.0 * np.pi * radius
-    diffusion = np.einsum("eg,egad,egbd->eab", volume, gradient, gradient)
-    mass = np.einsum("eg,ga,gb->eab", volume, one.shape, one.shape)
+    slope, hoop, volume = tables(mesh, mesh.cells[:: counts[1]] if is_ring else mesh.cells[:1])
+    shape = mesh.element.shape
+    diffusion = np.einsum("eg,egad,egbd->eab", volume, slope, slope)
+    mass = np.einsum("eg,ga,gb->eab", volume, shape, shape)
     edge = (size_m[0] / counts[0], size_m[1] / counts[1])
     scalars, vectors = (make_pattern(mesh.cells, len(mesh.points), d) for d in (1, 2))
-    return Grid(mesh, counts, edge, kind, one.shape, slope, volume, diffusion, mass, scalars, vectors)
+    return Grid(mesh, counts, edge, kind, shape, slope, hoop, volume, diffusion, mass, scalars, vectors)

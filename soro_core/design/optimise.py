@@ -13,11 +13,12 @@ import numpy as np
 
 from soro_core.design.compliance import Compliance
 from soro_core.design.domain import Domain, analysis, make_domain
+from soro_core.design.evaluation import Evaluation
 from soro_core.design.filter import density_filter, greyness, projection
 from soro_core.design.flood import flood
 from soro_core.design.mma import Moves, mma_step, no_moves
-from soro_core.design.motion import Motion
 from soro_core.design.shape import contour
+from soro_core.design.stroke import Stroke
 from soro_core.design.task import Task
 from soro_core.errors import ConfigError, ModelError
 from soro_core.fem.response import Array
@@ -182,7 +183,15 @@ def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple
     return filtered, density, np.where(domain.is_given, 0.0, slope)
 
 
-def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: State, k: int) -> State:
+def _evaluated(
+    found: Stroke | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
+) -> Evaluation:
+    if isinstance(found, Compliance):
+        return found.evaluate(density, penalty, pressure_pa)
+    return found.evaluate(density, penalty, pressure_pa, guess)
+
+
+def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: State, k: int) -> State:
     task = domain.task
     x = state.x
     scheduled, penalty, sharpness = task.schedule.at(k)
@@ -191,7 +200,7 @@ def _iterate(domain: Domain, found: Motion | Compliance, weights: Any, state: St
     for attempt in range(RETREATS + 1):
         pressure = eased * scheduled
         try:
-            at = found.evaluate(density, penalty, pressure, state.u)
+            at = _evaluated(found, density, penalty, pressure, state.u)
             break
         except ModelError as error:
             if attempt == RETREATS:

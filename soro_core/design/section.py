@@ -1,4 +1,4 @@
-"""The section of a part: its mirror images, and its area."""
+"""The section of a part with its mirror images."""
 
 from __future__ import annotations
 
@@ -28,9 +28,3 @@ def mirrored(mesh: Mesh, axes: tuple[str, ...], space: Space = "plane_strain") -
         points = np.concatenate([points, image])
         cells = np.concatenate([cells, number[cells][:, ::-1]])
     return make_mesh("quad4", space, points, cells)
-
-
-def area(mesh: Mesh) -> float:
-    """Return the area of a section [m2]."""
-    a, b = (mesh.points[side] for side in mesh.boundary().T)
-    return 0.5 * float((a[:, 0] * b[:, 1] - b[:, 0] * a[:, 1]).sum())

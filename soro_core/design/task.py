@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+import yaml
+from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, find_config, parse, read_yaml
+from soro_core.config import Strict, changed, find_config, parse, read_yaml
 from soro_core.errors import ConfigError
 from soro_core.fem.material import Material, load_material, material_from_dict
 
@@ -19,36 +22,18 @@ Axis = Literal["x", "y"]
 
 
 class Box(Strict):
-    """A rectangle; a side that is left out is that of the whole grid.
-
-    Parameters
-    ----------
-    kind : str
-        box.
-    x_m, y_m : tuple of float
-        From and to [m].
-    """
+    """A rectangle; a side that is left out is that of the whole grid."""
 
     kind: Literal["box"]
-    x_m: Pair | None = None
-    y_m: Pair | None = None
+    x_m: Annotated[Pair | None, Field(description="from and to")] = None
+    y_m: Annotated[Pair | None, Field(description="from and to")] = None
 
 
 class Disc(Strict):
-    """What lies within a radius of a point.
-
-    Parameters
-    ----------
-    kind : str
-        disc.
-    centre_m : tuple of float
-        The point [m].
-    radius_m : float
-        The radius [m].
-    """
+    """What lies within a radius of a point."""
 
     kind: Literal["disc"]
-    centre_m: Pair
+    centre_m: Annotated[Pair, Field(description="the point")]
     radius_m: Positive
 
 
@@ -57,124 +42,104 @@ Regions = Annotated[tuple[Region, ...], Field(strict=False)]
 
 
 class Held(Strict):
-    """Nodes that do not move.
+    """Nodes that do not move."""
 
-    Parameters
-    ----------
-    where : Box or Disc
-        The nodes.
-    along : tuple of str
-        Directions in which they do not move: x, y or both.
-    """
+    where: Annotated[Region, Field(description="the nodes")]
+    along: Annotated[
+        tuple[Axis, ...],
+        Field(strict=False, min_length=1, description="directions in which they do not move"),
+    ]
 
-    where: Region
-    along: Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
+
+class Start(Strict):
+    """Density that the elements of a region start with."""
+
+    where: Annotated[Region, Field(description="the elements, by their centres")]
+    density: Annotated[float, Field(ge=0.0, le=1.0, description="a later region replaces an earlier one")]
 
 
 class Stiffest(Strict):
-    """The least work of the pressure on a linear part in plane stress.
-
-    Parameters
-    ----------
-    kind : str
-        stiffest.
-    youngs_modulus_pa, poisson_ratio : float
-        Of the material.
-    """
+    """The least work of the pressure on a linear part in plane stress."""
 
     kind: Literal["stiffest"]
-    youngs_modulus_pa: Positive
-    poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)]
+    youngs_modulus_pa: Annotated[float, Field(gt=0.0, description="of the material")]
+    poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5, description="of the material")]
 
 
 class Farthest(Strict):
-    """The greatest motion of a patch against a spring, for its energy: least -u_out / SE^m.
-
-    Parameters
-    ----------
-    kind : str
-        farthest.
-    material : str or mapping
-        Name or file of a material, or its keys.
-    poisson_ratio : float
-        In place of that of the material.
-    output : Box
-        Nodes whose mean motion counts.
-    direction : tuple of float
-        Wanted; its length plays no part.
-    spring_pa : float
-        Stiffness of the spring per thickness [N/m2]; of a ring the whole of it per 1 m [N/m2].
-    energy_exponent : float
-        m: the greater, the stiffer the part.
-    """
+    """The greatest motion of a patch against a spring, for its energy: least -u_out / SE^m."""
 
     kind: Literal["farthest"]
-    material: str | dict[str, Any]
-    poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)] | None = None
-    output: Box
-    direction: Pair
-    spring_pa: Annotated[float, Field(ge=0.0)]
-    energy_exponent: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
+    material: Annotated[
+        str | dict[str, Any],
+        Field(description="a file of config/materials, a path, or the keys of such a file"),
+    ]
+    poisson_ratio: Annotated[
+        float | None, Field(ge=0.0, lt=0.5, description="in place of that of the material")
+    ] = None
+    output: Annotated[Box, Field(description="nodes whose mean motion counts")]
+    direction: Annotated[Pair, Field(description="wanted; its length plays no part")]
+    spring_pa: Annotated[
+        float,
+        Field(ge=0.0, description="[N/m2] spring per thickness; of a ring that of the whole, in N/m"),
+    ]
+    energy_exponent: Annotated[
+        float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer the part")
+    ] = 0.6
+
+    @field_validator("material", mode="before")
+    @classmethod
+    def _name_or_keys(cls, value: object) -> object:
+        if not isinstance(value, str | Mapping):
+            raise ValueError("the name or file of a material, or its keys")
+        return value
 
     def law(self, where: str) -> Material:
         """Return the material; `where` is named in errors."""
-        found = (
-            load_material(self.material)
-            if isinstance(self.material, str)
-            else material_from_dict(self.material, where)
-        )
+        found = self._material(where)
         if self.poisson_ratio is None:
             return found
         return material_from_dict({**found.model_dump(), "poisson_ratio": self.poisson_ratio}, where)
 
+    def _material(self, where: str) -> Material:
+        if isinstance(self.material, str):
+            return load_material(self.material)
+        return material_from_dict(self.material, where)
+
+    def with_keys_of_material(self, where: str) -> Farthest:
+        """Return the goal with the keys of its material in place of a name or file."""
+        return changed(self, material=self._material(where).model_dump(mode="json"))
+
 
 class Air(Strict):
-    """How densities let air through, docs/design.md (T3).
+    """How densities let air through, docs/design.md (T3)."""
 
-    Parameters
-    ----------
-    threshold, sharpness : float
-        Density at which a wall becomes tight, and how suddenly.
-    contrast : float
-        Conductivity of solid over that of void.
-    depth_m : float
-        Way into a wall within which the pressure falls to a tenth [m].
-    """
-
-    threshold: Share = 0.1
-    sharpness: Positive = 8.0
-    contrast: Share = 1e-7
-    depth_m: Positive
+    threshold: Annotated[Share, Field(description="density at which a wall becomes tight")] = 0.1
+    sharpness: Annotated[Positive, Field(description="how suddenly")] = 8.0
+    contrast: Annotated[Share, Field(description="conductivity of solid over that of void")] = 1e-7
+    depth_m: Annotated[
+        Positive, Field(description="way into a wall within which the pressure falls to a tenth")
+    ]
 
 
 class Schedule(Strict):
-    """How the task gets harder as the iterations go on.
+    """How the task gets harder as the iterations go on."""
 
-    Parameters
-    ----------
-    iterations : int
-        All of them.
-    ramp : int
-        Over the first ones pressure and penalty rise.
-    pressure_pa : tuple of float
-        At the inlet, from and to [Pa].
-    penalty : tuple of float
-        Exponent of the stiffness, from and to.
-    sharpness : tuple of float
-        Of the projection after the ramp, for equally many iterations each; none without a projection.
-    threshold : float
-        Density at which the projection steps.
-    move : float
-        Greatest change of a variable in an iteration.
-    """
-
-    iterations: Annotated[int, Field(ge=1, le=10_000)] = 60
-    ramp: Annotated[int, Field(ge=0)] = 36
-    pressure_pa: Range
-    penalty: Range = (1.0, 4.0)
-    sharpness: Annotated[tuple[Positive, ...], Field(strict=False)] = (2.0, 4.0, 8.0)
-    threshold: Share = 0.5
-    move: Annotated[float, Field(gt=0.0, le=1.0)] = 0.1
+    iterations: Annotated[int, Field(ge=1, le=10_000, description="all of them")] = 60
+    ramp: Annotated[int, Field(ge=0, description="over the first ones pressure and penalty rise")] = 36
+    pressure_pa: Annotated[Range, Field(description="at the inlet, from and to")]
+    penalty: Annotated[Range, Field(description="exponent of the stiffness, from and to")] = (1.0, 4.0)
+    sharpness: Annotated[
+        tuple[Positive, ...],
+        Field(
+            strict=False,
+            description="of the projection after the ramp, each for as many iterations; none without one",
+        ),
+    ] = (2.0, 4.0, 8.0)
+    threshold: Annotated[Share, Field(description="density at which the projection steps")] = 0.5
+    move: Annotated[
+        float, Field(gt=0.0, le=1.0, description="greatest change of a variable in an iteration")
+    ] = 0.1
 
     @model_validator(mode="after")
     def _ramp_ends(self) -> Schedule:
@@ -193,58 +158,39 @@ class Schedule(Strict):
 
 
 class Task(Strict):
-    """A rectangle in which material is to be distributed.
+    """A rectangle in which material is to be distributed."""
 
-    Parameters
-    ----------
-    description : str
-        One line.
-    space : str
-        plane_strain, or axisymmetric about x = 0.
-    size_m : tuple of float
-        Lengths along x and y [m].
-    cells : tuple of int
-        Elements along x and y.
-    goal : Stiffest or Farthest
-        What is wanted.
-    held : list of Held
-        Nodes that do not move.
-    inlet : Box or Disc
-        Nodes at full pressure.
-    open : list of regions
-        Nodes at pressure 0; those of the inlet stay at full pressure.
-    solid, void : list of regions
-        Elements that stay so, by their centres.
-    volume_fraction : float
-        Greatest share of the volume that is solid.
-    filter_radius_m : float
-        Of the density filter [m].
-    void_stiffness : float
-        Stiffness of void over that of solid.
-    air : Air
-        How densities let air through.
-    schedule : Schedule
-        Iterations.
-    mirrors : tuple of str
-        x where the part goes on behind x = 0, y where it does behind y = 0.
-    """
-
-    description: str = ""
-    space: Literal["plane_strain", "axisymmetric"] = "plane_strain"
-    size_m: Range
-    cells: Annotated[tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]], Field(strict=False)]
+    description: Annotated[str, Field(description="one line")] = ""
+    space: Annotated[Literal["plane_strain", "axisymmetric"], Field(description="the latter about x = 0")] = (
+        "plane_strain"
+    )
+    size_m: Annotated[Range, Field(description="lengths along x and y")]
+    cells: Annotated[
+        tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]],
+        Field(strict=False, description="elements along x and y"),
+    ]
     goal: Annotated[Stiffest | Farthest, Field(discriminator="kind")]
     held: Annotated[tuple[Held, ...], Field(strict=False, min_length=1)]
-    inlet: Region
-    open: Annotated[Regions, Field(min_length=1)]
-    solid: Regions = ()
-    void: Regions = ()
-    volume_fraction: Share
-    filter_radius_m: Positive
-    void_stiffness: Share = 1e-6
+    inlet: Annotated[Region, Field(description="nodes at full pressure")]
+    open: Annotated[
+        Regions,
+        Field(min_length=1, description="nodes at pressure 0; those of the inlet stay at full pressure"),
+    ]
+    solid: Annotated[Regions, Field(description="elements that stay so, by their centres")] = ()
+    void: Annotated[Regions, Field(description="elements that stay so, by their centres")] = ()
+    start: Annotated[
+        tuple[Start, ...],
+        Field(strict=False, description="what the iterations begin with; elsewhere volume_fraction"),
+    ] = ()
+    volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
+    filter_radius_m: Annotated[Positive, Field(description="of the density filter")]
+    void_stiffness: Annotated[Share, Field(description="stiffness of void over that of solid")] = 1e-6
     air: Air
     schedule: Schedule
-    mirrors: Annotated[tuple[Axis, ...], Field(strict=False)] = ()
+    mirrors: Annotated[
+        tuple[Axis, ...],
+        Field(strict=False, description="x where the part goes on behind x = 0, y where behind y = 0"),
+    ] = ()
 
     @model_validator(mode="after")
     def _fits(self) -> Task:
@@ -273,3 +219,18 @@ def task_from_dict(data: dict[str, Any], where: str = "task") -> Task:
             raise ConfigError(where, "goal.direction", task.goal.direction, "one that is not zero")
         task.goal.law(where)
     return task
+
+
+def resolved(task: Task, where: str = "task") -> Task:
+    """Return a task that needs no other file: the keys of its material stand in it."""
+    if isinstance(task.goal, Stiffest):
+        return task
+    return changed(task, goal=task.goal.with_keys_of_material(where))
+
+
+def write_task(task: Task, path: Path) -> None:
+    """Write a task as a file that `load_task` reads."""
+    data = json.loads(task.model_dump_json(exclude_none=True, exclude_unset=True))
+    path.write_text(
+        yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110), encoding="utf-8"
+    )

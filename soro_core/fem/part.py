@@ -19,7 +19,7 @@ from soro_core.fem.mesh import Mesh
 from soro_core.fem.pattern import Pattern, make_pattern
 from soro_core.fem.response import Array, Indices
 from soro_core.fem.rim import check_closed
-from soro_core.fem.solid import assemble
+from soro_core.fem.solid import assemble, tables
 
 _NO_DATA = np.empty(0)
 
@@ -222,18 +222,8 @@ def make_part(
         is_averaged = can_average and mesh.kind in ("quad4", "hex8")
     if is_averaged and not can_average:
         raise ModelError("is_averaged of St. Venant-Kirchhoff; allowed: of a hyperelastic law", "is_averaged")
-    one = mesh.element
-    at = mesh.points[mesh.cells]
-    by_xi = np.einsum("ead,gak->egdk", at, one.slope)
-    slope = np.einsum("gak,egkd->egad", one.slope, np.linalg.inv(by_xi))
-    volume = np.linalg.det(by_xi) * one.weight
-    hoop = np.zeros(slope.shape[:3])
-    if mesh.space == "axisymmetric":
-        radius = at[:, :, 0] @ one.shape.T
-        hoop = one.shape[None] / radius[:, :, None]
-        volume = volume * 2.0 * np.pi * radius
     pattern = make_pattern(mesh.cells, *mesh.points.shape)
     barrier = None if contact is None else make_barrier(mesh, contact, material.shear_modulus_pa)
-    slope = np.ascontiguousarray(slope)
-    part = Part(mesh, material, loads, is_averaged, pattern, slope, hoop, volume, (), (), barrier)
+    read = tables(mesh, mesh.cells)
+    part = Part(mesh, material, loads, is_averaged, pattern, *read, (), (), barrier)
     return part.under(loads)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from soro_core.design.domain import Domain
 
 app = typer.Typer(no_args_is_help=True)
-TASK_FILE = "task.yaml"
+TASK_FILE, FILM, PICTURE = "task.yaml", "film.gif", "design.png"
 Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, file_okay=False)]
 
 
@@ -29,17 +29,19 @@ def run(
     """Distribute material in a rectangle so that air moves an output as far as it can (docs/design.md).
 
     Prints each iteration, and keeps it: Ctrl-C loses the one under way alone, --resume goes on. The folder
-    gets task.yaml, state.npz, iterations.csv, film.gif and design.png. Exit status 1: no equilibrium, or the
-    part does not hold air, with the reason; 130: Ctrl-C.
+    gets task.yaml, state.npz, iterations.csv, film.gif and design.png, also of a run that stops early, as far
+    as it came. Exit status 1: no equilibrium, or the part does not hold air, with the reason; 130: Ctrl-C.
     """
     from soro_core.config import find_config
     from soro_core.design import load_state, load_task, optimise, save
     from soro_core.design.domain import make_domain
     from soro_core.design.optimise import STATE, require_sealable
     from soro_core.design.pictures import film
+    from soro_core.design.task import resolved, write_task
 
     file = find_config(task, "design")
-    loaded = load_task(file)
+    # The folder of a run needs no other file.
+    loaded = resolved(load_task(file), str(file))
     domain = make_domain(loaded, str(file))
     require_sealable(domain, str(file))
     folder = Path(f"{file.stem}_design") if out is None else out
@@ -51,21 +53,27 @@ def run(
     elif (folder / STATE).exists():
         raise ConfigError("soro design run", "--out", str(folder), "a folder without a run, or --resume")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / TASK_FILE).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
+    write_task(loaded, folder / TASK_FILE)
 
     def keep(now: State) -> None:
+        nonlocal state
+        state = now
         save(now, folder)
         _write_rows(now, folder / "iterations.csv")
         typer.echo(_line(now))
 
     typer.echo(_HEAD)
     try:
-        state = optimise(loaded, state, keep, str(file))
+        done = optimise(loaded, state, keep, str(file))
     except KeyboardInterrupt:
+        _draw_unfinished(domain, state, folder)
         typer.echo(f"stopped; go on with: soro design run {task} --out {folder} --resume")
         raise typer.Exit(130) from None
-    film(domain, state, folder / "film.gif")
-    _report(domain, state, folder)
+    except ModelError:
+        _draw_unfinished(domain, state, folder)
+        raise
+    film(domain, done, folder / FILM)
+    _report(domain, done, folder)
 
 
 @app.command()
@@ -160,6 +168,22 @@ def _loaded(folder: Path) -> tuple[Domain, State]:
     return domain, state
 
 
+def _draw_unfinished(domain: Domain, state: State | None, folder: Path) -> None:
+    """Draw a run that stops early, as far as it came."""
+    from soro_core.design import shape
+    from soro_core.design.pictures import film, picture
+
+    if state is None or not state.rows:
+        return
+    try:
+        found = shape(domain, state)
+    except ModelError:  # no solid at the output yet
+        found = None
+    film(domain, state, folder / FILM)
+    picture(domain, state, found, None, folder / PICTURE)
+    typer.echo(f"written: {folder / FILM}, {folder / PICTURE}")
+
+
 def _report(domain: Domain, state: State, folder: Path) -> None:
     """Print what the final part is, draw it, and end with status 1 where it is of no use."""
     from rich.console import Console
@@ -172,7 +196,7 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
     try:
         found = shape(domain, state)
     except ModelError:
-        picture(domain, state, None, None, folder / "design.png")
+        picture(domain, state, None, None, folder / PICTURE)
         raise
     is_moved = isinstance(domain.task.goal, Farthest) and not found.leak
     moved = reanalyse(domain, found) if is_moved else None
@@ -180,7 +204,7 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
     for name, value in _numbers(domain, state, found, moved):
         table.add_row(name, value)
     Console().print(table)
-    picture(domain, state, found, moved, folder / "design.png")
+    picture(domain, state, found, moved, folder / PICTURE)
     typer.echo(f"written: {folder / 'design.png'}")
     reasons = [reason for reason in (found.leak, moved.cause if moved else "") if reason]
     for reason in reasons:
@@ -190,14 +214,12 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
 
 
 def _numbers(domain: Domain, state: State, found: Shape, moved: Reanalysis | None) -> list[tuple[str, str]]:
-    from soro_core.design.section import area
-
     row = state.rows[-1]
     x, y = 1e3 * found.wall_at
-    grid_area = domain.task.size_m[0] * domain.task.size_m[1]
+    share = found.volume_m3 / domain.grid.volumes.sum()
     rows = [
         ("goal, first and last", f"{state.rows[0].objective:.5g}, {row.objective:.5g}"),
-        ("solid, of the grid and of the part", f"{row.volume:.4f}, {area(found.mesh) / grid_area:.4f}"),
+        ("solid, of the grid and of the part", f"{row.volume:.4f}, {share:.4f}"),
         ("greyness", f"{row.greyness:.3f}"),
         ("leak", found.leak or "none"),
         ("closed void, nodes", f"{int(found.air.is_closed.sum())}"),

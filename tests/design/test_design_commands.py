@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from soro_core.config import config_folder
 from soro_core.design.domain import analysis, make_domain
 from soro_core.design.task import load_task
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, ModelError
 from soro_core.fem import read_stl
 from soro_core.fem.surface import is_closed, volume
 from soro_ros.cli import application
@@ -40,6 +40,9 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
         stopped = soro("run", "small.yaml")
     assert stopped.exit_code == 130
     assert "--resume" in stopped.output
+    for name in ("film.gif", "design.png"):
+        with Image.open(tmp_path / "small_design" / name) as drawn:
+            assert drawn.width > 400
     with pytest.raises(ConfigError, match="resume"):
         raise soro("run", "small.yaml").exception
     done = soro("run", "small.yaml", "--resume")
@@ -74,6 +77,24 @@ def test_a_part_that_leaks_ends_with_a_reason(soro, tmp_path):
     done = soro("run", "short.yaml")
     assert done.exit_code == 1
     assert "not sealed" in done.output
+
+
+def test_the_folder_of_a_run_needs_no_other_file_and_a_failed_run_is_drawn(soro, tmp_path):
+    """The material comes from a file beside the task; then the pressure gets too high."""
+    (tmp_path / "own.yaml").write_text((config_folder() / "materials" / "dragonskin_10.yaml").read_text())
+    task = yaml.safe_load((tmp_path / "small.yaml").read_text())
+    task["goal"]["material"] = "own.yaml"
+    task["schedule"] |= {"iterations": 2, "ramp": 2, "pressure_pa": [1e3, 3e5]}
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(task))
+    failed = soro("run", "short.yaml")
+    assert isinstance(failed.exception, ModelError)
+    folder = tmp_path / "short_design"
+    for name in ("film.gif", "design.png"):
+        with Image.open(folder / name) as drawn:
+            assert drawn.width > 400
+    (tmp_path / "own.yaml").unlink()
+    kept = load_task(folder / "task.yaml")
+    assert (kept.goal.law("").law == load_task("bellow").goal.law("").law).all()
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import asdict
 import pytest
 
 from soro_core.config import changed
-from soro_core.design import load_state, make_domain, optimise, save, shape
+from soro_core.design import load_state, make_domain, optimise, reanalyse, save, shape
 from soro_core.design.optimise import first_state
 from soro_core.design.task import load_task
 from soro_core.errors import ConfigError, ModelError
@@ -62,6 +62,30 @@ def test_a_pressure_without_equilibrium_is_lowered_and_named():
     assert row.pressure_pa == pytest.approx(5e4 * row.eased)
 
 
+def test_a_disc_about_an_axis_keeps_its_pressure_and_is_sealed():
+    """The shipped task on a coarse grid: every pressure of the schedule has an equilibrium."""
+    task = load_task("disc")
+    schedule = changed(task.schedule, iterations=16, ramp=10, pressure_pa=(2e3, 6e3), sharpness=(4.0, 8.0))
+    coarse = changed(task, cells=(32, 16), filter_radius_m=1.6e-3, schedule=schedule)
+    domain = make_domain(coarse)
+    state = optimise(coarse)
+    assert min(row.eased for row in state.rows) == 1.0
+    found = shape(domain, state)
+    assert not found.leak
+    assert reanalyse(domain, found).motion_m > 1e-3
+
+
+def test_a_later_start_replaces_an_earlier_one():
+    left, all_ = {"kind": "box", "x_m": [0.0, 0.01]}, {"kind": "box"}
+    start = [{"where": all_, "density": 0.1}, {"where": left, "density": 0.7}]
+    domain = make_domain(bellow(start=start))
+    free = ~domain.is_given
+    is_left = domain.grid.centres[:, 0] < 0.01
+    assert (domain.start()[free & is_left] == 0.7).all()
+    assert (domain.start()[free & ~is_left] == 0.1).all()
+    assert (domain.start()[domain.is_solid] == 1.0).all()
+
+
 HELD_TOP = {"where": {"kind": "box", "y_m": [0.01, 0.01]}, "along": ["y"]}
 
 
@@ -75,12 +99,14 @@ HELD_TOP = {"where": {"kind": "box", "y_m": [0.01, 0.01]}, "along": ["y"]}
         ("inlet", {"inlet": {"kind": "disc", "centre_m": [0.5, 0.0], "radius_m": 1e-3}}),
         ("open", {"inlet": {"kind": "box"}}),
         ("void", {"void": [{"kind": "box"}]}),
+        ("start[0].where", {"start": [{"where": {"kind": "box", "x_m": [0.03, 0.04]}, "density": 0.5}]}),
+        ("start[0].density", {"start": [{"where": {"kind": "box"}, "density": 1.5}]}),
         ("void[0]", {"void": [{"kind": "disc", "centre_m": [0.5, 0.0], "radius_m": 1e-3}]}),
         ("volume_fraction", {"solid": [{"kind": "box", "x_m": [0.0, 0.01]}], "void": []}),
         ("solid[0].kind", {"solid": [{"kind": "ball"}]}),
         ("schedule", {"schedule": {"ramp": 99}}),
         ("cells[0]", {"cells": [1, 9]}),
-        ("goal.material.str", {"goal": {"material": 3}}),
+        ("goal.material", {"goal": {"material": 3}}),
         ("air.depth_m", {"air": {"depth_m": -1.0}}),
         ("space", {"space": "solid"}),
     ],

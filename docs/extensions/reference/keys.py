@@ -1,4 +1,4 @@
-"""Keys of scene, robot, part and platform files: from the models that check the files."""
+"""Keys of scene, robot, part, task and platform files: from the models that check the files."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 from reference.tables import code, plain, table
 from soro_core.control.laws.registry import SHIPPED, find_law
+from soro_core.design.task import Task
 from soro_core.fem.parts.file import PartFile
 from soro_core.hardware.families import FAMILIES
 from soro_core.robot import Robot
@@ -42,13 +43,22 @@ def pages() -> dict[str, tuple[str, str, str]]:
     return {
         "scene_keys": ("Keys of a scene", about.format("scene"), sections(Scene, "", 2) + laws),
         "robot_keys": ("Keys of a robot", about.format("robot"), sections(Robot, "", 2)),
+        "task_keys": (
+            "Keys of a design task",
+            about.format("task"),
+            sections(Task, "", 2),
+        ),
         "part_keys": ("Keys of a part", about.format("part"), sections(PartFile, "", 2)),
         "platform_keys": ("Keys of a platform", about.format("platform"), platforms),
     }
 
 
-def sections(model: type[BaseModel], path: str, level: int) -> str:
+def sections(
+    model: type[BaseModel], path: str, level: int, shown: dict[type[BaseModel], str] | None = None
+) -> str:
     """Return the table of a model, and after it those of the models that its keys hold.
+
+    A model that stands at several places has its table at the first one.
 
     Parameters
     ----------
@@ -57,10 +67,16 @@ def sections(model: type[BaseModel], path: str, level: int) -> str:
         Keys that lead to it; empty for the file itself.
     level : int
         Level of the headings.
+    shown : dict, optional
+        Models that have their table, and where.
     """
+    shown = {} if shown is None else shown
     found, own = [], []
     if path:
         found.append(f"{'#' * level} {path}\n")
+    if model in shown:
+        return "\n".join([*found, f"The keys of {plain(shown[model])}.\n"])
+    shown[model] = path
     found.append(plain(inspect.getdoc(model).split("\n\n")[0]) + "\n")  # type: ignore[union-attr]
     rows = []
     for name, field in model.model_fields.items():
@@ -69,7 +85,7 @@ def sections(model: type[BaseModel], path: str, level: int) -> str:
         own += [(one, f"{path}.{name}".lstrip(".") + _mark(field.annotation), len(inner)) for one in inner]
     found.append(table(_HEAD, rows))
     for one, place, many in own:
-        found.append(sections(one, place + (f" ({_kind(one)})" if many > 1 else ""), level))
+        found.append(sections(one, place + (f" ({_kind(one)})" if many > 1 else ""), level, shown))
     return "\n".join(found)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from soro_core.fem import Mesh
 from soro_core.fem.parts.mesh_specimen import MeshSpecimen
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.response import Array
@@ -34,10 +35,11 @@ def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> 
     shown = list(shapes.items())[:MOST]
     columns = min(len(shown), 4)
     rows = -(-len(shown) // columns)
+    mesh = specimen.part.mesh
     figure = Figure(figsize=(2.6 * columns, 3.4 * rows), layout="constrained")
     for k, (name, u) in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1, aspect="equal")
-        faces, far = _solid_faces(specimen, u) if u.shape[1] == 3 else _section_faces(specimen, u)
+        faces, far = _solid_faces(specimen, u) if u.shape[1] == 3 else section_faces(mesh, u)
         drawn = PolyCollection(list(1e3 * faces), array=1e3 * far, cmap="viridis", lw=0.15, edgecolor="white")
         axes.add_collection(drawn)
         axes.autoscale_view()
@@ -100,9 +102,23 @@ def _solid_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:
     return seen[order], np.linalg.norm(u[faces].mean(axis=1), axis=1)[order]
 
 
-def _section_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:
-    """Elements of a section (e, m, 2) and (e,); of one about an axis both sides."""
-    mesh = specimen.part.mesh
+def section_faces(mesh: Mesh, u: Array) -> tuple[Array, Array]:
+    """Return the deformed elements of a section, about an axis both sides, and how far they have moved.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The section, of e elements with m nodes each.
+    u : ndarray, (n, 2)
+        Displacements [m].
+
+    Returns
+    -------
+    faces : ndarray, (e or 2 e, m, 2)
+        Corners [m], in order.
+    far : ndarray, (e or 2 e,)
+        Length of the mean displacement of an element [m].
+    """
     around = mesh.cells[:, _AROUND[mesh.cells.shape[1]]]
     right = (mesh.points + u)[around]
     far = np.linalg.norm(u[around].mean(axis=1), axis=1)

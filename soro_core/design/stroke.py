@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from soro_core.design.darcy import Flow, pressures
-from soro_core.design.energy import assemble, sensitivities
+from soro_core.design.energy import Elements, assemble, sensitivities
 from soro_core.design.evaluation import Evaluation
 from soro_core.design.grid import Flags, Grid, between_free
 from soro_core.design.interpolation import interpolation
@@ -22,7 +22,7 @@ _NONE = np.empty(0)
 # Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.
 TOLERANCE = 1e-7
 ROUNDS, SHORTENINGS = 15, 8
-LEAST_STEP = 0.2
+LEAST_STEP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Rest:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Stroke:
     """A soft part whose output moves, docs/design.md (T6) to (T9).
 
     Attributes
@@ -82,61 +82,30 @@ class Motion:
     output: Array
     spring: Array
     exponent: float
-    _small: Array = field(init=False, repr=False)
+    _elements: Elements = field(init=False, repr=False)
     _free: Indices = field(init=False, repr=False)
     _entries: Indices = field(init=False, repr=False)
     _matrix: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         free, entries, matrix = between_free(self.grid.vectors, self.is_held)
-        small = self._small_stiffness()
-        values = {"_small": small, "_free": free, "_entries": entries, "_matrix": matrix}
+        values = {"_elements": self._read(), "_free": free, "_entries": entries, "_matrix": matrix}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
-    def _small_stiffness(self) -> Array:
-        """Stiffness of small strains (kinds, 8, 8): that of the solid where it is undeformed."""
-        grid = self.grid
-        n = len(grid.slope)
+    def _read(self) -> Elements:
+        """What the kernels read; small strains have the stiffness of the undeformed solid."""
+        grid, n = self.grid, len(self.grid.volume)
+        # An element of each kind, without a neighbour.
         cells = np.arange(4 * n, dtype=np.int64).reshape(n, 4)
         position = np.arange(64 * n, dtype=np.int64).reshape(n, 8, 8)
-        data, zero = np.zeros(64 * n), np.zeros((4 * n, 2))
-        self._assembled(
-            cells, np.arange(n), np.zeros((n, 8, 8)), np.ones(n), np.ones(n), zero[:, 0], position, zero, data
-        )
-        return data.reshape(n, 8, 8)
-
-    def _assembled(
-        self,
-        cells: Indices,
-        kind: Indices,
-        small: Array,
-        kappa: Array,
-        gamma: Array,
-        pressure: Array,
-        position: Indices,
-        u: Array,
-        data: Array,
-    ) -> tuple[float, float, int, Array]:
-        grid, force = self.grid, np.zeros_like(u)
-        stored, by_air, bad = assemble(
-            self.material.law,
-            isinstance(self.material, Hyperelastic),
-            cells,
-            kind,
-            grid.slope,
-            grid.volume,
-            grid.shape,
-            small,
-            kappa,
-            gamma,
-            pressure,
-            position,
-            u,
-            force,
-            data,
-        )
-        return stored, by_air, bad, force
+        is_averaged = isinstance(self.material, Hyperelastic)
+        tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
+        alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros((n, 8, 8)))
+        data, zero, one = np.zeros(64 * n), np.zeros((4 * n, 2)), np.ones(n)
+        assemble(alone, one, one, zero[:, 0].copy(), position, zero, zero.copy(), data)
+        small = data.reshape(n, 8, 8)
+        return alone._replace(cells=grid.mesh.cells, kind=grid.kind, small=small)
 
     def balance(
         self, kappa: Array, gamma: Array, pressure: Array, u: Array, with_stiffness: bool = True
@@ -156,8 +125,9 @@ class Motion:
         """
         grid = self.grid
         data = np.zeros(len(grid.vectors.keys)) if with_stiffness else _NONE
-        stored, by_air, bad, force = self._assembled(
-            grid.mesh.cells, grid.kind, self._small, kappa, gamma, pressure, grid.vectors.cells, u, data
+        force = np.zeros_like(u)
+        stored, by_air, bad = assemble(
+            self._elements, kappa, gamma, pressure, grid.vectors.cells, u, force, data
         )
         force += self.spring * u
         potential = stored + by_air + 0.5 * float((self.spring * u * u).sum())
@@ -273,24 +243,9 @@ class Motion:
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
         adjoint[self._free] = -at.solver.solve(right)
-        grid = self.grid
         by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
-        sensitivities(
-            self.material.law,
-            isinstance(self.material, Hyperelastic),
-            grid.mesh.cells,
-            grid.kind,
-            grid.slope,
-            grid.volume,
-            grid.shape,
-            self._small,
-            kappa,
-            gamma,
-            at.u,
-            adjoint.reshape(at.u.shape),
-            by_element,
-            by_pressure,
-        )
+        towards = adjoint.reshape(at.u.shape)
+        sensitivities(self._elements, kappa, gamma, at.u, towards, by_element, by_pressure)
         by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
         by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
         gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)

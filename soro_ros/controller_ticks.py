@@ -34,6 +34,8 @@ from soro_ros.tick_inputs import TickInputs, unusable
 
 # What is learned is told again after this time: the filter forgets it after five times as long.
 _TELL_AGAIN_NS = 20_000_000
+# Between shorter ticks a law may leave some of its work to the next.
+_FULL_TICK_S = 0.005
 _TRAJECTORY, _TIP = "arm/reference/trajectory", "arm/reference/tip"
 
 
@@ -115,7 +117,8 @@ class ControllerTicks:
         """Run ticks and references once without output: imports and compilation take longer than a tick."""
         if self._config.reach > 0.0:
             check_reach(self.controller, self._config.reach)
-        arm, dt, none = self.controller.arm, 1.0 / self._config.rate_hz, np.zeros(self.controller.arm.n_u)
+        arm, none = self.controller.arm, np.zeros(self.controller.arm.n_u)
+        dt = max(1.0 / self._config.rate_hz, _FULL_TICK_S)
         q = np.full(arm.n_q, 1e-3)
         state, _ = self.controller.step(self.state, q, q, 0.0, dt, none)
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):

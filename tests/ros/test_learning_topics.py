@@ -7,7 +7,9 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
+from soro_core.adaptation.learner import Learner
 from soro_core.control.laws import Certainty
+from soro_core.control.uneven import Uneven
 from soro_ros import learning, messages
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.nodes.controller import ControllerNode
@@ -169,6 +171,19 @@ def test_what_is_learned_is_told_again_before_the_filter_forgets_it(domain):
             receive(node, "arm/state", messages.arm_state(COORDINATES, zero, zero, zero, stamp_ns))
     told_s = [(learning.stamp_ns(message) - first_ns) * 1e-9 for message in sent]
     assert told_s == pytest.approx([0.0, 0.025, 0.050, 0.075], abs=1e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [200.0, 1000.0])
+def test_before_its_first_tick_a_controller_has_learned_and_bent_once(domain, monkeypatch, rate_hz):
+    """What runs for the first time in the loop is compiled there, for longer than a watchdog waits."""
+    called = []
+    for owner in (Learner, Uneven):
+        step = owner.step
+        monkeypatch.setattr(
+            owner, "step", lambda self, *given, step=step: (called.append(type(self)), step(self, *given))[1]
+        )
+    with active(ControllerNode, "control.law:=composite", f"rate_hz:={rate_hz}"):
+        assert set(called) == {Learner, Uneven}
 
 
 def test_keys_of_a_law_reach_the_node(domain):

@@ -33,6 +33,8 @@ FIRST_S = 5.0
 START_S = 240.0
 # As that of the loop: the bare one has the same right to the processor.
 _PRIORITY = 20
+# Terms of the sum that is its work: some 0.1 ms.
+_WORK = 2000
 
 
 def run(options: Options) -> str:
@@ -44,7 +46,7 @@ def run(options: Options) -> str:
             options.say(f"{rate_hz:g} Hz for {seconds:g} s")
             before = _bare(rate_hz, seconds / 4)
             found = _composed(rate_hz, seconds, first_s)
-            bare = np.concatenate([before, _bare(rate_hz, seconds / 4)])
+            bare = np.concatenate([before, _bare(rate_hz, seconds / 4)], axis=1)
             rows.append(_row(rate_hz, found, bare))
         for rate_hz in options.pick(LOWER_HZ, ()):
             options.say(f"{rate_hz:g} Hz for {seconds / 4:g} s")
@@ -54,15 +56,17 @@ def run(options: Options) -> str:
                 break
         parts = found
     head = ["rate, Hz", "cycles", "in time, %", "work ends after, ms", "CPU of a core", "CPU a cycle, ms"]
-    head += ["begins late, ms", "bare loop in time, %", "bare loop late, ms", "others", "at the end"]
+    head += ["begins late, ms", "bare loop in time, %", "bare loop late, ms", "its work, ms", "others"]
+    head += ["at the end"]
     return "\n\n".join(
         [
             "`soro_arm` with two links, the law `composite` and a twin of twice as many links on a circle, "
             f"{seconds:g} s, without a recorder or a viewer. A cycle is in time if the limiter has the "
             "command that answers the readings of a tick before the next tick is due; a skipped tick counts "
-            "as late. Times are median, 99th percentile and largest. The bare loop only sleeps until each "
-            "tick is due, for a quarter of the time before the run and after it: it shows how late the "
-            "machine itself is. Others: the part of all cores that other programs took during the run.",
+            "as late. Times are median, 99th percentile and largest. The bare loop sleeps until each tick is "
+            "due, for a quarter of the time before the run and after it, and then does the same small work "
+            "each time: it shows how late the machine itself is, and how its speed varies. Others: the part of "
+            "all cores that other programs took during the run.",
             table(head, rows),
             "What a cycle of the last line costs, by CPU time; the rest is messages in Python, executor and "
             "middleware:",
@@ -91,14 +95,16 @@ def _composed(rate_hz: float, seconds: float, first_s: float) -> dict[str, Any]:
 
 
 def _bare(rate_hz: float, seconds: float) -> np.ndarray:
-    """Lateness [s] of a loop that only sleeps."""
-    late = np.empty(round(seconds * rate_hz))
+    """Lateness, and time of the same small work (2, n) [s], of a loop that does nothing else."""
+    found = np.empty((2, round(seconds * rate_hz)))
     with punctual(_PRIORITY):
         begin = time.perf_counter() + 0.1
-        for k in range(len(late)):
+        for k in range(found.shape[1]):
             wait_until(begin + k / rate_hz)
-            late[k] = time.perf_counter() - begin - k / rate_hz
-    return late
+            woken = time.perf_counter()
+            sum(one * one for one in range(_WORK))
+            found[:, k] = woken - begin - k / rate_hz, time.perf_counter() - woken
+    return found
 
 
 def _in_time(found: dict[str, Any]) -> float:
@@ -111,7 +117,9 @@ def _row(rate_hz: float, found: dict[str, Any], bare: np.ndarray | None) -> list
     in_time = f"{100 * part:.2f}" + (f", at least {100 * IN_TIME:g} ({met(part >= IN_TIME)})" if goal else "")
     if rate_hz == CPU_RATE_HZ:
         share += f", at most {100 * CPU_SHARE:.0f} % ({met(found['cpu_share'] <= CPU_SHARE)})"
-    bare_in_time = "-" if bare is None else f"{100 * np.mean(bare < 1.0 / rate_hz):.2f}"
+    alone = ["-"] * 3
+    if bare is not None:
+        alone = [f"{100 * np.mean(bare[0] < 1.0 / rate_hz):.2f}", *(_listed(percentiles_ms(x)) for x in bare)]
     return [
         f"{rate_hz:g}",
         found["cycles"],
@@ -120,8 +128,7 @@ def _row(rate_hz: float, found: dict[str, Any], bare: np.ndarray | None) -> list
         share,
         figure(found["cycle_us"] / 1e3),
         _listed(found["begin_ms"]),
-        bare_in_time,
-        "-" if bare is None else _listed(percentiles_ms(bare)),
+        *alone,
         f"{100 * found['others_share']:.0f} %",
         f"vented: {found['vented']}" if found["vented"] else "in control",
     ]

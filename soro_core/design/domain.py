@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from soro_core.design.compliance import Compliance
 from soro_core.design.darcy import Flow
@@ -14,7 +16,7 @@ from soro_core.design.stroke import Stroke
 from soro_core.design.task import Box, Disc, Farthest, Stiffest, Task
 from soro_core.errors import ConfigError, ModelError
 from soro_core.fem import Mesh
-from soro_core.fem.response import Array
+from soro_core.fem.response import Array, Indices
 
 # Nodes this close to the border of a region belong to it, in edges of elements.
 NEAR = 1e-6
@@ -133,6 +135,10 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             allowed = "an output that can move: `held` holds all of it in that direction"
             raise ConfigError(where, "goal.output", _told(task.goal.output), allowed)
         output = np.where(is_held, 0.0, output)
+        moved = joined(grid.mesh.cells[~is_void], (output != 0.0).any(axis=1))
+        if not (moved & (joined(grid.mesh.cells[is_void], is_inlet) | is_inlet)).any():
+            allowed = "elements that leave a way for material from goal.output to the air of the inlet"
+            raise ConfigError(where, "void", f"{len(task.void)} regions that part them", allowed)
     return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output)
 
 
@@ -186,6 +192,14 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
         return found
     gap = points - np.asarray(region.centre_m)
     return np.asarray(np.hypot(*gap.T) <= region.radius_m + near)
+
+
+def joined(cells: Indices, seeds: Flags) -> Flags:
+    """Return which nodes (n,) elements (e, 4) join with those of `seeds` (n,)."""
+    n, pairs = len(seeds), np.concatenate([cells[:, k : k + 2] for k in range(3)])
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(np.isin(label, label[seeds]))
 
 
 def held_nodes(task: Task, points: Array, near: float) -> Flags:

@@ -73,7 +73,11 @@ def run(
         _draw_unfinished(domain, state, folder)
         raise
     film(domain, done, folder / FILM)
-    _report(domain, done, folder)
+    try:
+        _report(domain, done, folder)
+    except KeyboardInterrupt:
+        typer.echo(f"stopped; look at the part with: soro design check {folder}")
+        raise typer.Exit(130) from None
 
 
 @app.command()
@@ -82,7 +86,9 @@ def check(folder: Folder) -> None:
 
     Exit status 1: the part does not hold air, or has no equilibrium under the last pressure.
     """
-    _report(*_loaded(folder), folder)
+    domain, state = _loaded(folder)
+    _tell_unfinished(domain, state)
+    _report(domain, state, folder)
 
 
 @app.command()
@@ -131,7 +137,14 @@ def export(
     from soro_core.fem import extruded, revolved
 
     domain, state = _loaded(Path(source))
+    if revolve != (domain.task.space == "axisymmetric"):
+        allowed = "--revolve of a task about an axis, --extrude MM of one in plane strain"
+        option = "--revolve" if revolve else "--extrude"
+        raise ConfigError("soro design export", option, f"a task in {domain.task.space}", allowed)
+    _tell_unfinished(domain, state)
     part = shape(domain, state)
+    if part.leak:
+        raise ModelError(f"no part to export: {part.leak}", "leak")
     axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
     section = mirrored(part.mesh, axes, "axisymmetric" if revolve else "plane_strain")
     write_surface(stl, *(revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)))
@@ -168,6 +181,15 @@ def _loaded(folder: Path) -> tuple[Domain, State]:
     return domain, state
 
 
+def _tell_unfinished(domain: Domain, state: State) -> None:
+    row, count = state.rows[-1], domain.task.schedule.iterations
+    if row.iteration < count:
+        grey = f"greyness {row.greyness:.2f}: no final part"
+        typer.echo(
+            f"soro: {row.iteration} of {count} iterations, {grey} (soro design run --resume)", err=True
+        )
+
+
 def _draw_unfinished(domain: Domain, state: State | None, folder: Path) -> None:
     """Draw a run that stops early, as far as it came."""
     from soro_core.design import shape
@@ -199,6 +221,8 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
         picture(domain, state, None, None, folder / PICTURE)
         raise
     is_moved = isinstance(domain.task.goal, Farthest) and not found.leak
+    if is_moved:
+        typer.echo("analysing the part on a mesh of its own shape, up to a minute")
     moved = reanalyse(domain, found) if is_moved else None
     table = Table("", f"{folder}, {len(state.rows)} iterations")
     for name, value in _numbers(domain, state, found, moved):

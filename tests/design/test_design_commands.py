@@ -56,6 +56,7 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
         assert film.n_frames >= 12  # frames that do not differ become one
     assert (folder / "design.png").stat().st_size > 20_000
     assert done.exit_code == 0, done.output
+    assert "iterations, greyness" not in done.output
     checked = soro("check", "small_design")
     assert checked.exit_code == 0, checked.output
     for word in ("leak", "thinnest wall", "own mesh"):
@@ -77,6 +78,23 @@ def test_a_part_that_leaks_ends_with_a_reason(soro, tmp_path):
     done = soro("run", "short.yaml")
     assert done.exit_code == 1
     assert "not sealed" in done.output
+    refused = soro("export", "short_design", "--stl", "leak.stl", "--extrude", "4").exception
+    assert isinstance(refused, ModelError)
+    assert refused.key == "leak"
+    assert not (tmp_path / "leak.stl").exists()
+
+
+def test_what_does_not_belong_to_a_part_is_refused_and_an_unfinished_one_is_told(soro, monkeypatch):
+    def interrupted(state):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(design, "_line", interrupted)
+    assert soro("run", "small.yaml").exit_code == 130
+    turned = soro("export", "small_design", "--stl", "part.stl", "--revolve").exception
+    assert isinstance(turned, ConfigError)
+    assert (turned.key, turned.got) == ("--revolve", "a task in plane_strain")
+    unfinished = soro("export", "small_design", "--stl", "part.stl", "--extrude", "4")
+    assert "1 of 14 iterations" in unfinished.output
 
 
 def test_the_folder_of_a_run_needs_no_other_file_and_a_failed_run_is_drawn(soro, tmp_path):

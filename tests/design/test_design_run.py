@@ -99,6 +99,7 @@ HELD_TOP = {"where": {"kind": "box", "y_m": [0.01, 0.01]}, "along": ["y"]}
         ("inlet", {"inlet": {"kind": "disc", "centre_m": [0.5, 0.0], "radius_m": 1e-3}}),
         ("open", {"inlet": {"kind": "box"}}),
         ("void", {"void": [{"kind": "box"}]}),
+        ("void", {"void": [{"kind": "box", "y_m": [0.0075, 0.0085]}]}),
         ("start[0].where", {"start": [{"where": {"kind": "box", "x_m": [0.03, 0.04]}, "density": 0.5}]}),
         ("start[0].density", {"start": [{"where": {"kind": "box"}, "density": 1.5}]}),
         ("void[0]", {"void": [{"kind": "disc", "centre_m": [0.5, 0.0], "radius_m": 1e-3}]}),

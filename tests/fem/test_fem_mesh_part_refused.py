@@ -29,7 +29,7 @@ def check(tmp_path, part, key, names, **changes):
         ({"regions": {}}, "held[0].region", ()),
         ({"held": [{"region": "base", "directions": "z"}]}, "held[0].directions", ("x and y",)),
         ({"held": [{"region": "foot", "directions": "y"}]}, "held[0].region", ("base",)),
-        ({"held": []}, "pressed[0]", ("is_open",)),
+        ({"held": []}, "pressed[0]", ("is_open", "open at (")),
         ({"pressed": [{"region": "roof"}]}, "pressed[0].region", ("inside",)),
         ({"pressed": [{"region": "base", "is_open": 1}]}, "pressed[0].is_open", ()),
         ({"moved": {"region": "top", "direction": "q"}}, "moved.direction", ()),

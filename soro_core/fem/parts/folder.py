@@ -61,7 +61,8 @@ class SweepFolder:
             row |= {f"force_{axis}_n": state.load * f for axis, f in zip("xyz", sweep.force_n, strict=True)}
             self.backbones.append(backbone(self.specimen, sweep, state))
         if isinstance(self.specimen, MeshSpecimen) and self.specimen.forced.size:
-            row |= {f"force_{axis}_n": state.load * f for axis, f in zip("xyz", sweep.force_n, strict=True)}
+            axes = "xyz"[: self.specimen.part.mesh.points.shape[1]]
+            row |= {f"force_{axis}_n": state.load * f for axis, f in zip(axes, sweep.force_n, strict=False)}
         tensions = sweep.tensions_n or (0.0,) * len(self.specimen.tendons)
         row |= {f"tension_{c}_n": state.load * t for c, t in enumerate(tensions)}
         row |= self.specimen.measured(state) | {"energy_j": state.energy}

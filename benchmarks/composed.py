@@ -65,8 +65,8 @@ def run(options: Options) -> str:
             "command that answers the readings of a tick before the next tick is due; a skipped tick counts "
             "as late. Times are median, 99th percentile and largest. The bare loop sleeps until each tick is "
             "due, for a quarter of the time before the run and after it, and then does the same small work "
-            "each time: it shows how late the machine itself is, and how its speed varies. Others: the part of "
-            "all cores that other programs took during the run.",
+            "each time: it shows how late the machine itself is, and how its speed varies. Others: the part "
+            "of all cores that other programs took during the run.",
             table(head, rows),
             "What a cycle of the last line costs, by CPU time; the rest is messages in Python, executor and "
             "middleware:",

@@ -13,7 +13,8 @@ import yaml
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core.config import changed
-from soro_core.fem.parts.file import PartFile, RodGeometry, load_part
+from soro_core.fem.parts.file import PartFile, load_part
+from soro_core.fem.parts.geometry import RodGeometry
 from soro_core.fem.parts.specimen import RodSpecimen, make_specimen
 from soro_core.fem.parts.sweeps import Backbone, backbone, follow
 from soro_core.identification.fem.snapshots import snapshots

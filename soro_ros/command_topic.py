@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from soro_core import safety
+from soro_ros.handover import HANDED_OVER
 
 # Time between two queries of the graph [s]; a query takes some 50 us.
 QUERY_S = 0.2
@@ -78,7 +79,11 @@ class CommandTopic:
         if matched != self._matched:
             self._query_graph()
         name, before = self._name_of(message), self._names
-        self._note(name, number)
+        if information is HANDED_OVER:
+            # The graph may know others, whose messages do not come here: of another quality of service.
+            self._names = safety.note_message(before, name, None, 1)
+        else:
+            self._note(name, number)
         if name in self._names.shared - before.shared:
             # A publisher that has ended meanwhile does not count.
             self._query_graph()

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 # Readers that one task serves, and then the executor: in lockstep each command brings the next readings.
 TURNS = 100
-# The middleware counts the messages that it brings; of others there is no number.
-_NO_NUMBER = {"publication_sequence_number": None}
+# Information of a message that is handed over: it has no number, and comes from the only publisher.
+HANDED_OVER = {"publication_sequence_number": None}
 
 
 class Reader:
@@ -35,7 +35,7 @@ class Reader:
         """Give the oldest message to the subscription, as the events executor does."""
         message = self.waiting.popleft()
         given = serialize_message(message) if self.subscription.raw else message
-        self.subscription.callback(given if self.wants_message_alone else (given, _NO_NUMBER))
+        self.subscription.callback(given if self.wants_message_alone else (given, HANDED_OVER))
 
 
 class Handover:

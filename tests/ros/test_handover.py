@@ -13,6 +13,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
 from soro_ros import middleware, qos
+from soro_ros.command_topic import CommandTopic
 from soro_ros.handover import Handover, NodeWithHandover
 from tests.ros.running import wait_until
 
@@ -246,3 +247,19 @@ def test_what_waits_and_raises_is_the_failure_of_its_node(started):
     wait_until(lambda: process.spun() and process.handover.failure is not None, "the failure")
     node, error = process.handover.failure
     assert (node, str(error)) == (process.writing, "no motion")
+
+
+def test_a_command_that_is_handed_over_is_not_doubted_for_a_publisher_that_cannot_reach_its_reader(started):
+    """One of another quality of service: the graph has it, the reader gets nothing of it."""
+    process, stranger = Process(), Node("stranger")
+    doubts: list[str | None] = []
+    topic = CommandTopic(
+        process.reading, String, "words", qos.RELIABLE, lambda m: "name", lambda m, d: doubts.append(d), bool
+    )
+    stranger.create_publisher(String, "words", qos.SENSOR)
+    process.readers(2)
+    wait_until(lambda: process.spun() and topic.trouble is not None, "the stranger in the graph")
+    process.send("one", "two")
+    wait_until(lambda: process.spun() and len(doubts) == 2, "the commands")
+    assert doubts == [None, None]
+    stranger.destroy_node()

@@ -128,10 +128,10 @@ def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
         try:
             held_part.under(held_part.loads.press(faces, 1.0, one.is_open))
         except ModelError as error:
-            where = str(error).split("; allowed")[0].split(": ", 1)[-1]
+            opening = str(error).split("; allowed")[0].split(": ", 1)[-1]
             allowed = "a closed cavity, a rim that is held or in a plane of symmetry, or is_open: true"
             raise ConfigError(
-                file.name, f"geometry.pressed[{i}]", one.region, f"{allowed}; {where}"
+                file.name, f"geometry.pressed[{i}]", one.region, f"{allowed}; {opening}"
             ) from None
         pressed.append((faces, one.is_open))
     forced = _faces(file.name, mesh, "forced", geometry.forced, inside) if geometry.forced else none

@@ -28,16 +28,16 @@ _INTERRUPTS = _Interrupts()
 
 @contextmanager
 def only_in_searches() -> Iterator[None]:
-    """Let Ctrl-C wait for the next search; in another thread than the main one nothing changes."""
+    """Let Ctrl-C wait for the next search of this work; outside the main thread nothing changes."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _INTERRUPTS.is_waiting = False
     before = signal.signal(signal.SIGINT, _INTERRUPTS.come)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+        _INTERRUPTS.is_waiting = False
 
 
 @contextmanager

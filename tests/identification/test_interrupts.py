@@ -47,3 +47,13 @@ def test_ctrl_c_ends_the_search_that_goes_on_or_the_next_one() -> None:
             pytest.fail("the search begins")
         with searching():
             pass
+
+
+def test_ctrl_c_after_the_last_search_leaves_the_searches_of_other_work_alone() -> None:
+    with only_in_searches():
+        signal.raise_signal(signal.SIGINT)
+    try:
+        with searching():
+            pass
+    except KeyboardInterrupt:
+        pytest.fail("the signal of work that has ended came")

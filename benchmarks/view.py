@@ -1,8 +1,9 @@
 """What the live view costs: its share of a core, and the lateness of a loop in real time beside it.
 
-Each is `soro run` as a user starts it, on emulated valves, in turns: without a viewer, with a viewer and no
-open page, with a viewer and one open page. The page is a web socket that takes in all that a browser takes in
-but draws nothing: the cost of drawing depends on the browser and its graphics card.
+Two loops, each in turns without a viewer, with a viewer and no open page, with a viewer and one open page:
+`soro run` as a user starts it, on emulated valves, and `soro_arm`, one process without valves. The page is a
+web socket that takes in all that a browser takes in but draws nothing: the cost of drawing depends on the
+browser and its graphics card.
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from benchmarks.composed import FIRST_S
+from benchmarks.composed_arm import parameter_file
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from benchmarks.timing import all_cores
@@ -30,6 +34,7 @@ TITLE = "Live view"
 DOMAIN = "59"
 SHARE, LATER = 0.15, 1.10
 _SCENE, _PERIOD_S = "track_circle", 0.25
+_COMPOSED_HZ = 100.0
 _MOST_TRIPS = 10
 # What differs: name, whether the viewer runs, whether its page is open.
 _TURNS = (
@@ -44,45 +49,46 @@ _CAMERA |= {"position": [0.3, 0.3, 0.3], "look_at": [0.0, 0.0, 0.0], "up_directi
 
 @dataclass(frozen=True)
 class Turn:
-    """One run: lateness of its loop [ms], overruns, the viewer's share of a core, what its page got [B/s]."""
+    """One run: lateness of its loop [ms], lost cycles, the part of a core of the viewer, bytes a second."""
 
     p50_ms: float
     p99_ms: float
-    overruns: int
+    lost: int
     share: float
     page_bps: float
 
 
 def run(options: Options) -> str:
-    """Run in turns, and report medians."""
+    """Run both loops in turns, and report medians."""
+    repeats, seconds = options.pick(9, 1), options.pick(15.0, 3.0)
+    more = f"{seconds:g} s under control, {repeats} times in turns; medians, in brackets the smallest and "
+    more += "the largest:"
+    about = (
+        (f"`soro run {_SCENE}` in real time on emulated valves", _valves),
+        (f"`soro_arm` in one process at {_COMPOSED_HZ:g} Hz, the arm of the section above", _composed),
+    )
+    with all_cores():
+        return "\n\n".join(f"{text}, {more}\n\n{_turns(options, turn)}" for text, turn in about)
+
+
+def _turns(options: Options, turn: Callable[[bool, bool, float], Turn | None]) -> str:
+    """Run one loop in turns."""
     repeats, seconds = options.pick(9, 1), options.pick(15.0, 3.0)
     found: dict[str, list[Turn]] = {name: [] for name, _, _ in _TURNS}
     tripped = 0
-    with all_cores():
-        for k in range(repeats):
-            # Each of them is first as often: the machine's noise changes slowly.
-            for name, viewer, page in (*_TURNS[k % 3 :], *_TURNS[: k % 3]):
-                options.say(f"{name}, {k + 1} of {repeats}")
-                while (turn := _turn(viewer, page, seconds)) is None:
-                    tripped += 1
-                    if tripped > _MOST_TRIPS:
-                        return f"Not measured: {tripped} runs were vented, the machine is too busy."
-                found[name].append(turn)
+    for k in range(repeats):
+        # Each of them is first as often: the machine's noise changes slowly.
+        for name, viewer, page in (*_TURNS[k % 3 :], *_TURNS[: k % 3]):
+            options.say(f"{name}, {k + 1} of {repeats}")
+            while (one := turn(viewer, page, seconds)) is None:
+                tripped += 1
+                if tripped > _MOST_TRIPS:
+                    return f"Not measured: {tripped} runs were vented, the machine is too busy."
+            found[name].append(one)
+    head = ["", "lateness p50, ms", "p99, ms", "lost cycles", "viewer, part of a core", "to the page, kB/s"]
     return "\n\n".join(
         [
-            f"`soro run {_SCENE}` in real time on emulated valves, {seconds:g} s under control, {repeats} "
-            "times in turns; medians, in brackets the smallest and the largest:",
-            table(
-                [
-                    "",
-                    "lateness p50, ms",
-                    "p99, ms",
-                    "overruns",
-                    "viewer, part of a core",
-                    "to the page, kB/s",
-                ],
-                [_row(name, turns) for name, turns in found.items()],
-            ),
+            table(head, [_row(name, turns) for name, turns in found.items()]),
             _verdict(found),
             f"Runs that the machine vented by its delays, and that were repeated: {tripped}.",
         ]
@@ -93,10 +99,10 @@ def _row(name: str, turns: list[Turn]) -> list[object]:
     def of(key: str, factor: float = 1.0) -> str:
         values = [factor * getattr(turn, key) for turn in turns]
         if not any(values):
-            return "0" if key == "overruns" else "-"
+            return "0" if key == "lost" else "-"
         return f"{figure(statistics.median(values))} ({figure(min(values))} to {figure(max(values))})"
 
-    return [name, of("p50_ms"), of("p99_ms"), of("overruns"), of("share"), of("page_bps", 1e-3)]
+    return [name, of("p50_ms"), of("p99_ms"), of("lost"), of("share"), of("page_bps", 1e-3)]
 
 
 def _verdict(found: Mapping[str, list[Turn]]) -> str:
@@ -119,33 +125,68 @@ def _verdict(found: Mapping[str, list[Turn]]) -> str:
     return "\n".join(lines)
 
 
-def _turn(viewer: bool, page: bool, seconds: float) -> Turn | None:
-    """Run once; None if the run was vented before its end."""
+def _valves(viewer: bool, page: bool, seconds: float) -> Turn | None:
+    """Run the scene once; None if it was vented before its end."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         command = [sys.executable, "-m", "soro_ros.cli", "run", _SCENE, "--no-figure", "--folder", name]
         command += ["--set", f"duration_s={seconds:g}", *(["--view"] if viewer else [])]
-        log = stack.enter_context((folder / "out").open("w+"))
-        environment = {**os.environ, "ROS_DOMAIN_ID": DOMAIN, "COLUMNS": "200"}
-        process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
-        got, samples = [0], list[tuple[float, float]]()
-        while process.poll() is None:
-            address = re.search(r"http://\S+", (folder / "out").read_text())
-            if address and page and not got[0]:
-                got[0] = 1
-                threading.Thread(target=_look, args=(address[0], got), daemon=True).start()
-            if viewer and (pid := _viewer(process.pid)) and (used_s := _cpu_s(pid)) is not None:
-                samples.append((time.monotonic(), used_s))
-            time.sleep(_PERIOD_S)
+        process = _start(command, folder / "out", stack)
+        seen = _watch(
+            process, folder / "out", lambda: _viewer(process.pid) if viewer else None, page, seconds
+        )
         summary = next(folder.glob(f"{_SCENE}-*/summary.json"), None)
         told = json.loads(summary.read_text()) if summary else {}
         if told.get("verdict") not in ("good", "lost") or told["lateness_p99_ms"] is None:
             return None
-        share = _share(samples, seconds)
-        lasted_s = samples[-1][0] - samples[0][0] if samples else 1.0
-        return Turn(
-            told["lateness_p50_ms"], told["lateness_p99_ms"], told["overruns"], share, got[0] / lasted_s
-        )
+        return Turn(told["lateness_p50_ms"], told["lateness_p99_ms"], told["overruns"], *seen)
+
+
+def _composed(viewer: bool, page: bool, seconds: float) -> Turn | None:
+    """Run the loop in one process once; None if it was vented before its end."""
+    with tempfile.TemporaryDirectory(prefix="soro-") as name, ExitStack() as stack:
+        folder, python = Path(name), [sys.executable, "-m"]
+        parameters = parameter_file(folder, _COMPOSED_HZ)
+        names = ["--ros-args", "-r", f"__ns:=/view{os.getpid()}"]
+        command = [*python, "benchmarks.composed_process", str(seconds), str(FIRST_S), *names]
+        process = _start([*command, "--params-file", str(parameters)], folder / "out", stack)
+        pid_of = _no_viewer
+        if viewer:
+            robot = f"robot:={folder / 'two_links.yaml'}"
+            command = [*python, "soro_ros.nodes.viewer", *names, "-p", "autostart:=true", "-p", robot]
+            beside = _start(command, folder / "view", stack)
+            stack.callback(beside.wait)
+            stack.callback(beside.terminate)
+            pid_of = partial(int, beside.pid)
+        seen = _watch(process, folder / "view", pid_of, page, seconds)
+        told = json.loads((folder / "out").read_text().splitlines()[-1])
+        if told["vented"]:
+            return None
+        p50_ms, p99_ms, _ = told["begin_ms"]
+        return Turn(p50_ms, p99_ms, told["cycles"] - told["in_time"], *seen)
+
+
+def _start(command: list[str], out: Path, stack: ExitStack) -> subprocess.Popen[bytes]:
+    log = stack.enter_context(out.open("w"))
+    environment = {**os.environ, "ROS_DOMAIN_ID": DOMAIN, "COLUMNS": "200"}
+    return subprocess.Popen(command, stdout=log, stderr=log, env=environment)
+
+
+def _watch(
+    process: subprocess.Popen[bytes], log: Path, viewer: Callable[[], int | None], page: bool, seconds: float
+) -> tuple[float, float]:
+    """Wait for the end of a loop; return the viewer's share of a core, and what its page got [B/s]."""
+    got, samples = [0], list[tuple[float, float]]()
+    while process.poll() is None:
+        address = re.search(r"http://\S+", log.read_text()) if log.exists() else None
+        if address and page and not got[0]:
+            got[0] = 1
+            threading.Thread(target=_look, args=(address[0], got), daemon=True).start()
+        if (pid := viewer()) and (used_s := _cpu_s(pid)) is not None:
+            samples.append((time.monotonic(), used_s))
+        time.sleep(_PERIOD_S)
+    lasted_s = samples[-1][0] - samples[0][0] if samples else 1.0
+    return _share(samples, seconds), got[0] / lasted_s
 
 
 def _share(samples: list[tuple[float, float]], seconds: float) -> float:
@@ -175,6 +216,10 @@ def _look(address: str, got: list[int]) -> None:
                 got[0] += len(socket.recv())
         except ConnectionClosed:
             return
+
+
+def _no_viewer() -> int | None:
+    return None
 
 
 def _viewer(parent: int) -> int | None:

@@ -147,6 +147,7 @@ class EstimatorTicks:
             world = self._config.frames.world
             tip = messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, world)
             publish("arm/tip", tip)
+        self._ports.estimated(stamp_ns)
 
     def _without_estimate(self, stamp_ns: int) -> None:
         """Answer a tick at which the filter takes no step."""

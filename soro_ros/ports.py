@@ -51,6 +51,8 @@ class Ports:
         Takes the name of a topic and a message.
     is_read : callable
         Takes the name of a topic and says whether anybody would have its message now.
+    estimated : callable
+        Called after an estimate has gone out, with its time [ns].
     now_ns : callable
         Gives the time [ns] that ages of messages count from.
     warn : callable
@@ -67,6 +69,7 @@ class Ports:
     report: Callable[[str], None] = ignore
     refuse: Callable[[str, bool], None] = ignore
     is_read: Callable[[str], bool] = _always
+    estimated: Callable[[int], None] = ignore
 
 
 def subscribe(node: Node, inputs: Inputs, lockstep: bool) -> None:

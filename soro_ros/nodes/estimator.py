@@ -17,7 +17,7 @@ from soro_ros.estimator_ticks import EstimatorTicks
 from soro_ros.frame_check import FrameCheck
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
-from soro_ros.ports import Ports, Publishers, is_read, subscribe
+from soro_ros.ports import Ports, Publishers, ignore, is_read, subscribe
 from soro_ros.transforms import ArmTransforms
 
 
@@ -32,7 +32,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         loop = qos.loop(lockstep)
         outputs = {topic: (kind, loop) for topic, kind in EstimatorTicks.outputs.items()}
         publishers = Publishers(self, outputs)
-        ports = Ports(publishers.publish, warn=self._warn, report=self._report, is_read=publishers.is_read)
+        ports = Ports(
+            publishers.publish,
+            warn=self._warn,
+            report=self._report,
+            is_read=publishers.is_read,
+            estimated=self._draw_when_due if config.backbone_rate_hz > 0 else ignore,
+        )
         self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._ticks = EstimatorTicks(config, ports, self._frames)
         length = self.estimator.length
@@ -42,7 +48,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         }
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
         self._transforms = ArmTransforms(self, self.estimator.arm.robot, config.frames, config.publish_tf)
-        self._drawn_ns: int | None = None
+        self._due_ns: int | None = None
         subscribe(self, self._ticks.inputs, lockstep)
         self.compile(self._ticks.warm_up)
 
@@ -56,16 +62,24 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         """State of the filter after the last tick; None before the first."""
         return self._ticks.state
 
-    def start(self) -> None:
-        if self._config.backbone_rate_hz > 0:
-            self.every(1.0 / self._config.backbone_rate_hz, self._draw)
+    def _draw_when_due(self, stamp_ns: int) -> None:
+        """Draw an estimate at the rate of the backbone, once the command that answers it has gone out.
+
+        A timer of its own would draw when the next tick is due: that would begin a millisecond late.
+        """
+        period_ns = round(1e9 / self._config.backbone_rate_hz)
+        if self._due_ns is None or abs(self._due_ns - stamp_ns) > period_ns:  # the first, or after a gap
+            self._due_ns = stamp_ns
+        if stamp_ns >= self._due_ns:
+            self._due_ns += period_ns
+            self.after_handover(self._draw)
 
     def _draw(self) -> None:
-        """Publish the shape of the newest estimate, once; without a new one nothing."""
+        """Publish the shape of the newest estimate."""
         stamp_ns = self._ticks.estimated_ns
-        if self.state is None or stamp_ns in (None, self._drawn_ns):
+        if self.state is None or stamp_ns is None:
             return
-        self._drawn_ns, arm, q = stamp_ns, self.estimator.arm, self.state.belief.q
+        arm, q = self.estimator.arm, self.state.belief.q
         if is_read(self._backbone):
             places = np.linspace(0.0, self.estimator.length, self._config.backbone_points)
             message = PoseArray(poses=[messages.pose_of(arm.pose(q, s)) for s in places])

@@ -118,7 +118,7 @@ def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, reques
         status, output, folder = run(tmp_path / f"run{len(folders)}", f"platform={platform}", *SHORT)
         assert status == 0, output
         folders.append(folder)
-    # Diagnostics carry wall times; the backbone is drawn at a wall-clock rate; the latch names the devices,
+    # Diagnostics carry wall times; nothing waits for a reader of the backbone; the latch names the devices,
     # whose path is another one in each run.
     without = ("/diagnostics", "_event", "/arm/backbone", "/chambers/latch")
     first, second = (payloads(folder / "bag", without=without) for folder in folders)

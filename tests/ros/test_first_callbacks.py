@@ -153,7 +153,6 @@ for name, callback in (
     ("learned", learned),
     ("reading after a learned force", reading),
     ("reading with poses, from which a delay is estimated", poses),
-    ("backbone", lambda: fire(node, 0.05)),
     ("report", lambda: fire(node, 1.0)),
 ):
     count(name, callback)

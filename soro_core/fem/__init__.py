@@ -26,6 +26,7 @@ from soro_core.fem.part import Balance, Part, make_part
 from soro_core.fem.rod import Rod, RodCounts, RodShape, rod_mesh
 from soro_core.fem.states import Settings, Solution, State
 from soro_core.fem.stl import read_stl, write_stl
+from soro_core.fem.stress import Strained, strained
 from soro_core.fem.surface import extruded, revolved, solid_surface
 from soro_core.fem.vtu import write_vtu
 
@@ -51,6 +52,7 @@ __all__ = [
     "Settings",
     "Solution",
     "State",
+    "Strained",
     "bellows_mesh",
     "block",
     "drucker_modulus",
@@ -82,6 +84,7 @@ __all__ = [
     "solve",
     "sphere",
     "spread_spring",
+    "strained",
     "traction",
     "tube",
     "write_mesh",

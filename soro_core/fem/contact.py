@@ -70,6 +70,10 @@ class Barrier:
         Distance, stiffness and obstacles.
     stiffness_pa : float
         Of the barrier where the contact states none.
+
+    Attributes
+    ----------
+    obstacles : tuple of Obstacle
     """
 
     def __init__(self, mesh: Mesh, contact: Contact, stiffness_pa: float) -> None:
@@ -93,7 +97,7 @@ class Barrier:
         triangles = np.empty((0, 3), np.int32, order="F") if d == 2 else joined
         self._surfaces = ipctk.CollisionMesh(self._at_rest, edges, triangles)
         self._surfaces.can_collide = ipctk.make_static_obstacle_filter(len(self.nodes))
-        self.distance_m = contact.distance_m
+        self.distance_m, self.obstacles = contact.distance_m, contact.obstacles
         self._potential = ipctk.BarrierPotential(
             contact.distance_m, contact.stiffness_pa or stiffness_pa, use_physical_barrier=True
         )

@@ -193,6 +193,8 @@ def test_a_run_of_a_mesh_leaves_a_table_and_pictures(tmp_path, part):
     assert done.exit_code == 0, done.output
     for name in ("shapes.png", "curves.png"):
         assert (tmp_path / "run" / name).stat().st_size > 1000
+    for field in ("displacement", "von_mises_pa", "stretch"):
+        assert f'Name="{field}"' in next((tmp_path / "run").glob("*.vtu")).read_text()
     head, row = (tmp_path / "run" / "table.csv").read_text().splitlines()
     named = dict(zip(head.split(","), row.split(","), strict=True))
     load = {"pressure_0_pa": 1e3} if part is TUBE_PART else {"force_z_n": 0.1}

@@ -17,6 +17,7 @@ from soro_core.fem.parts.mesh_specimen import MeshSpecimen
 from soro_core.fem.parts.specimen import RodSpecimen, Specimen
 from soro_core.fem.parts.sweeps import Backbone, backbone
 from soro_core.fem.response import Array
+from soro_core.fem.stress import strained
 from soro_core.fem.vtu import write_vtu
 
 TABLE, BACKBONE, PART = "table.csv", "backbone.npz", "part.json"
@@ -82,7 +83,10 @@ class SweepFolder:
 
     def _write_shape(self, name: str, u: Array) -> Path:
         path = self.folder / f"{name}.vtu"
-        write_vtu(path, self.specimen.part.mesh, {"displacement": u})
+        part = self.specimen.part
+        found = strained(part, u)
+        in_elements = {"von_mises_pa": found.von_mises_pa, "stretch": found.stretch}
+        write_vtu(path, part.mesh, {"displacement": u}, in_elements)
         return path
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from soro_core.fem import Mesh
@@ -22,6 +22,8 @@ MOST = 12
 
 def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> None:
     """Draw the deformed part at the end of each sweep, at most 12, coloured by how far its points have moved.
+
+    Obstacles of a section are black lines, where they are near it.
 
     Parameters
     ----------
@@ -43,6 +45,9 @@ def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> 
         drawn = PolyCollection(list(1e3 * faces), array=1e3 * far, cmap="viridis", lw=0.15, edgecolor="white")
         axes.add_collection(drawn)
         axes.autoscale_view()
+        axes.add_collection(
+            LineCollection(list(1e3 * _lines(specimen)), color="black", lw=1.0), autolim=False
+        )
         axes.set_title(name, fontsize=9)
         axes.tick_params(labelsize=7)
         figure.colorbar(drawn, ax=axes, shrink=0.5, label="mm").ax.tick_params(labelsize=7)
@@ -78,6 +83,15 @@ def draw_curves(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", fontsize=7)
     figure.savefig(path, dpi=110)
+
+
+def _lines(specimen: Specimen) -> Array:
+    """Obstacles of a section (l, 2, 2), about an axis both sides; those of a solid are not drawn."""
+    mesh, contact = specimen.part.mesh, specimen.part.contact
+    if contact is None or mesh.space == "solid":
+        return np.empty((0, 2, 2))
+    lines = np.concatenate([np.empty((0, 2, 2)), *(one.points[one.pieces] for one in contact.obstacles)])
+    return np.concatenate([lines, lines * [-1.0, 1.0]]) if mesh.space == "axisymmetric" else lines
 
 
 def _solid_faces(specimen: Specimen, u: Array) -> tuple[Array, Array]:

@@ -20,7 +20,6 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -68,18 +67,24 @@ def run(options: Options) -> str:
         (f"`soro_arm` in one process at {_COMPOSED_HZ:g} Hz, the arm of the section above", _composed),
     )
     with all_cores():
-        return "\n\n".join(f"{text}, {more}\n\n{_turns(options, turn)}" for text, turn in about)
+        return "\n\n".join(
+            f"{text}, {more}\n\n{_turns(options.say, repeats, seconds, turn)}" for text, turn in about
+        )
 
 
-def _turns(options: Options, turn: Callable[[bool, bool, float], Turn | None]) -> str:
+def _turns(
+    say: Callable[[str], None],
+    repeats: int,
+    seconds: float,
+    turn: Callable[[bool, bool, float], Turn | None],
+) -> str:
     """Run one loop in turns."""
-    repeats, seconds = options.pick(9, 1), options.pick(15.0, 3.0)
     found: dict[str, list[Turn]] = {name: [] for name, _, _ in _TURNS}
     tripped = 0
     for k in range(repeats):
         # Each of them is first as often: the machine's noise changes slowly.
         for name, viewer, page in (*_TURNS[k % 3 :], *_TURNS[: k % 3]):
-            options.say(f"{name}, {k + 1} of {repeats}")
+            say(f"{name}, {k + 1} of {repeats}")
             while (one := turn(viewer, page, seconds)) is None:
                 tripped += 1
                 if tripped > _MOST_TRIPS:
@@ -150,15 +155,15 @@ def _composed(viewer: bool, page: bool, seconds: float) -> Turn | None:
         names = ["--ros-args", "-r", f"__ns:=/view{os.getpid()}"]
         command = [*python, "benchmarks.composed_process", str(seconds), str(FIRST_S), *names]
         process = _start([*command, "--params-file", str(parameters)], folder / "out", stack)
-        pid_of = _no_viewer
+        pid = None
         if viewer:
             robot = f"robot:={folder / 'two_links.yaml'}"
             command = [*python, "soro_ros.nodes.viewer", *names, "-p", "autostart:=true", "-p", robot]
             beside = _start(command, folder / "view", stack)
             stack.callback(beside.wait)
             stack.callback(beside.terminate)
-            pid_of = partial(int, beside.pid)
-        seen = _watch(process, folder / "view", pid_of, page, seconds)
+            pid = beside.pid
+        seen = _watch(process, folder / "view", lambda: pid, page, seconds)
         told = json.loads((folder / "out").read_text().splitlines()[-1])
         if told["vented"]:
             return None
@@ -216,10 +221,6 @@ def _look(address: str, got: list[int]) -> None:
                 got[0] += len(socket.recv())
         except ConnectionClosed:
             return
-
-
-def _no_viewer() -> int | None:
-    return None
 
 
 def _viewer(parent: int) -> int | None:

@@ -74,6 +74,14 @@ def make_work(size: int) -> Work:
 
 
 @inner
+def gather(u: Array, cell: Indices, of_cell: Array) -> None:
+    """of_cell (a, d) <- displacements of the nodes `cell` (a,) of an element."""
+    for a in range(cell.shape[0]):
+        for k in range(u.shape[1]):
+            of_cell[a, k] = u[cell[a], k]
+
+
+@inner
 def fill_gradient(u: Array, slope: Array, hoop: Array, F: Array) -> None:
     """F <- deformation gradient at a point of integration; u (a, d) are those of the element."""
     for i in range(3):
@@ -205,9 +213,7 @@ def assemble(
     energy = 0.0
     with_stiffness = data.shape[0] > 0
     for e in range(cells.shape[0]):
-        for a in range(n):
-            for k in range(d):
-                of_cell[a, k] = u[cells[e, a], k]
+        gather(u, cells[e], of_cell)
         own = respond_element(
             law, is_averaged, slope[e], hoop[e], volume[e], of_cell, with_stiffness, work, f, K
         )

@@ -9,7 +9,7 @@ import numpy as np
 from soro_core._jit import kernel
 from soro_core.fem.part import Part
 from soro_core.fem.response import BULK, Array, Indices, cofactor, respond
-from soro_core.fem.solid import fill_gradient, make_work
+from soro_core.fem.solid import fill_gradient, gather, make_work
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +77,7 @@ def _add_up(
     of_cell, work = np.empty((n, d)), make_work(n * d)
     F, H, P = work.F, work.H, work.P
     for e in range(cells.shape[0]):
-        for a in range(n):
-            for k in range(d):
-                of_cell[a, k] = u[cells[e, a], k]
+        gather(u, cells[e], of_cell)
         undeformed = 0.0
         for g in range(volume.shape[1]):
             fill_gradient(of_cell, slope[e, g], hoop[e, g], F)

@@ -7,6 +7,7 @@ from typer.testing import CliRunner
 from soro_core.fem import State
 from soro_core.fem.mesh_files import read_mesh
 from soro_core.fem.parts.file import load_part, material_of
+from soro_core.fem.parts.picture import obstacle_lines
 from soro_core.fem.parts.specimen import make_specimen
 from soro_core.fem.parts.step import write_step
 from soro_core.fem.parts.sweeps import follow
@@ -184,6 +185,12 @@ def test_a_part_stops_at_a_plane(tmp_path, figure):
     force = -specimen.measured(state)["reaction_n"]
     figure(f"beam on a floor: gap {1e6 * gap.mean():.0f} um, {force / (E * 1e-4 * strain):.3f} of EA strain")
     assert force == pytest.approx(E * 1e-4 * strain, rel=0.08)
+
+
+def test_a_picture_shows_the_obstacles_of_a_section():
+    pytest.importorskip("ipctk", reason="needs the extra design: pip install 'soro[design]'")
+    (line,) = obstacle_lines(make_specimen(load_part("finger_over_table")))
+    assert np.sort(line, axis=0) == pytest.approx(np.array([[-0.035, -0.01], [0.085, -0.01]]))
 
 
 @pytest.mark.parametrize("part", [TUBE_PART, BEAM_PART], ids=["section", "solid"])

@@ -45,9 +45,8 @@ def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> 
         drawn = PolyCollection(list(1e3 * faces), array=1e3 * far, cmap="viridis", lw=0.15, edgecolor="white")
         axes.add_collection(drawn)
         axes.autoscale_view()
-        axes.add_collection(
-            LineCollection(list(1e3 * _lines(specimen)), color="black", lw=1.0), autolim=False
-        )
+        obstacles = LineCollection(list(1e3 * obstacle_lines(specimen)), color="black", lw=1.0)
+        axes.add_collection(obstacles, autolim=False)
         axes.set_title(name, fontsize=9)
         axes.tick_params(labelsize=7)
         figure.colorbar(drawn, ax=axes, shrink=0.5, label="mm").ax.tick_params(labelsize=7)
@@ -85,8 +84,8 @@ def draw_curves(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _lines(specimen: Specimen) -> Array:
-    """Obstacles of a section (l, 2, 2), about an axis both sides; those of a solid are not drawn."""
+def obstacle_lines(specimen: Specimen) -> Array:
+    """Return the obstacles of a section (l, 2, 2) [m], about an axis on both sides; none of a solid."""
     mesh, contact = specimen.part.mesh, specimen.part.contact
     if contact is None or mesh.space == "solid":
         return np.empty((0, 2, 2))

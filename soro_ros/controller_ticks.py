@@ -224,6 +224,9 @@ class ControllerTicks:
     ) -> None:
         if not self.enabled:
             self._publish_learned(None, stamp_ns)
+            # The first command says that readings and estimates come: `soro run` then enables the controller.
+            if not self._inputs.has_reading:
+                return
             # A clock that has been set back would otherwise end the commands.
             if stamp_ns > self._zero_ns or self._ports.now_ns() < self._zero_ns:
                 self._publish(np.zeros(len(self._names)), stamp_ns)

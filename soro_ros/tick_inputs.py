@@ -67,6 +67,11 @@ class TickInputs:
         """Add the covariance of an estimate."""
         self._covariances.append(message)
 
+    @property
+    def has_reading(self) -> bool:
+        """Whether a reading of the pressures has ever come."""
+        return bool(self._readings)
+
     def clear(self) -> None:
         """Drop the states that wait."""
         self._states.clear()

@@ -167,6 +167,23 @@ def test_a_controller_does_not_start_without_a_reading_of_each_chamber(domain):
                 assert all("no reading of link0/chamber1" in one.message for one in found)
 
 
+def test_a_controller_that_has_no_readings_yet_commands_nothing_and_then_zero(domain):
+    """`soro run` takes its first command for a sign that readings come, and enables it."""
+    with active(ControllerNode) as node:
+        sent, zero = captured(node, "chambers/command"), np.zeros(3)
+
+        def estimate():
+            q, now_ns = np.zeros(len(COORDINATES)), node.get_clock().now().nanoseconds
+            receive(node, "arm/state", messages.arm_state(COORDINATES, q, q, q, now_ns))
+
+        estimate()
+        assert sent == []
+        receive(node, "chambers/state", messages.chambers(CHAMBERS, zero, node.get_clock().now().nanoseconds))
+        estimate()
+        assert [list(one.effort) for one in sent] == [[0.0, 0.0, 0.0]]
+        assert request(node, "~/enable").success
+
+
 @pytest.mark.parametrize(("mode", "answers"), [("real_time", 0), ("lockstep", 1)])
 def test_the_exciter_answers_no_partial_reading_in_real_time(domain, mode, answers):
     with active(ExciterNode, f"mode:={mode}", "pose_rate_hz:=200.0") as node:

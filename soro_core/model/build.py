@@ -32,6 +32,8 @@ _COLUMN = {
 # Where on a sub-interval the strain is evaluated: Gauss points, and the stages of Ralston's rule.
 MAGNUS = np.array([0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0])
 RALSTON = np.array([0.0, 2.0 / 3.0])
+# Their number of digits doubles with each: five give all of them for up to 100 nodes.
+_NEWTON_STEPS = 8
 
 
 def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
@@ -113,13 +115,19 @@ def radau(n: int) -> tuple[Array, Array]:
 
     The end of a link is needed anyway, for the links behind it: as a node it costs nothing more.
     """
-    legendre = np.polynomial.legendre
-    inner = legendre.legroots([0.0] * (n - 1) + [1.0, 1.0])  # of P_(n-1) + P_n, -1 among them
-    x = np.sort(inner)[1:]
-    at = legendre.legval(x, [0.0] * (n - 1) + [1.0])
-    weights = np.concatenate(([2.0 / n**2], (1.0 - x) / (n * at) ** 2))
+    # Roots of P_(n-1) + P_n but for -1, by Newton's method from those of the Chebyshev polynomials: numpy
+    # takes roots from eigenvalues, which are complex numbers there from release 2.5 on.
+    x = -np.cos(2.0 * np.pi * np.arange(1, n) / (2 * n - 1))
+    for _ in range(_NEWTON_STEPS):
+        before, last = _legendre(n - 1, x), _legendre(n, x)
+        x = x - (1.0 - x) / n * (before + last) / (before - last)
+    weights = np.concatenate(([2.0 / n**2], (1.0 - x) / (n * _legendre(n - 1, x)) ** 2))
     places = np.concatenate(([-1.0], x))
     return (1.0 - places[::-1]) / 2.0, np.ascontiguousarray(weights[::-1]) / 2.0
+
+
+def _legendre(degree: int, x: Array) -> Array:
+    return np.asarray(np.polynomial.legendre.legval(x, [0.0] * degree + [1.0]), dtype=np.float64)
 
 
 def find_site(robot: Robot, t: Tables, s: float) -> Site:

@@ -15,7 +15,7 @@ from soro_core.errors import ConfigError
 # Packages of each extra, by the name that is imported; "" is what every installation has.
 PACKAGES = {
     "": ("numpy", "scipy", "numba", "pydantic", "yaml", "typer", "rich", "matplotlib"),
-    "hardware": ("can", "canopen", "serial", "pymodbus"),
+    "hardware": ("can", "serial", "pymodbus"),
     "ros": (
         "rclpy",
         "builtin_interfaces",

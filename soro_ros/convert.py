@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from fnmatch import fnmatchcase
@@ -19,6 +18,7 @@ from rclpy.serialization import serialize_message
 from soro_core.bag import BagReader, BagWriter, Topic
 from soro_core.bag.topics import qos_from
 from soro_core.config import Strict, parse, read_yaml
+from soro_core.csv_rows import CsvRows
 from soro_core.errors import BagError, ConfigError
 from soro_ros.fields import Value, built
 from soro_ros.interfaces import definition, deserialised, message_class
@@ -97,8 +97,17 @@ def to_tables(
     return rows
 
 
-def to_bag(folder: Path, bag: Path) -> int:
+def to_bag(folder: Path, bag: Path, say: Callable[[str], None]) -> int:
     """Write the CSV files of a folder as a bag; return the number of messages.
+
+    Parameters
+    ----------
+    folder : Path
+        Of topics.yaml and the files that it names.
+    bag : Path
+        New folder.
+    say : callable
+        Takes a line for each file of which rows are left out.
 
     Raises
     ------
@@ -114,7 +123,7 @@ def to_bag(folder: Path, bag: Path) -> int:
         if not isinstance(entry, dict):
             raise ConfigError(where, name, entry, "file and type")
         entries[name] = parse(entry, TopicEntry, f"{where}: {name}")
-    messages = [item for name, entry in entries.items() for item in _read(folder, name, entry)]
+    messages = [item for name, entry in entries.items() for item in _read(folder, name, entry, say)]
     messages.sort(key=lambda item: item[0])
     with BagWriter(bag) as writer:
         for name, entry in entries.items():
@@ -164,30 +173,26 @@ def _make(folder: Path) -> None:
         raise BagError(f"cannot be written: {error.strerror}", folder, "disk") from None
 
 
-def _read(folder: Path, topic: str, entry: TopicEntry) -> Iterator[tuple[int, str, bytes]]:
-    """Yield log time [ns], topic and serialised message of each row."""
+def _read(
+    folder: Path, topic: str, entry: TopicEntry, say: Callable[[str], None]
+) -> Iterator[tuple[int, str, bytes]]:
+    """Yield log time [ns], topic and serialised message of each row that can be read."""
     where, kind = folder / entry.file, message_class(entry.type)
     if kind is None:
         raise ConfigError(str(folder / TOPICS), f"{topic}.type", entry.type, "a type that is installed")
-    try:
-        stream = where.open(newline="", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(str(where), "", error.strerror, "a CSV file") from None
-    with stream:
-        lines = csv.reader(stream, strict=True)
+    rows = CsvRows(where, (LOG_TIME,), of_text=True)
+    paths = _paths(where, topic, rows.names, entry, kind)
+    for line, cells in rows:
         try:
-            headings = next(lines, [])
-            paths = _paths(where, topic, headings, entry, kind)
-            for cells in lines:
-                yield _message(f"{where}: line {lines.line_num}", topic, cells, paths, entry, kind)
-        except (csv.Error, UnicodeDecodeError) as error:
-            raise ConfigError(str(where), f"line {lines.line_num}", str(error), "CSV in UTF-8") from None
+            yield _message(str(where), topic, cells, paths, entry, kind, rows.delimiter)
+        except ConfigError as error:
+            rows.leave_out(line, f"{error.key}: {error.got}".removeprefix(": "))
+    if left_out := rows.check():
+        say(f"{where}: {left_out}")
 
 
 def _paths(where: Path, topic: str, headings: list[str], entry: TopicEntry, kind: type[Any]) -> list[str]:
     """Return the path of each column."""
-    if LOG_TIME not in headings:
-        raise ConfigError(str(where), "columns", ", ".join(headings), f"{LOG_TIME} among them")
     paths: list[str] = []
     for heading in headings:
         path = heading if heading == LOG_TIME else path_of(topic, heading)
@@ -218,10 +223,14 @@ def _is_value(path: str, entry: TopicEntry, kind: type[Any]) -> bool:
 
 
 def _message(
-    where: str, topic: str, cells: list[str], paths: list[str], entry: TopicEntry, kind: type[Any]
+    where: str,
+    topic: str,
+    cells: list[str],
+    paths: list[str],
+    entry: TopicEntry,
+    kind: type[Any],
+    delimiter: str,
 ) -> tuple[int, str, bytes]:
-    if len(cells) != len(paths):
-        raise ConfigError(where, "", f"{len(cells)} cells", f"{len(paths)}, as the first line has")
     values = dict(zip(paths, cells, strict=True))
     time_text = values.pop(LOG_TIME)
     if not time_text.isdigit() or int(time_text) >= 2**63:
@@ -229,7 +238,7 @@ def _message(
     given = {path: text for path, text in values.items() if text != ""}
     names = entry.names if any(path.partition(".")[0] in _NAMED for path in given) else ()
     try:
-        return int(time_text), topic, bytes(serialize_message(built(kind, given, names)))
+        return int(time_text), topic, bytes(serialize_message(built(kind, given, names, delimiter)))
     except (ValueError, AssertionError, OverflowError) as error:  # a number outside its type
         raise ConfigError(where, "", str(error).splitlines()[0], f"a value of {entry.type}") from None
     except KeyError as error:

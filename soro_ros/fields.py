@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import JointState
 
+from soro_core.csv_rows import number_of
 from soro_ros.interfaces import message_class
 
 Value: TypeAlias = float | int | str
@@ -52,7 +53,7 @@ def _leaves(value: Any, path: str, names: list[str]) -> Iterator[tuple[str, Valu
         yield path, value.item() if hasattr(value, "item") else value
 
 
-def built(kind: type[Any], values: Mapping[str, str], names: Sequence[str] = ()) -> Any:
+def built(kind: type[Any], values: Mapping[str, str], names: Sequence[str] = (), delimiter: str = ",") -> Any:
     """Return the message of some values, the others by default; the inverse of `flat`.
 
     Parameters
@@ -63,6 +64,8 @@ def built(kind: type[Any], values: Mapping[str, str], names: Sequence[str] = ())
         Texts by path.
     names : sequence of str
         Names in the paths of a JointState that has a value.
+    delimiter : str
+        What divides the texts in their file, by which decimal commas are judged (`number_of`).
 
     Raises
     ------
@@ -85,11 +88,11 @@ def built(kind: type[Any], values: Mapping[str, str], names: Sequence[str] = ())
             if not isinstance(branch, dict):
                 raise KeyError(path)
         branch[keys[-1]] = text
-    _fill(message, tree, "")
+    _fill(message, tree, "", delimiter)
     return message
 
 
-def _fill(message: Any, tree: Mapping[str, Any], path: str) -> None:
+def _fill(message: Any, tree: Mapping[str, Any], path: str, delimiter: str) -> None:
     types = message.get_fields_and_field_types()
     for key, part in tree.items():
         at = f"{path}.{key}" if path else key
@@ -97,24 +100,24 @@ def _fill(message: Any, tree: Mapping[str, Any], path: str) -> None:
             "builtin_interfaces/Time",
             "builtin_interfaces/Duration",
         ):
-            seconds, nanoseconds = divmod(_parsed("int64", part, at), 10**9)
+            seconds, nanoseconds = divmod(_parsed("int64", part, at, delimiter), 10**9)
             kind = type(getattr(message, key[:-3]))
             setattr(message, key[:-3], kind(sec=seconds, nanosec=nanoseconds))
         elif key not in types:
             raise KeyError(at)
         else:
-            setattr(message, key, _value(types[key], getattr(message, key), part, at))
+            setattr(message, key, _value(types[key], getattr(message, key), part, at, delimiter))
 
 
-def _value(type_name: str, default: Any, part: Any, path: str) -> Any:
+def _value(type_name: str, default: Any, part: Any, path: str, delimiter: str) -> Any:
     variable, fixed = _VARIABLE.fullmatch(type_name), _FIXED.fullmatch(type_name)
     found = variable or fixed
     if found is None:
         if "/" not in type_name:
-            return _parsed(type_name, part, path)
+            return _parsed(type_name, part, path, delimiter)
         if not isinstance(part, dict):
             raise KeyError(path)
-        _fill(default, part, path)
+        _fill(default, part, path, delimiter)
         return default
     if not isinstance(part, dict) or not all(key.isdigit() for key in part):
         raise KeyError(path)
@@ -126,7 +129,7 @@ def _value(type_name: str, default: Any, part: Any, path: str) -> Any:
             )
         if number == len(items):
             items.append(_empty(found[1]))
-        items[number] = _value(found[1], items[number], part[str(number)], f"{path}.{number}")
+        items[number] = _value(found[1], items[number], part[str(number)], f"{path}.{number}", delimiter)
     return items
 
 
@@ -135,14 +138,14 @@ def _empty(type_name: str) -> Any:
     return None if kind is None else kind()
 
 
-def _parsed(type_name: str, part: Any, path: str) -> Any:
+def _parsed(type_name: str, part: Any, path: str, delimiter: str) -> Any:
     if not isinstance(part, str):
         raise KeyError(path)
     try:
         if type_name.startswith(("string", "wstring")):
             return part
         if type_name in ("float", "double"):
-            return float(part)
+            return number_of(part, delimiter)
         if type_name == "boolean":
             return {"true": True, "false": False}[part.lower()]
         if type_name == "octet":

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
+import logging
+import math
+from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +13,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.csv_rows import CsvRows, number_of
 from soro_core.errors import ConfigError
 
 Array: TypeAlias = NDArray[np.float64]
+
+# Time [s] by which a late row may be older than the one before; a clock that was set falls back by more.
+LATE_S = 0.1
+# Lines of units and the like under the line of names.
+_UNITS = 2
 
 
 @dataclass(frozen=True)
@@ -109,17 +117,29 @@ def read_columns(
     Raises
     ------
     ConfigError
-        If the file is missing, lacks a column, holds a value that is not finite, or time does not rise.
+        If the file is missing, lacks a column, most rows have values that are not finite, or time runs
+        backwards. What is left out else is logged.
     """
     where = str(path)
-    columns = read_table(path, required, also)
+    columns, note = read_table(path, required, also)
+    notes, count = [note] if note else [], len(columns[required[0]])
+    keep = np.ones(count, bool)
     for name, column in columns.items():
         bad = np.isinf(column) if gaps and name.startswith(gaps) else ~np.isfinite(column)
-        if bad.any():
+        keep &= ~bad
+        if bad.any() and keep.sum() < max(2, 0.5 * count):
             row = int(np.flatnonzero(bad)[0])
-            raise ConfigError(where, name, f"{column[row]} in data row {row + 1}", "finite numbers")
-    if not (np.diff(columns[required[0]]) > 0).all():
+            raise ConfigError(where, name, f"{column[row]} in row {row + 1}", "finite numbers")
+    columns = {name: column[keep] for name, column in columns.items()}
+    time = columns[required[0]]
+    fall = np.concatenate([[-np.inf], np.maximum.accumulate(time)[:-1] - time[1:]])
+    if fall.max(initial=-np.inf) > LATE_S or 2 * (fall >= 0.0).sum() >= len(fall):
         raise ConfigError(where, required[0], "times that do not rise", "strictly rising times [s]")
+    columns = {name: values[fall < 0.0] for name, values in columns.items()}
+    if left_out := count - int((fall < 0.0).sum()):
+        notes.append(f"{left_out} rows left out: a value is not finite, or the time does not rise")
+    for line in notes:
+        logging.getLogger("soro_core").warning("%s: %s", where, line)
     return columns
 
 
@@ -128,13 +148,13 @@ def read_table(
     required: tuple[str, ...],
     also: Callable[[str], bool] | None = None,
     asked_by: Mapping[str, str] | None = None,
-) -> dict[str, Array]:
-    """Return the columns of a CSV file under one line of names; nan where a field is empty.
+) -> tuple[dict[str, Array], str]:
+    """Return the columns of a CSV file of numbers, and what was left out of it; nan where a cell is empty.
 
     Parameters
     ----------
     path : path
-        File.
+        File, in any layout that `CsvRows` reads; a line of units under the names is skipped.
     required : tuple of str
         Required columns.
     also : callable, optional
@@ -144,36 +164,43 @@ def read_table(
 
     Returns
     -------
-    dict of str to ndarray (n,)
-        Columns by name.
+    tuple of dict of str to ndarray (n,), and str
+        Columns by name; one line that counts the rows left out, "" for none.
 
     Raises
     ------
     ConfigError
-        If the file is missing, lacks a column, or holds a value that is no number.
+        If the file is missing, lacks a column, has one twice, marks decimals in two ways, or has fewer than
+        two rows of numbers.
     """
-    where = str(path)
+    rows = CsvRows(path, required, asked_by)
+    chosen = [name for name in rows.names if name and (name in required or also is None or also(name))]
+    places = {name: rows.place(name) for name in chosen}
+    found, marks, units = array("d"), set[str](), 0
+    for line, cells in rows:
+        texts = [cells[place] for place in places.values()]
+        try:
+            values = [number_of(text, rows.delimiter) for text in texts]
+        except ValueError as error:
+            if found or units == _UNITS or any(_is_number(text, rows.delimiter) for text in texts):
+                rows.leave_out(line, str(error))
+            else:
+                units += 1
+                rows.skip()
+            continue
+        found.extend(values)
+        together = "".join(texts)
+        marks.update(mark for mark in ",." if mark in together)
+        if len(marks) > 1:
+            allowed = "one decimal mark in all numbers, and no marks of thousands"
+            raise ConfigError(rows.where, f"line {line}", "decimal commas and decimal points", allowed)
+    note = rows.check(least=2)
+    table = np.frombuffer(found).reshape(-1, len(places))
+    return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(places)}, note
+
+
+def _is_number(text: str, delimiter: str) -> bool:
     try:
-        with open(path, encoding="utf-8") as file:
-            names = [name.strip() for name in file.readline().split(",")]
-            places = [i for i, name in enumerate(names) if name in required or also is None or also(name)]
-            with warnings.catch_warnings():  # a table without rows is refused below
-                warnings.simplefilter("ignore", UserWarning)
-                table = np.loadtxt(file, delimiter=",", ndmin=2, usecols=places, converters=_number)
-    except FileNotFoundError:
-        raise ConfigError(
-            where, "", "no such file", f"a CSV file with the columns {', '.join(required)}"
-        ) from None
-    except (OSError, ValueError) as error:
-        raise ConfigError(where, "", str(error), "a CSV file of numbers under one line of names") from None
-    for name in required:
-        if name not in names:
-            allowed = f"a column for {asked_by[name]}" if asked_by else "this column is required"
-            raise ConfigError(where, name, f"columns {', '.join(names)}", allowed)
-    if table.shape[0] < 2:
-        raise ConfigError(where, "", f"{table.shape[0]} rows", "two or more rows of numbers")
-    return {names[place]: np.ascontiguousarray(table[:, i]) for i, place in enumerate(places)}
-
-
-def _number(text: str) -> float:
-    return float(text) if text.strip() else np.nan
+        return not math.isnan(number_of(text, delimiter))
+    except ValueError:
+        return False

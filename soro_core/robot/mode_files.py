@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.csv_rows import read_matrix
 from soro_core.errors import ConfigError
 from soro_core.robot.bases import BASES
 from soro_core.robot.strain import samples_fault
@@ -82,9 +82,7 @@ def _field(field: Any, folder: Path, where: str, key: str) -> Any:
 
 def _array(path: Path) -> np.ndarray[Any, Any]:
     if path.suffix == ".csv":
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an empty file: its shape is refused
-            return np.loadtxt(path, delimiter=",", ndmin=2)
+        return np.array(read_matrix(path))
     content = np.load(path, allow_pickle=False)
     if isinstance(content, np.ndarray):
         return content

@@ -87,7 +87,7 @@ def convert(
         if form not in tables.FORMATS:
             raise ConfigError("soro bag convert", "--format", form, " or ".join(tables.FORMATS))
         if (source / tables.TOPICS).exists():
-            count = tables.to_bag(source, target)
+            count = tables.to_bag(source, target, lambda line: typer.echo(line, err=True))
             typer.echo(f"{target}: {count} messages")
             return
         rows = tables.to_tables(source, target, form, topic or [], lambda line: typer.echo(line, err=True))

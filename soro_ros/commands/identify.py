@@ -208,9 +208,10 @@ def identify(
 
 
 def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Recording]:
+    from soro_core.csv_rows import ENDINGS
     from soro_core.identification.recording import read_bag, read_csv
 
-    tables = [path for path in paths if path.suffix == ".csv"]
+    tables = [path for path in paths if path.suffix.lower() in ENDINGS]
     if tables and len(columns) not in (1, len(tables)):
         allowed = "one column map, or one for each CSV file"
         raise ConfigError("soro identify", "--columns", f"{len(columns)} for {len(tables)} files", allowed)

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 
 def sources(robot: str, recordings: Sequence[Path]) -> tuple[str | None, list[Path]]:
     """Return robot file and recordings; without a robot the first argument is a recording."""
+    from soro_core.csv_rows import ENDINGS
+
     first = Path(robot)
-    if first.suffix in (".csv", ".mcap") or first.is_dir():
+    if first.suffix.lower() in (*ENDINGS, ".mcap") or first.is_dir():
         return None, [first, *recordings]
     if not recordings:
         raise ConfigError("soro identify", "RECORDINGS", "none", "one or more bags or CSV files")

@@ -4,6 +4,8 @@ import re
 
 import numpy as np
 import pytest
+from canopen.objectdictionary import ODVariable
+from canopen.objectdictionary.eds import import_eds
 from hardware_bench import Bench, codes, driver, emulator, platform, platform_file, transcript
 
 from soro_core.config import config_folder
@@ -333,16 +335,118 @@ WRONG = {
     "product": ({"ProductNumber": "four"}, ("[DeviceInfo] ProductNumber", "'four'")),
     "bit rate": ({"BaudRate_250": "yes"}, ("[DeviceInfo] BaudRate_250", "'yes'")),
     "data type": ({"DataType": "u8"}, ("[1000] DataType", "'u8'")),
-    "empty data type": ({"DataType": ""}, ("", "'DataType'", "'1000'")),
-    "no data type": ({"DataType": None}, ("", "'DataType'", "'1000'")),
+    "empty data type": ({"DataType": ""}, ("[1000] DataType", "nothing")),
+    "no data type": ({"DataType": None}, ("[1000] DataType", "nothing")),
+    "no access": ({"AccessType": "all"}, ("[1000] AccessType", "'all'", "rww")),
+    "default": ({"DefaultValue": "high"}, ("[1000] DefaultValue", "'high'")),
+    "part of a number": ({"DefaultValue": "2.5"}, ("[1000] DefaultValue", "'2.5'")),
+    "default beyond its type": ({"DefaultValue": "0x100000000"}, ("[1000] DefaultValue", "32 bits")),
+    "octal or not": ({"DefaultValue": "0100"}, ("[1000] DefaultValue", "'0100'", "leading zeros")),
+    "limit": ({"LowLimit": "low"}, ("LowLimit", "'low'")),
+    "kind": ({"ObjectType": "7"}, ("[1016] ObjectType", "8 or 9")),
 }
 
 
 @pytest.mark.parametrize(("values", "found"), WRONG.values(), ids=WRONG.keys())
 def test_a_wrong_value_of_an_eds_is_named_with_file_section_and_key(tmp_path, values, found):
     path = edited_eds(tmp_path, **values)
-    with fails(ConfigError, *found[1:], where=str(path), key=found[0]):
+    with pytest.raises(ConfigError) as caught:
         read_eds(path, 1)
+    assert caught.value.where == str(path)
+    assert caught.value.key.endswith(found[0])
+    assert all(name in str(caught.value) for name in found[1:])
+
+
+SHIPPED = sorted((config_folder() / "canopen").glob("*.eds"))
+WRITINGS = {
+    "byte order mark": lambda text: "\N{BYTE ORDER MARK}" + text,
+    "ends of Windows": lambda text: text.replace("\n", "\r\n"),
+    "sections in capital letters": lambda text: re.sub(r"\[.*\]", lambda m: m[0].upper(), text),
+    "sections in small letters": lambda text: re.sub(r"\[.*\]", lambda m: m[0].lower(), text),
+    "keys in small letters": lambda text: re.sub(r"(?m)^\w+=", lambda m: m[0].lower(), text),
+    "spaces": lambda text: re.sub(r"(?m)^(\w+)=(.*)$", r"  \1 = \2\t", text),
+    "comments": lambda text: re.sub(r"(?m)^(\w+=\S+)$", r"; a comment\n\1 ; another", text),
+    "comments without a space": lambda text: re.sub(r"(?m)^(\w+=[0-9]\w*)$", r"\1;it", text),
+    "0X": lambda text: text.replace("=0x", "=0X"),
+    "hexadecimal digits": lambda text: re.sub(r"=0x\w+", lambda m: "=0x" + m[0][3:].swapcase(), text),
+    "decimal numbers": lambda text: re.sub(r"=0x(\w+)", lambda m: f"={int(m[1], 16)}", text),
+    "leading zeros": lambda text: re.sub(r"(?m)=0x0*([0-7])$", r"=000\1", text),
+    "more leading zeros": lambda text: text.replace("=0x", "=0x0000"),
+    "floats": lambda text: re.sub(r"(?m)^DefaultValue=([0-9]+)$", r"DefaultValue=\1.0", text),
+    "node id behind": lambda text: text.replace("$NODEID+0x80", "0x80 + $NodeId"),
+    "node id with spaces": lambda text: text.replace("$NODEID+", "$NODEID + "),
+    "no kind": lambda text: text.replace("ObjectType=0x7\n", "").replace("ObjectType=0x8\n", ""),
+    "empty kind": lambda text: text.replace("ObjectType=0x7\n", "ObjectType=\n"),
+    "no mapping where 0": lambda text: text.replace("PDOMapping=0\n", ""),
+    "no default where 0": lambda text: re.sub(r"DefaultValue=(0x)?0+\n", "", text),
+    "no parameter names": lambda text: re.sub(r"ParameterName=.*\n", "", text),
+    "no vendor": lambda text: re.sub(r"(?s)\[FileInfo\].*(?=\[MandatoryObjects)", "", text),
+    "vendor with zeros": lambda text: re.sub(r"VendorNumber=.*", "VendorNumber=0010", text),
+    "objects behind their parts": lambda text: "[" + "[".join(sorted(text.split("[")[1:], reverse=True)),
+    "bytes of no text": lambda text: text.replace("Description=", "Description=\udcb0"),
+}
+
+
+@pytest.mark.parametrize("name", WRITINGS)
+@pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
+def test_each_writing_of_an_eds_gives_the_same_entries(tmp_path, shipped, name):
+    path = tmp_path / "other.eds"
+    path.write_bytes(WRITINGS[name](shipped.read_text()).encode(errors="surrogateescape"))
+    assert read_eds(path, 3) == read_eds(shipped, 3)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("[1018sub1]", "[1018 sub1]"),
+        ("[1018sub1]", "[0x1018sub1]"),
+        ("[1018sub1]", "[1018sub]"),
+        ("[1018sub1]", "[1018sub01G]"),
+        ("[1018]", "[1018h]"),
+        ("[1018]", "[101]"),
+        ("[1018]", "[1019]"),
+        ("[1018sub1]", "[1018SUB0]"),
+        ("[1018sub1]", "[1018sub0]"),
+    ],
+)
+def test_a_section_that_cannot_be_read_is_refused_by_name(tmp_path, before, after):
+    """Today's parsers leave it out: a device would lack an object."""
+    path = tmp_path / "other.eds"
+    text = (config_folder() / "canopen" / "cia408.eds").read_text()
+    assert before in text
+    path.write_text(text.replace(before, after))
+    with pytest.raises(ConfigError) as caught:
+        read_eds(path, 3)
+    assert caught.value.where == str(path)
+    assert any(name in str(caught.value) for name in (after, after[1:-1], "1018"))
+
+
+@pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
+def test_entries_are_those_of_another_reader(shipped):
+    known = {}
+    for item in import_eds(str(shipped), 3).values():
+        for each in [item] if isinstance(item, ODVariable) else item.values():
+            if each.data_type < 8:
+                known[each.index, each.subindex] = each.min, each.max, each.default or 0, each.pdo_mappable
+    found = read_eds(shipped, 3)
+    assert {key: (one.low, one.high, one.default, one.mappable) for key, one in found.items()} == known
+
+
+def test_a_value_with_a_sign_may_be_its_bits(tmp_path):
+    path = edited_eds(tmp_path)
+    path.write_text(
+        path.read_text() + "[2200]\nDataType=3\nAccessType=RW\nDefaultValue=0xFFFE\nLowLimit=0x8000\n"
+    )
+    entry = read_eds(path, 3)[0x2200, 0]
+    assert (entry.default, entry.low, entry.is_signed, entry.writable) == (-2, -32768, True, True)
+
+
+def test_a_compact_object_has_all_its_parts(tmp_path):
+    path = edited_eds(tmp_path)
+    text = "[2200]\nObjectType=8\nDataType=6\nAccessType=ro\nCompactSubObj=3\nDefaultValue=7\n"
+    path.write_text(path.read_text() + text + "[2200Name]\nNrOfEntries=1\n1=First\n")
+    found = read_eds(path, 3)
+    assert [found[0x2200, k].default for k in range(4)] == [3, 7, 7, 7]
 
 
 def test_own_eds_by_path(tmp_path):

@@ -180,9 +180,18 @@ def test_a_stream_without_usable_samples_is_refused(tmp_path):
 
 
 def test_time_that_runs_backwards_is_refused(tmp_path):
-    file = write_csv(tmp_path / "run.csv", table(t=put(table()["t"], 30, 0.1)))
+    t = table()["t"] - 0.2 * (np.arange(N) >= 30)
+    file = write_csv(tmp_path / "run.csv", table(t=t))
     with fails(ConfigError, "sample 31", "0.100", "0.290", where=str(file), key="pressure"):
         read_csv(file, columns(), robot())
+
+
+@pytest.mark.parametrize("stamp", [-5.0, 0.1, 0.45, 1e9])
+def test_one_stamp_far_off_costs_its_row(tmp_path, stamp):
+    file = write_csv(tmp_path / "run.csv", table(t=put(table()["t"], 30, stamp)))
+    found = read_csv(file, columns(), robot())
+    np.testing.assert_allclose(found.pressure.t, np.delete(table()["t"], 30))
+    assert found.faults[0].backwards == 1
 
 
 @pytest.mark.parametrize(

@@ -39,8 +39,8 @@ def test_release_is_in_radians_from_zero(tmp_path: Path) -> None:
         (GOOD.replace("ky", "kz"), ("ky",)),
         (GOOD.replace("1.5,", "nan,"), ("kx",)),
         (GOOD.replace("\n1,", "\n0,"), ("t", "rise")),
-        (GOOD.replace("2000", "two"), ("", "two")),
-        (GOOD.replace(",-1.5", ""), ("", "CSV")),
+        (GOOD.replace("2000", "two"), ("line 2", "two")),
+        (GOOD.replace(",-1.5", ""), ("line 3", "5 cells", "6 names")),
         ("t,p1,kx,ky\n0,0,0,0\n", ("", "rows")),
     ],
 )

@@ -154,9 +154,9 @@ def test_a_file_is_read_with_missing_pressures(tmp_path: Path) -> None:
     [
         (GOOD.replace("pm_a", "pm_b"), ("pm_a",)),
         (GOOD.replace("pd_a", "a"), ("", "pd_NAME")),
-        (GOOD.replace("\n1,1", "\n1,"), ("pd_a",)),
-        (GOOD.replace("nan", "inf"), ("pm_a",)),
-        (GOOD.replace("\n2,", "\n1,"), ("t", "rise")),
+        (GOOD.replace("\n1,1", "\n1,").replace("\n2,5", "\n2,"), ("pd_a",)),
+        (GOOD.replace("1,1,,", "1,1,inf,").replace("nan", "inf"), ("pm_a",)),
+        (GOOD.replace("\n2,", "\n0,").replace("\n1,", "\n0,"), ("t", "rise")),
     ],
 )
 def test_a_bad_file_is_named_in_one_line(tmp_path: Path, text: str, found: tuple[str, ...]) -> None:

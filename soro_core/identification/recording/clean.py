@@ -13,12 +13,11 @@ from soro_core.errors import ConfigError
 from soro_core.identification.recording.faults import Faults
 from soro_core.identification.recording.stale import StaleLimits, find_stale
 from soro_core.identification.recording.streams import Bend, Curvature, Imu, Marker, Plate, Series, Stream
+from soro_core.identification.records import LATE_S
 
 Array: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
-# Time [s] by which a late message may be older than the one before; a clock that was set falls back by more.
-LATE_S = 0.1
 # A quaternion whose length is further from 1 than this is no rotation.
 _LENGTH = 0.1
 
@@ -149,7 +148,12 @@ def _drivers(
 
 
 def _rises(stream: Stream, usable_rows: Mask, where: str) -> Mask:
-    """Return which samples are later than all before them."""
+    """Return which samples are later than all before them, apart from single stamps far off."""
+    at = np.flatnonzero(usable_rows)
+    t = stream.t[at]
+    off = (t[:-2] < t[2:]) & ((t[:-2] - t[1:-1] > LATE_S) | (t[1:-1] - t[2:] > LATE_S))
+    usable_rows = usable_rows.copy()
+    usable_rows[at[1:-1][off]] = False
     before = np.concatenate([[-np.inf], np.maximum.accumulate(np.where(usable_rows, stream.t, -np.inf))[:-1]])
     fall = np.where(usable_rows, before - stream.t, -np.inf)
     if fall.size and fall.max() > LATE_S:
@@ -158,7 +162,7 @@ def _rises(stream: Stream, usable_rows: Mask, where: str) -> Mask:
             f"time that runs backwards: sample {row + 1} at {stream.t[row]:.3f} s after {before[row]:.3f} s"
         )
         raise ConfigError(where, stream.name, text, f"rising stamps; one may be late by {LATE_S:g} s")
-    rises: Mask = fall < 0.0
+    rises: Mask = usable_rows & (fall < 0.0)
     return rises
 
 

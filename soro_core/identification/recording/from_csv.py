@@ -36,7 +36,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 def read_csv(
     path: str | Path, columns: Columns | str | Path, robot: Robot | None, limits: StaleLimits | None = None
 ) -> Recording:
-    """Read a CSV file of numbers under one line of names.
+    """Read a CSV file of numbers under a line of names, as loggers write it (`CsvRows`).
 
     Parameters
     ----------
@@ -58,7 +58,9 @@ def read_csv(
     columns = columns if isinstance(columns, Columns) else load(map_file, Columns)
     chambers = chambers_of(columns, robot, map_file)
     bare = without_shape(columns) if robot is None else columns
-    notes = () if bare == columns else ("the shape is not read: no robot file says what it is of",)
+    notes: tuple[str, ...] = (
+        () if bare == columns else ("the shape is not read: no robot file says what it is of",)
+    )
     columns = bare
     if robot is not None:
         check_columns(columns, robot, map_file)
@@ -67,7 +69,8 @@ def read_csv(
         if section is not None:
             _check_chambers(key, section, chambers, file, map_file)
     asked = _asked(columns, map_file)
-    table = read_table(path, tuple(asked), lambda name: False, asked)
+    table, left_out = read_table(path, tuple(asked), lambda name: False, asked)
+    notes += (left_out,) if left_out else ()
     t = table[columns.time.column] * FACTORS[columns.time.unit]
     usual = None if robot is None else pressure_limits(robot)
     found = [usable(each, str(path)) for each in _raw_streams(columns, chambers, usual, table, t, file)]

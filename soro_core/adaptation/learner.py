@@ -24,6 +24,7 @@ from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.uneven import UnevenForce
 from soro_core.frozen import replaced
+from soro_core.linear import inverse
 from soro_core.model.checks import fault
 from soro_core.model.dynamics import GOOD, NOT_FINITE
 from soro_core.model.entries import make_box
@@ -272,7 +273,7 @@ class Learner:
     def deviations(self, state: LearnerState) -> Array:
         """Return the deviation (size,) of each learned value by the noise that the learner assumes."""
         try:
-            variance = np.diag(np.linalg.inv(state.information))
+            variance = np.diag(inverse(state.information))
         except np.linalg.LinAlgError:
             variance = np.full(self.force.size, math.nan)
         return np.sqrt(np.maximum(variance, 0.0))

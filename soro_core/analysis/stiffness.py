@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
+from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.model.checks import refuse_underivable
 from soro_core.model.rest_forces import NEUTRAL, RestForces
@@ -86,9 +87,17 @@ def tip_stiffness(arm: SoftArm, q: Array, stiffness: Array) -> TipStiffness:
         Equilibrium.
     stiffness : ndarray (n_q, n_q)
         `tangent_stiffness` there.
+
+    Raises
+    ------
+    ModelError
+        If the arm has no stiffness in some directions.
     """
     jacobian = tip_jacobian(arm, q)
-    compliance = jacobian @ np.linalg.solve(stiffness, jacobian.T)
+    try:
+        compliance = jacobian @ solve(stiffness, jacobian.T)
+    except np.linalg.LinAlgError:
+        raise ModelError(f"{arm.robot.name} has no stiffness in some directions", "equilibrium") from None
     compliance = 0.5 * (compliance + compliance.T)
     values, vectors = np.linalg.eigh(compliance)
     values, vectors = values[::-1], vectors[:, ::-1]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.control.trajectory import Point
+from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 
@@ -29,8 +30,9 @@ _ROUND_OFF = 1e-9
 # eps: a unit of each coordinate counts as 1e-2 of the length at the tip. Less lets noise through where
 # chambers hardly move the tip in a direction; more leaves the tip beside the reference.
 _NEAR = 1e-2
-# Increment for the difference quotient of the force, in units.
-_STEP = 1e-6
+# Increment for the difference quotient of the force, in units, and the part of the largest stiffness that its
+# round-off may be: what is softer has no balance.
+_STEP, _STEP_NOISE = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,9 @@ class Undriven:
         now = np.asarray(wanted_force - unit.T @ here @ pressure)
         stiffness = self._stiffness(state, q, now, missed)
         # Of the free shape while the driven directions are held.
-        held = np.linalg.solve(free.T @ stiffness @ free, free.T @ np.column_stack([now, stiffness @ driven]))
+        of_free = free.T @ stiffness @ free
+        given = free.T @ np.column_stack([now, stiffness @ driven])
+        held = solve(of_free, given, _STEP_NOISE, of=stiffness)
         back, along = -free @ held[:, 0], driven - free @ held[:, 1:]
         tip, slope = _tip(self.arm, q)
         wanted, of_wanted = _tip(self.arm, point.q)

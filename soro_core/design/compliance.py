@@ -10,7 +10,7 @@ from soro_core.design.darcy import Flow, pressures
 from soro_core.design.evaluation import Evaluation
 from soro_core.design.grid import Flags, Grid, assembled
 from soro_core.errors import ModelError
-from soro_core.fem.linear import factorised
+from soro_core.fem.linear import regular_factors
 from soro_core.fem.response import Array
 
 
@@ -64,7 +64,7 @@ class Compliance:
         scale = self.void_stiffness + (1.0 - self.void_stiffness) * density**penalty
         matrix = assembled(grid.vectors, scale[:, None, None] * one)
         free = np.flatnonzero(~self.is_held.ravel())
-        solver = factorised(matrix[free][:, free].tocsc())
+        solver = regular_factors(matrix[free][:, free].tocsc())
         if solver is None:
             raise ModelError("the part is loose: hold it against every motion", "held")
         u = np.zeros_like(force)

@@ -14,7 +14,7 @@ import numpy as np
 from soro_core.design.filter import projection
 from soro_core.design.grid import Grid, assembled
 from soro_core.errors import ModelError
-from soro_core.fem.linear import factorised
+from soro_core.fem.linear import regular_factors
 from soro_core.fem.response import Array, Indices
 
 
@@ -103,7 +103,7 @@ def pressures(grid: Grid, flow: Flow, density: Array, held_pa: Array) -> Pressur
         raise ModelError("no node has a given pressure; allowed: an inlet and an open edge", "inlet")
     p = np.nan_to_num(held_pa)
     rows = matrix[free]
-    solver = factorised(rows[:, free].tocsc())
+    solver = regular_factors(rows[:, free].tocsc())
     if solver is None:
         raise ModelError("the flow has no solution: part of the grid is cut off from every edge", "flow")
     p[free] = solver.solve(-(rows @ p))

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.linear import inverse
+
 if TYPE_CHECKING:
     from soro_core.estimation.belief import Belief
     from soro_core.estimation.config import EstimatorConfig
@@ -162,9 +164,11 @@ class DelayModel:
         stiffness = arm.stiffness_matrix(self._none)
         # Without stiffness a force moves a place by no known way; and what a position does not show of more
         # coordinates looks like a delay (20 to 100 ms on arms of two links). No delay is then estimated.
-        stiff = bool(np.linalg.matrix_rank(stiffness) == arm.n_q)
-        self.usable = stiff and arm.n_q <= _POSITION
-        self._compliance = np.linalg.inv(stiffness) if stiff else stiffness
+        try:
+            self._compliance = inverse(stiffness)
+            self.usable = arm.n_q <= _POSITION
+        except np.linalg.LinAlgError:
+            self._compliance, self.usable = stiffness, False
         robot = arm.robot
         heaviest = _LOAD * (robot.tip_mass + sum(link.mass for link in robot.links))
         deviations = np.array([_DELAY_S, heaviest, _SHIFT_M, _SHIFT_M, _SHIFT_M, _SOFT])
@@ -259,7 +263,7 @@ class DelayModel:
             - forgotten * (state.information - self._prior)
         )
         moment = (1.0 - forgotten) * state.moment + weight * regressor.T @ value
-        covariance = np.linalg.inv(information)
+        covariance = inverse(information)
         solution = covariance @ moment
         if not np.isfinite(solution).all():
             return self.start(t_s)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.errors import ConfigError, ModelError
+from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.robot.basis import shape_values
 from soro_core.robot.coordinates import strain_fields
@@ -101,7 +102,7 @@ class Uneven:
             held = np.zeros((2 * n, n))  # what z changes while the ends stay
             held[base] = -np.linalg.lstsq(jacobian[:, base], jacobian[:, rest], rcond=None)[0]
             held[rest] = np.eye(n)
-            solved = np.linalg.solve(held.T @ slope @ held, held.T @ np.column_stack([force, slope[:, base]]))
+            solved = solve(held.T @ slope @ held, held.T @ np.column_stack([force, slope[:, base]]))
         except (ModelError, np.linalg.LinAlgError):  # far from any rest of an arm
             return None
         z, z_by_q = -solved[:, 0], -solved[:, 1:]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import diags_array
 
-from soro_core.fem.linear import Factors, factorised
+from soro_core.fem.linear import Factors, factorised, regular_factors
 from soro_core.fem.part import Balance, Part
 from soro_core.fem.response import Array
 
@@ -78,8 +78,8 @@ class Equations:
 
     def is_loose(self) -> bool:
         """Whether the undeformed part can move without a force."""
-        solver = self.factors(self.part.balance(np.zeros_like(self.target), 0.0))
-        return solver is None or solver.is_loose()
+        matrix = self.reduced(self.part.balance(np.zeros_like(self.target), 0.0))
+        return regular_factors(matrix, is_solid=self.target.shape[1] == 3) is None
 
     def factors(self, balance: Balance) -> Factors | None:
         """Return the factors of the stiffness between free nodes, or None where it is singular."""

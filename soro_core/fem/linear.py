@@ -14,8 +14,8 @@ from soro_core.fem.response import Array
 
 # Entries above this share of their column may stay pivots of the diagonal.
 PIVOT = 1e-3
-# A least stiffness below this share of the greatest is one of a part that can move freely.
-LOOSE = 1e-13
+# A part that a force moves so many times further than each node alone can move freely.
+LOOSE = 1e13
 # Rows from which pardiso pays for a solid.
 MANY = 15_000
 # Greatest share by which a matrix may lack symmetry and still count as symmetric.
@@ -28,9 +28,6 @@ class Factors(Protocol):
     def solve(self, right: Array) -> Array:
         """Return the solution (n,) for a right hand side (n,)."""
 
-    def is_loose(self) -> bool:
-        """Whether a pivot is as good as 0."""
-
 
 class _SuperLU:
     """Factors by SuperLU, with an ordering for symmetric patterns."""
@@ -41,10 +38,6 @@ class _SuperLU:
 
     def solve(self, right: Array) -> Array:
         return np.asarray(self._lu.solve(right))
-
-    def is_loose(self) -> bool:
-        pivots = np.abs(self._lu.U.diagonal())
-        return bool(pivots.min() <= LOOSE * pivots.max())
 
 
 class _Pardiso:
@@ -65,19 +58,13 @@ class _Pardiso:
     def solve(self, right: Array) -> Array:
         return np.asarray(self._solver.solve(self._matrix, right))
 
-    def is_loose(self) -> bool:
-        # It does not show its pivots: how far some force moves the part, over what the stiffness asks.
-        force = np.random.default_rng(0).normal(size=self._matrix.shape[0])
-        size = float(np.abs(self._matrix.diagonal()).max() * np.linalg.norm(self.solve(force)))
-        return not size < np.linalg.norm(force) / LOOSE
-
     def __del__(self) -> None:
         with contextlib.suppress(Exception):
             self._solver.free_memory(everything=True)
 
 
 def factorised(matrix: Any, is_solid: bool = False) -> Factors | None:
-    """Return the factors of a sparse matrix whose pattern is symmetric, or None where it is singular.
+    """Return the factors of a sparse matrix whose pattern is symmetric, or None where a pivot is 0.
 
     Parameters
     ----------
@@ -92,3 +79,18 @@ def factorised(matrix: Any, is_solid: bool = False) -> Factors | None:
     # Of SuperLU; that of pardiso is an own kind.
     except RuntimeError:
         return None
+
+
+def regular_factors(matrix: Any, is_solid: bool = False) -> Factors | None:
+    """Return the factors, or None where it is singular, by how far some force moves its rows.
+
+    Of a pivot that is 0, round-off mostly leaves something, and a solution that means nothing. Newton's
+    method needs no such measure, because its balance decides. Parameters as in `factorised`.
+    """
+    factors = factorised(matrix, is_solid)
+    if factors is None:
+        return None
+    scale = np.sqrt(np.abs(matrix.diagonal()))
+    force = np.random.default_rng(0).normal(size=len(scale))
+    moved = np.linalg.norm(scale * factors.solve(scale * force))
+    return factors if moved < LOOSE * np.linalg.norm(force) else None

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.model.lie import dot6, to_body, wrench_to_parent
-from soro_core.model.linear import assign, clear, clear_matrix
+from soro_core.model.linear import ROUND_OFF, assign, clear, clear_matrix
 from soro_core.model.tables import Tables
 from soro_core.model.work import JOINT_ACCELERATION, JOINT_WRENCH, Work
 
@@ -160,9 +160,10 @@ def cholesky(m: int, D: Array) -> bool:
     """D (m, m) <- its lower factor, with reciprocals on the diagonal; False: not positive definite."""
     for j in range(m):
         d = D[j, j]
+        least = ROUND_OFF * d
         for k in range(j):
             d -= D[j, k] * D[j, k]
-        if not 0.0 < d < math.inf:
+        if not 0.0 < d < math.inf or d <= least:
             return False
         d = 1.0 / math.sqrt(d)
         D[j, j] = d  # the reciprocal, which is what the solutions need

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
+from soro_core.linear import inverse
 
 Array: TypeAlias = NDArray[np.float64]
 Force: TypeAlias = Callable[[Array, float], Array]
@@ -103,9 +104,9 @@ def _step(
     ahead = z + length * heading
     x = ahead
     try:
-        inverse = np.linalg.inv(np.vstack((slope, heading)))
+        back = inverse(np.vstack((slope, heading)))
         for _ in range(MOST_ITERATIONS):
-            change = inverse @ np.append(balance(x), heading @ (x - ahead))
+            change = back @ np.append(balance(x), heading @ (x - ahead))
             x = x - change
             if np.abs(change).max() < TOLERANCE:
                 return np.asarray(x)

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 
+# A pivot is the difference of an entry and some terms. Below this part of them it is their round-off, and the
+# matrix singular. No unit of a row or column changes that part.
+ROUND_OFF = 1e-12
+
 Array: TypeAlias = NDArray[np.float64]
 Integers: TypeAlias = NDArray[np.int64]
 
@@ -54,9 +58,10 @@ def cholesky_solve(A: Array, x: Array) -> bool:
     n = x.shape[0]
     for j in range(n):
         d = A[j, j]
+        least = ROUND_OFF * d
         for k in range(j):
             d -= A[j, k] * A[j, k]
-        if not d > 0.0 or d == math.inf:
+        if not 0.0 < d < math.inf or d <= least:
             return False
         d = math.sqrt(d)
         A[j, j] = d
@@ -80,14 +85,21 @@ def cholesky_solve(A: Array, x: Array) -> bool:
 def lu_factor(A: Array, pivots: Integers) -> bool:
     """A <- L and U with row pivots; False if A is singular or not finite."""
     n = A.shape[0]
+    left = np.empty(n)  # of the terms of each pivot: what is little multiplies the round-off behind it
     for k in range(n):
         best = k
         for i in range(k + 1, n):
             if abs(A[i, k]) > abs(A[best, k]):
                 best = i
         pivots[k] = best
-        if not 0.0 < abs(A[best, k]) < math.inf:
+        size, terms, doubt = abs(A[best, k]), 0.0, 0.0
+        for j in range(k):
+            term = abs(A[best, j] * A[j, k])
+            terms += term
+            doubt += term / left[j]
+        if not ROUND_OFF * doubt < size < math.inf:
             return False
+        left[k] = 1.0 if size >= terms else size / terms
         if best != k:
             for j in range(n):
                 A[k, j], A[best, j] = A[best, j], A[k, j]

@@ -16,8 +16,9 @@ STRAINS: tuple[Strain, ...] = ("torsion", "bending_x", "bending_y", "elongation"
 DEFAULT_STRAINS: tuple[str, ...] = ("elongation", "bending_x", "bending_y")
 MAX_ORDER = 12
 MIN_SAMPLES = 4  # a cubic needs four
-# Modes count as dependent below this ratio of their smallest and largest singular values, each scaled to 1.
-_INDEPENDENT = 1e-8
+# Modes count as dependent below this ratio of their smallest and largest singular values, each scaled to 1:
+# the inertia has its square, which must stay above round-off.
+_INDEPENDENT = 1e-6
 
 
 class StrainField(Strict):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
+from soro_core.linear import inverse
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ class TipPid(Law[TipState]):
         assert isinstance(options, TipPidOptions)
         self.setting, self.options = setting, options
         # One value a coordinate: its own stiffness where the arm is straight.
-        self.compliance = np.linalg.inv(setting.arm.stiffness_matrix(np.zeros(setting.arm.n_q)))
+        self.compliance = inverse(setting.arm.stiffness_matrix(np.zeros(setting.arm.n_q)))
 
     def heaviest_kg(self) -> float:
         """Return the load of the options [kg]."""

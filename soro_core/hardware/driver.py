@@ -20,9 +20,12 @@ from soro_core.hardware.latch import Latch
 from soro_core.hardware.lateness import Lateness
 from soro_core.hardware.platform import PlatformBase, ReadingAge
 from soro_core.hardware.port import EMPTY_PA, Array, BusStatistics, Exchange, Fault, Flags, Regulator
-from soro_core.hardware.supervisor_client import LOST, Supervisor, end, running
+from soro_core.hardware.supervisor import SILENCE_S
+from soro_core.hardware.supervisor_client import Supervisor, TakenOverError, end, running
 
 P = TypeVar("P", bound=PlatformBase)
+
+LOST = "supervisor_lost", "supervisor"  # code and source of the fault
 
 
 class Driver(Regulator, Generic[P]):
@@ -82,6 +85,8 @@ class Driver(Regulator, Generic[P]):
         self.seen_empty = False
         self._sources: tuple[str, ...] = self._names  # what faults call the chambers
         self._begun = self._configured = self._closed = False
+        self._presses = False  # whether set points other than 0 are on their way
+        self._watched_s = 0.0  # time of the last report to the supervisor
         self._cycles = self._now_ns = self.answers_lost = 0
         # One thread owns a driver; some families keep their devices alive by a second one.
         self._lock = threading.RLock()
@@ -188,11 +193,9 @@ class Driver(Regulator, Generic[P]):
         with self._lock:
             self._cycles, self._now_ns = self._cycles + 1, now_ns
             zeros = np.zeros(self.n_chambers)
-            setpoint = zeros if refused or self.latched else found.clip(low, high)
             # Report to the supervisor before pressure is commanded, because the driver may hang then.
-            if not self._watched(setpoint):
-                self.latch.add(LOST.code, LOST.source, LOST.message)
-            is_vent = bool(refused or self.latched)
+            self._watched(zeros if refused or self.latched else found)
+            setpoint, is_vent = found.clip(low, high), bool(refused or self.latched)
             fresh = self._transferred(zeros if is_vent else setpoint, is_vent)
             passing = list(self.judge())
             return Exchange(
@@ -248,6 +251,8 @@ class Driver(Regulator, Generic[P]):
         end_s = self.clock() + period_s
         self._now_ns += round(1e9 * period_s)
         self._watched(setpoint_pa)
+        if self._lost_supervisor:
+            setpoint_pa = np.zeros(self.n_chambers)
         fresh = self._transferred(setpoint_pa, False)
         try:
             while not self.lockstep and (left_s := end_s - self.clock()) > 0:
@@ -256,17 +261,41 @@ class Driver(Regulator, Generic[P]):
             self.on_lost(error)
         return np.where(fresh, self.pressure_pa, np.nan)
 
+    def require_watch(self) -> None:
+        """Check the time directly before a message; set points that come too late must not follow a vent.
+
+        The process of the driver may stand still anywhere in a cycle, and the supervisor vents meanwhile.
+
+        Raises
+        ------
+        TakenOverError
+            If the cycle commands pressure and the supervisor may have vented since its last report.
+        """
+        if self.supervisor is not None and self._presses and not self._lost_supervisor:
+            pause_s = time.monotonic() - self._watched_s
+            if pause_s > SILENCE_S:
+                raise TakenOverError(
+                    f"the driver stood still for {pause_s:.2f} s, the supervisor may have vented"
+                )
+
     # -- a cycle -----------------------------------------------------------------------------------
 
     def _transferred(self, setpoint_pa: Array, is_vent: bool) -> Flags:
         """Transfer set points; return which chambers (n,) were sampled."""
         if setpoint_pa.any():
             self.seen_empty = False  # a connection may be lost after the set points have passed it
+        self._presses = bool(setpoint_pa.any())
         try:
-            fresh = self.transfer(setpoint_pa, is_vent)
+            try:
+                fresh = self.transfer(setpoint_pa, is_vent)
+            except TakenOverError as error:
+                self.latch.add(*LOST, str(error))
+                fresh = self.transfer(np.zeros(self.n_chambers), True)
         except HardwareError as error:
             self.on_lost(error)
             fresh = False
+        finally:
+            self._presses = False
         sampled = np.broadcast_to(fresh, (self.n_chambers,)).copy()
         if self.sent_pa.any():
             self.seen_empty = False
@@ -284,7 +313,7 @@ class Driver(Regulator, Generic[P]):
         fall_pa = self.platform.shutdown_ramp_pa_s * period_s
         setpoint = np.zeros(self.n_chambers) if self.latched else self.sent_pa.copy()
         while setpoint.any():
-            setpoint -= np.clip(setpoint, -fall_pa, fall_pa)
+            setpoint -= setpoint if self.latched else np.clip(setpoint, -fall_pa, fall_pa)
             self.paced(setpoint)
         shortest, longest = (round(time_s / period_s) for time_s in self.rest_s)
         for done in range(longest):
@@ -294,6 +323,14 @@ class Driver(Regulator, Generic[P]):
                 return True
         return False
 
-    def _watched(self, setpoint_pa: Array) -> bool:
-        """Report to the supervisor; return False if there should be one and it has ended."""
-        return self.supervisor is None or self.supervisor.watches(self.is_pressed(setpoint_pa))
+    def _watched(self, setpoint_pa: Array) -> None:
+        """Report to the supervisor; latch a fault if there should be one and it does not protect the arm."""
+        if self.supervisor is None:
+            return
+        self._watched_s = time.monotonic()
+        if not self.supervisor.watches(self.is_pressed(setpoint_pa)):
+            self.latch.add(*LOST, self.supervisor.lost)
+
+    @property
+    def _lost_supervisor(self) -> bool:
+        return self.latch.has(*LOST)

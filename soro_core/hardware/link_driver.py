@@ -60,6 +60,7 @@ class LinkDriver(Driver[P]):
     ) -> None:
         super().__init__(platform, times, clock, lockstep)
         self.link, self._freshness = link, times
+        link.before_send = self.require_watch
 
     @classmethod
     def over_tcp(

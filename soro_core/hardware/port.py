@@ -59,7 +59,7 @@ FAULT_CODES = {
     "setpoint_ignored": "the device has confirmed or keeps a set point that differs from the sent one",
     "command_rejected": "the device has refused a required command",
     "sensor_failed": "the device reports that it cannot measure its pressure",
-    "supervisor_lost": "the process that vents when the driver dies has ended",
+    "supervisor_lost": "the process that vents when the driver dies has ended, stands still, or has vented",
     "link_lost": "the connection to the device is lost",
     "out_of_sync": "the byte stream of the device was invalid, so the driver connected again",
     "watchdog_vented": "a watchdog has vented because no set point arrived in time",

@@ -7,14 +7,16 @@ until the devices confirm it. The script uses the standard library only: it star
 the driver's packages does not affect it.
 
 The process also vents when a driver that has commanded pressure hangs. Then it ends; a driver that continues
-detects this, and vents.
+detects this, and vents. While it waits, the process writes the time into a file in memory, so that the driver
+detects a process that stands still.
 
 It cannot vent when the machine stops or a cable is unplugged: the arm needs a normally open dump valve.
 
-Standard input is a Unix socket. A message is ``end``; ``left`` (the driver ends, but readings have not shown
-the arm empty); ``+`` (the driver works and commands pressure; the next message must follow in time); ``-``
-(the driver works and commands no pressure); or a plan, which replaces the last plan and cancels ``+``. A plan
-is a JSON list with one entry for each line; the descriptors have the same order. An entry has
+Standard input is a Unix socket; the argument is the descriptor of the file. A message is ``end``; ``left``
+(the driver ends, but readings have not shown the arm empty); ``+`` (the driver works and commands pressure;
+the next message must follow in time); ``-`` (the driver works and commands no pressure); or a plan, which
+replaces the last plan and cancels ``+``. A plan is a JSON list with one entry for each line; the descriptors
+have the same order. An entry has
 
 - ``name``: name of the line, for messages;
 - ``begin``: bytes (as Latin-1) that end an incomplete request of the driver, or nothing;
@@ -31,6 +33,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import select
@@ -45,7 +48,9 @@ from typing import Any
 
 _MESSAGE, _LINES = 1 << 20, 64
 _SETTLE_S = 0.02
-SILENCE_S = 0.3  # longest time between two messages of a driver that commands pressure
+SILENCE_S = 0.3  # longest time between two signs of life: of a driver that commands pressure, of this process
+_BEAT_S = 0.02
+SIGN = struct.Struct("d")  # time of `time.monotonic` [s], the same clock in both processes
 LEFT = "the driver ended and has not seen the arm empty"
 _MOST_CHUNKS, _LONGEST_ANSWER = 8, 4096
 
@@ -53,22 +58,29 @@ Entry = dict[str, Any]
 Held = list[tuple[Entry, int]]
 
 
-def await_end(control: socket.socket) -> tuple[Held, str]:
+def await_end(control: socket.socket, sign: int) -> tuple[Held, str]:
     """Wait until the driver ends or hangs; return the plan, empty after an orderly end, and the reason."""
     held: Held = []
+    limit_s = math.inf
+    os.pwrite(sign, SIGN.pack(time.monotonic()), 0)
     control.send(b"ready")
     while True:
+        now_s = time.monotonic()
+        os.pwrite(sign, SIGN.pack(now_s), 0)
+        # A message that has come counts, also if this process itself was late.
+        if not select.select([control], [], [], max(min(_BEAT_S, limit_s - now_s), 0.0))[0]:
+            if time.monotonic() >= limit_s:
+                return held, f"no set points for {SILENCE_S:g} s"
+            continue
         try:
             message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE, _LINES)
-        except TimeoutError:
-            return held, f"no set points for {SILENCE_S:g} s"
         except OSError:
             message = b""
         if not message:
             return held, "the driver died"
         if message == b"left":
             return held, LEFT
-        control.settimeout(SILENCE_S if message == b"+" else None)
+        limit_s = time.monotonic() + SILENCE_S if message == b"+" else math.inf
         if message in (b"+", b"-"):
             continue
         for _, descriptor in held:
@@ -170,7 +182,7 @@ def main() -> int:
     # A Ctrl-C reaches both processes: the driver shuts down in order, this one ends after it.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    held, why = await_end(socket.socket(fileno=sys.stdin.fileno()))
+    held, why = await_end(socket.socket(fileno=sys.stdin.fileno()), int(sys.argv[1]))
     if not held and why != LEFT:
         return 0
     started_s = time.monotonic()

@@ -5,25 +5,26 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import os
+import select
 import socket
 import subprocess
 import sys
+import time
+import weakref
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.port import Fault
 from soro_core.hardware.reason import reason
+from soro_core.hardware.supervisor import SIGN, SILENCE_S
 
 SCRIPT = Path(__file__).with_name("supervisor.py")
-START_LIMIT_S = 30.0
-_END_LIMIT_S = 2.0
-
-LOST = Fault(
-    "supervisor_lost", "supervisor", "the process that vents when the driver dies has ended", latched=True
-)
+START_LIMIT_S = 10.0
+_END_LIMIT_S, _POLL_S = 2.0, 0.002
+_WHO = "the process that vents when the driver dies"
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,19 @@ class VentPlan:
     begin: str = ""
 
 
+class TakenOverError(Exception):
+    """The supervisor may have vented, so no set point may follow."""
+
+
 class Supervisor:
-    """The supervisor: a process that vents when the driver's process dies.
+    """The supervisor: a process that vents when the driver's process dies or hangs.
+
+    No call waits for the process, except `wait_until_ready`, and `dismiss` for its end.
+
+    Attributes
+    ----------
+    lost : str
+        Why the process no longer protects the arm; empty while it does.
 
     Raises
     ------
@@ -49,14 +61,21 @@ class Supervisor:
 
     def __init__(self) -> None:
         self.control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self.control.settimeout(START_LIMIT_S)
-        self._is_ready = self._pressed = self._is_gone = False
+        self.control.setblocking(False)
+        # The process writes its signs of life into this file. Messages would fill a queue, and the newest
+        # ones would be lost, while the driver does not read; the last number in a file is always the newest.
+        self._sign = os.memfd_create("soro supervisor")
+        weakref.finalize(self, os.close, self._sign)
+        self.lost = ""
+        self._is_ready = self._pressed = False
+        self._told_s = self._since_s = time.monotonic()
         try:
             # Isolated, and in its own session: signals to the driver's group do not reach it.
             self.process: subprocess.Popen[bytes] = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(SCRIPT)],
+                [sys.executable, "-I", "-S", str(SCRIPT), str(self._sign)],
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
+                pass_fds=(self._sign,),
                 start_new_session=True,
                 cwd="/",
             )
@@ -69,19 +88,29 @@ class Supervisor:
     @property
     def is_alive(self) -> bool:
         """Whether the process waits for the driver's end; one that already vents does not."""
-        return not self._is_gone and self.process.poll() is None
+        if self.process.poll() is not None:
+            self._lose(f"{_WHO} has ended")
+        return not self.lost
 
     def watches(self, pressed: bool) -> bool:
         """Report that the driver works, and whether it commands pressure; return `is_alive`.
 
-        While pressure is commanded, the process vents 0.3 s after the last call.
+        While pressure is commanded, the process vents 0.3 s after the last call. So a driver that calls later
+        must not command pressure any more: the process counts as lost. It is also lost if it has given no
+        sign of life for 0.3 s. That time does not count a pause of the driver without pressure, because a
+        machine that stalls stops both.
         """
-        try:
-            if pressed or self._pressed:
-                self.control.send(b"+" if pressed else b"-", socket.MSG_DONTWAIT)
-        except OSError:  # the process vents, has ended or does not read
-            self._is_gone = True
+        now_s = time.monotonic()
+        pause_s, self._told_s = now_s - self._told_s, now_s
+        if pause_s > SILENCE_S:
+            self._since_s = now_s
+            if self._pressed:
+                self._lose(f"the driver stood still for {pause_s:.2f} s, so {_WHO} may have vented")
         self._pressed = pressed
+        if (silent_s := now_s - self._heard_s) > SILENCE_S:
+            self._lose(f"{_WHO} has stood still for {silent_s:.2f} s")
+        if not self.lost:
+            self._say(b"+" if pressed else b"-")
         return self.is_alive
 
     @property
@@ -99,19 +128,18 @@ class Supervisor:
         """
         if self._is_ready:
             return
-        try:
+        if not select.select([self.control], [], [], START_LIMIT_S)[0]:
+            raise HardwareError(f"not ready within {START_LIMIT_S:g} s", "supervisor", "silent")
+        with contextlib.suppress(OSError):  # of a process that has ended
             self._is_ready = bool(self.control.recv(16))
-        except TimeoutError:
-            raise HardwareError(f"not ready within {START_LIMIT_S:g} s", "supervisor", "silent") from None
-        except OSError:  # of a process that has ended
-            self._is_ready = False
         if not self._is_ready:
             raise HardwareError("its process ended at the start", "supervisor", "gone")
+        self._told_s = self._since_s = time.monotonic()
 
     def hold(self, plan: Sequence[VentPlan], descriptors: Sequence[int]) -> None:
         """Pass a plan and the descriptor of each line to the process, in place of the last plan.
 
-        If the process has ended, the call does not raise; `is_alive` is then false.
+        If the process has ended or stands still, the call does not raise; `is_alive` is then false.
 
         Raises
         ------
@@ -121,9 +149,7 @@ class Supervisor:
         self.wait_until_ready()
         message = json.dumps([asdict(line) for line in plan]).encode()
         try:
-            socket.send_fds(self.control, [message], descriptors)
-        except ConnectionError:
-            pass
+            self._send(message, descriptors)
         except OSError as error:
             raise HardwareError(f"cannot receive the ports ({reason(error)})", "supervisor", "open") from None
 
@@ -135,16 +161,37 @@ class Supervisor:
         """End the process at once, or, if the arm is not `vented`, after it has vented it."""
         self._say(b"end" if vented else b"left")
         self.control.close()
-        try:
-            self.process.wait(_END_LIMIT_S)
-        except subprocess.TimeoutExpired:
-            if vented:
-                self.process.kill()
-                self.process.wait()
+        end_s = time.monotonic() + _END_LIMIT_S
+        while self.process.poll() is None and time.monotonic() < min(end_s, self._heard_s + SILENCE_S):
+            time.sleep(_POLL_S)
+        if vented and self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self._lose(f"{_WHO} has ended")
+
+    @property
+    def _heard_s(self) -> float:
+        """Time from which silence of the process counts: its last sign of life, or the driver's pause."""
+        sign = os.pread(self._sign, SIGN.size, 0)
+        return max(SIGN.unpack(sign)[0], self._since_s) if sign else self._since_s
+
+    def _lose(self, why: str) -> None:
+        self.lost = self.lost or why
 
     def _say(self, message: bytes) -> None:
-        with contextlib.suppress(OSError):
-            self.control.send(message)
+        try:
+            self._send(message)
+        except OSError as error:
+            self._lose(f"{_WHO} cannot be reached ({reason(error)})")
+
+    def _send(self, message: bytes, descriptors: Sequence[int] = ()) -> None:
+        """Send a message without waiting; a process that does not take it is lost."""
+        try:
+            socket.send_fds(self.control, [message], descriptors)
+        except BlockingIOError:
+            self._lose(f"{_WHO} reads no messages")
+        except ConnectionError:
+            self._lose(f"{_WHO} has ended, or vents because the driver stood still")
 
 
 def end(supervisor: Supervisor | None, who: str, vented: bool) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from soro_core.emulation.line import Line
 from soro_core.errors import HardwareError
 
@@ -18,6 +20,7 @@ class LineLink:
     def __init__(self, line: Line) -> None:
         self.line = line
         self._open = False
+        self.before_send: Callable[[], None] = lambda: None
 
     @property
     def is_open(self) -> bool:
@@ -37,6 +40,7 @@ class LineLink:
 
     def send(self, data: bytes) -> None:
         self._check()
+        self.before_send()
         self.line.feed(data)
 
     def receive(self, timeout_s: float) -> bytes:

@@ -214,6 +214,22 @@ def test_guard_killed(served):
     regulator.close()
 
 
+def test_guard_stands_still(served):
+    """Nobody would vent after the server: it ends in time, and vents before."""
+    regulator = served.connect()
+    cycles(regulator, 20)
+    served.process.send_signal(signal.SIGSTOP)
+    try:
+        wait_for(lambda: cycles(regulator, 3)[-1].faults)
+        assert "link_lost" in {fault.code for fault in regulator.latched}
+        assert served.vented_ns()
+    finally:
+        served.process.send_signal(signal.SIGCONT)
+    assert served.process.wait(10) == 1
+    assert "the watching process stood still for" in served.process.stderr.read()
+    regulator.close()
+
+
 def test_terminated(served):
     regulator = served.connect()
     cycles(regulator, 20)

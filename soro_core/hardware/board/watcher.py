@@ -1,16 +1,21 @@
 """A process that watches the server's process, and vents the ports when it dies or hangs.
 
 A DAC keeps its voltage when no program writes to it. The server vents when messages of its host stop; this
-process vents when the server is killed, crashes or hangs.
+process vents when the server is killed, crashes or hangs. The server ends, with its ports at 0 Pa, when this
+process is killed or stands still.
 """
 
 from __future__ import annotations
 
+import array
 import contextlib
+import fcntl
+import math
 import os
 import select
 import signal
 import sys
+import termios
 import time
 from collections.abc import Callable, Sequence
 
@@ -46,7 +51,7 @@ def watched(
     child = os.fork()
     if child == 0:
         os.close(receiver)
-        _serve(run, sender)
+        _serve(run, Beat(sender, silence_s))
     os.close(sender)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: _terminate(child))
@@ -69,13 +74,15 @@ def watched(
     return 1 if code < 0 else code
 
 
-def _serve(run: Callable[[Callable[[], None]], int], sender: int) -> None:
+def _serve(run: Callable[[Callable[[], None]], int], beat: Beat) -> None:
     """Run the child process; never returns."""
     code = 1
     try:
-        code = run(lambda: _beat(sender))
+        code = run(beat)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
+        if isinstance(end.code, str):
+            sys.stderr.write(f"{end.code}\n")
     except SoroError as error:
         sys.stderr.write(f"{error}\n")
     except BaseException as error:
@@ -87,14 +94,35 @@ def _serve(run: Callable[[Callable[[], None]], int], sender: int) -> None:
         os._exit(code)
 
 
-def _beat(sender: int) -> None:
-    """Report that the server works; without the watching process the server ends."""
-    try:
-        os.write(sender, b".")
-    except BlockingIOError:
-        pass
-    except BrokenPipeError:
-        raise SystemExit("the watching process has ended") from None
+class Beat:
+    """Reports that the server works; ends the server if nobody reads the reports.
+
+    Parameters
+    ----------
+    sender : int
+        Pipe to the watching process.
+    silence_s : float
+        Time [s] for which that process may read nothing; a pause of the server itself does not count.
+    """
+
+    def __init__(self, sender: int, silence_s: float) -> None:
+        self._sender, self._silence_s = sender, silence_s
+        self._read_s, self._last_s = math.inf, math.inf
+
+    def __call__(self) -> None:
+        now_s, unread = time.monotonic(), array.array("i", [0])
+        fcntl.ioctl(self._sender, termios.FIONREAD, unread)
+        if not unread[0] or now_s - self._last_s > self._silence_s:
+            self._read_s = now_s
+        self._last_s = now_s
+        if (silent_s := now_s - self._read_s) > self._silence_s:
+            raise SystemExit(f"the watching process stood still for {silent_s:.2f} s")
+        try:
+            os.write(self._sender, b".")
+        except BlockingIOError:
+            pass
+        except BrokenPipeError:
+            raise SystemExit("the watching process has ended") from None
 
 
 def _watch(receiver: int, silence_s: float) -> None:

@@ -237,6 +237,7 @@ class SerialRegulator(Driver[SerialPlatform]):
         """Advance the lines and try to reopen lost ones; return those that stay lost, with their errors."""
         lost = {}
         for engine in self._engines:
+            self.require_watch()
             try:
                 engine.advance(self.now_ns())
             except HardwareError as error:

@@ -40,7 +40,15 @@ class TcpTransport(Strict):
 
 
 class ByteLink(Protocol):
-    """A connection as the drivers use it; every failure is a `HardwareError` and ends the connection."""
+    """A connection as the drivers use it; every failure is a `HardwareError` and ends the connection.
+
+    Attributes
+    ----------
+    before_send : callable
+        Called directly before bytes are sent; what it raises keeps them back.
+    """
+
+    before_send: Callable[[], None]
 
     @property
     def is_open(self) -> bool:
@@ -95,6 +103,7 @@ class TcpLink:
         self._pending: socket.socket | None = None  # a connection in progress
         self._pending_since_s = self._next_try_s = 0.0
         self._delay_s = FIRST_DELAY_S
+        self.before_send: Callable[[], None] = lambda: None
 
     @property
     def is_open(self) -> bool:
@@ -123,6 +132,7 @@ class TcpLink:
     def send(self, data: bytes) -> None:
         sock = self._require()
         deadline = self._clock() + self._send_timeout_s
+        self.before_send()
         try:
             while data:
                 try:

@@ -161,7 +161,7 @@ class ChamberInterface:
         self._node.get_logger().warning(f"command refused: {reason}", throttle_duration_sec=1.0)
 
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        cause = self._limiter.cause
+        cause = self._limiter.cause or self._limiter.why_stopped()
         response.success = cause is None
         response.message = "enabled" if cause is None else f"vented ({cause}): call ~/reset first"
         return response

@@ -10,6 +10,8 @@ import numpy as np
 from soro_core.emulation.vocabulary import CLEAR, KINDS, Injection
 from soro_core.errors import ConfigError
 
+_OPEN = {"burst": KINDS["burst"].default}
+
 
 class _Entry(NamedTuple):
     injection: Injection
@@ -51,6 +53,7 @@ class Faults:
         self._waiting: list[_Entry] = []
         self._active: list[_Entry] = []
         self._values: dict[str, dict[str, float]] = {}
+        self._dumped: dict[str, float] = {}
 
     def add(self, injection: Injection) -> None:
         """Schedule a fault, relative to now; a fault that is due begins at once.
@@ -111,8 +114,13 @@ class Faults:
         return self._values.get(chamber, {}).get(fault)
 
     def of(self, number: int) -> Mapping[str, float]:
-        """Return the active faults of a chamber, given its number, with their parameters."""
-        return self._values.get(self.chambers[number], {}) if self._values and self.chambers else {}
+        """Return the active faults of a chamber, given its number, with their parameters.
+
+        An open dump valve opens every chamber to the atmosphere, as a burst does.
+        """
+        if not self._values or not self.chambers:
+            return {}
+        return self._values.get(self.chambers[number], {}) | self._dumped
 
     def happens(self, fault: str) -> bool:
         """Draw whether a fault with a probability happens now."""
@@ -133,6 +141,9 @@ class Faults:
         self._values = {}
         for injection, _, _ in self._active:
             self._values.setdefault(injection.chamber, {})[injection.fault] = injection.parameter
+        of_all = self._values.get("", {})
+        is_open = "stop_pressed" in of_all or "dump_valve_open" in of_all
+        self._dumped = _OPEN if is_open and "dump_valve_stuck" not in of_all else {}
 
 
 def _nothing(_: Injection) -> None:

@@ -1,8 +1,9 @@
 """Names and effects of the faults of emulated devices, and one fault with its time and place.
 
-Bus faults act on bytes or frames in transit, device faults on one device, pneumatic faults on the valve and
-the line of one chamber, or on the chamber itself, sensor faults on its reading. A name means the same for
-every family; each family implements its effect (`Faults.value`, `Faults.on_start`).
+Bus faults act on bytes or frames in transit, those of the group stop on the emergency stop and the dump valve
+of the arm, device faults on one device, pneumatic faults on the valve and the line of one chamber, or on the
+chamber itself, sensor faults on its reading. A name means the same for every family; each family implements
+its effect (`Faults.value`, `Faults.on_start`).
 
 As text a fault is one YAML mapping, in scene files, on the command line, on the control socket and on the
 topic: ``{at: 5.0, fault: stuck_open, chamber: link0/chamber1, duration_s: 2.0}``.
@@ -19,7 +20,7 @@ from pydantic import Field, model_validator
 from soro_core.config import Strict, parse, read_mapping
 from soro_core.errors import ConfigError
 
-Group: TypeAlias = Literal["bus", "device", "pneumatic", "sensor"]
+Group: TypeAlias = Literal["bus", "stop", "device", "pneumatic", "sensor"]
 
 
 class Kind(NamedTuple):
@@ -48,6 +49,9 @@ KINDS: dict[str, Kind] = {
     ),
     "babble": Kind("bus", "a device floods the bus with one identifier", "can_id", 0.0, 0.0, 2047.0),
     "adapter_unplug": Kind("bus", "the adapter is unplugged from the host"),
+    "stop_pressed": Kind("stop", "the emergency stop is pressed: its contact and the dump valve are open"),
+    "dump_valve_open": Kind("stop", "the dump valve is without current: every chamber is open to the air"),
+    "dump_valve_stuck": Kind("stop", "the dump valve stays shut without current"),
     "reboot": Kind("device", "the device restarts and loses its settings and set points"),
     "brownout": Kind("device", "the device's supply voltage is low, then 0, and returns at the end"),
     "mute": Kind("device", "the device sends nothing; its valve still follows set points"),
@@ -92,12 +96,12 @@ KINDS: dict[str, Kind] = {
     ),
 }
 # Faults that every family supports, because all families share the model of the air and its sensors.
-OF_THE_AIR = frozenset(n for n, k in KINDS.items() if k.group in ("pneumatic", "sensor")) | {
+OF_THE_AIR = frozenset(n for n, k in KINDS.items() if k.group in ("stop", "pneumatic", "sensor")) | {
     "setpoint_ignored",
     "set_by_another",
 }
 CLEAR = "clear"
-_OF_ALL = ("bus",)
+OF_ALL: tuple[Group, ...] = ("bus", "stop")  # groups of faults that concern no single chamber
 
 
 class Injection(Strict):
@@ -105,7 +109,9 @@ class Injection(Strict):
 
     at: float = Field(0.0, ge=0, le=86400, description="seconds after the start, or after the injection")
     fault: str = Field(description="name of the fault, or clear: end all faults (of the chamber)")
-    chamber: str = Field("", description="chamber whose device, valve or sensor fails; empty for bus faults")
+    chamber: str = Field(
+        "", description="chamber whose device, valve or sensor fails; empty for bus and stop"
+    )
     duration_s: float = Field(0.0, ge=0, le=86400, description="duration [s]; 0: until it is cleared")
     value: float | None = Field(None, description="parameter of the fault, under its own name or this one")
 
@@ -132,7 +138,7 @@ class Injection(Strict):
         if self.fault not in KINDS:
             raise ValueError(f"fault: one of {', '.join([*KINDS, CLEAR])}")
         kind = KINDS[self.fault]
-        if (kind.group in _OF_ALL) == bool(self.chamber):
+        if (kind.group in OF_ALL) == bool(self.chamber):
             raise ValueError(
                 f"{self.fault}: {'no chamber' if self.chamber else 'a chamber, link0/chamber0 or so'}"
             )

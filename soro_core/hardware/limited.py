@@ -118,11 +118,12 @@ class LimitedRegulator(safety.Limiter):
     def reset(self, now_ns: Callable[[], int]) -> str | None:
         """Open the latch and return None, or return the refusal.
 
-        Succeeds only if the last accepted command was zero, whatever its age. If a device reported a fault,
-        the reset first repeats the start-up; if that fails, the latch stays closed and the refusal names the
-        device and the step.
+        Succeeds only if the last accepted command was zero, whatever its age, and no emergency stop is
+        pressed. If a device reported a fault, the reset first repeats the start-up; if that fails, the latch
+        stays closed and the refusal names the device and the step.
         """
         _, refusal = safety.reset(self.limits, self.state, now_ns())
+        refusal = refusal or self.why_stopped()
         # Devices that keep their pressure may need the start-up to vent.
         if refusal not in (None, self.state.kept):
             return refusal

@@ -112,6 +112,14 @@ class PlatformBase(Strict):
     shutdown_ramp_pa_s: float = Field(
         400e3, gt=0, le=10e6, description="rate at which the driver lowers the pressures at its end"
     )
+    stop_topic: str = Field(
+        "",
+        pattern=r"^(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?$",
+        description="topic of the emergency stop, std_msgs/msg/Bool, true while it is pressed; empty: none",
+    )
+    stop_timeout_s: float = Field(
+        0.5, ge=0.05, le=2, description="silence of that topic that counts as pressed"
+    )
     rating: Rating = Rating()
     emulation: EmulationBase = EmulationBase()
 

@@ -63,6 +63,7 @@ FAULT_CODES = {
     "link_lost": "the connection to the device is lost",
     "out_of_sync": "the byte stream of the device was invalid, so the driver connected again",
     "watchdog_vented": "a watchdog has vented because no set point arrived in time",
+    "stop_pressed": "the emergency stop is pressed, or the wire of its contact is broken",
     "device_error": "the device reports an error",
     "refused_setpoint": "a set point of the caller is not finite or out of range",
 }

@@ -106,6 +106,8 @@ class PacedRegulator:
         Function that returns the newest measured position of the tip (3,) [m], or None.
     clock : callable
         Function that returns the time [s].
+    why_stopped : callable
+        Function that returns why an emergency stop demands a vent, or None.
     """
 
     def __init__(
@@ -116,8 +118,10 @@ class PacedRegulator:
         lockstep: bool = False,
         tip: Callable[[], Array | None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
+        why_stopped: Callable[[], str | None] = lambda: None,
     ) -> None:
         self._limited = LimitedRegulator(platform, regulator, limits)
+        self._limited.why_stopped = why_stopped
         self._lockstep, self._tip, self._clock = lockstep, tip, clock
         self.period_s = 1.0 / platform.cycle_hz
         self._cycles = 0

@@ -29,6 +29,7 @@ from soro_core.safety.names import Names, note_message
 from soro_core.safety.remembered import MonitorState
 from soro_core.safety.state import SafetyState, initial_state
 from soro_core.safety.stateful import Limiter
+from soro_core.safety.stop import StopState, hear, why_stopped
 
 __all__ = [
     "HARD_LIMIT_PA",
@@ -39,9 +40,11 @@ __all__ = [
     "Names",
     "Rating",
     "SafetyState",
+    "StopState",
     "check_rating",
     "doubt",
     "for_regulators",
+    "hear",
     "initial_state",
     "interpolated",
     "judge",
@@ -51,4 +54,5 @@ __all__ = [
     "request_vent",
     "reset",
     "slew",
+    "why_stopped",
 ]

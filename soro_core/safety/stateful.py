@@ -28,6 +28,9 @@ class Limiter:
     ----------
     state : SafetyState
         State of limiter, monitors and latch.
+    why_stopped : callable
+        Returns why an emergency stop demands a vent, or None; a loop that reads one sets it. The limiter asks
+        at the begin of every cycle.
     """
 
     def __init__(
@@ -35,6 +38,7 @@ class Limiter:
     ) -> None:
         self.limits, self.names, self._response = limits, tuple(names), response
         self._range = limits
+        self.why_stopped: Callable[[], str | None] = lambda: None
         self.state = initial_state(len(self.names), self.names)
 
     @property
@@ -54,6 +58,8 @@ class Limiter:
 
     def slew(self, now_ns: int) -> Array:
         """Begin a cycle; return the set points (n,) [Pa gauge] to send, zeros if the limiter is latched."""
+        if (why := self.why_stopped()) is not None:
+            self.latch(why)
         self.state = limiter.slew(self._range, self.state, now_ns)
         return self.state.setpoint_pa
 
@@ -97,5 +103,7 @@ class Limiter:
 
     def reset(self, now_ns: Callable[[], int]) -> str | None:
         """Open the latch and return None, or return the reason of a refusal."""
+        if (why := self.why_stopped()) is not None:
+            return why
         self.state, refusal = limiter.reset(self.limits, self.state, now_ns())
         return refusal

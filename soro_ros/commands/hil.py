@@ -89,10 +89,15 @@ def first_pressure(
     most, trip = limits.maximum_pa / 1e3, limits.over_pressure_pa / 1e3
     typer.echo(f"limits: set points up to {most:g} kPa, trip above {trip:g} kPa; Ctrl-C vents", err=True)
     # A Ctrl-C while nothing moves yet, at the wait for a first pose, ends it at once.
-    with _tip_of(pose) as tip, signals.noted() as stopped, contextlib.closing(regulator):
+    with (
+        _tip_of(pose) as tip,
+        stop_of(loaded) as why_stopped,
+        signals.noted() as stopped,
+        contextlib.closing(regulator),
+    ):
         regulator.configure()
         target = new_folder(folder, "first-pressure")  # refuse a read-only folder before any air flows
-        guarded = PacedRegulator(loaded, regulator, limits, lockstep, tip)
+        guarded = PacedRegulator(loaded, regulator, limits, lockstep, tip, why_stopped=why_stopped)
         with punctual():
             state = pressurise(
                 plan,
@@ -157,10 +162,10 @@ def latency(
     question = f"{limits.maximum_pa / 1e3:g} kPa in each chamber, one at a time, for {took_s:.0f} s: go on?"
     if not yes and not typer.confirm(question):
         raise typer.Exit(1)
-    with signals.noted() as stopped, contextlib.closing(regulator):
+    with stop_of(loaded) as why_stopped, signals.noted() as stopped, contextlib.closing(regulator):
         regulator.configure()
         target = new_folder(folder, "latency")  # refuse a read-only folder before any air flows
-        guarded = PacedRegulator(loaded, regulator, limits, lockstep)
+        guarded = PacedRegulator(loaded, regulator, limits, lockstep, why_stopped=why_stopped)
         with punctual():
             try:
                 runs = measure(config, guarded, lambda: bool(stopped))
@@ -241,6 +246,18 @@ def show_question(question: str) -> None:
 def typed_answer() -> str | None:
     """Return a typed line without waiting; a closed input means no."""
     return (sys.stdin.readline() or "n") if _typed() else None
+
+
+@contextlib.contextmanager
+def stop_of(platform: PlatformBase) -> Iterator[Callable[[], str | None]]:
+    """Give a function that tells why an emergency stop demands a vent; without its topic it needs no ROS."""
+    if not platform.stop_topic:
+        yield lambda: None
+        return
+    from soro_ros.stop_topic import reading_stop
+
+    with reading_stop(platform) as why_stopped:
+        yield why_stopped
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ from soro_ros.diagnostics import OK, WARN
 from soro_ros.latch_file import LatchFile
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
+from soro_ros.stop_topic import StopTopic
 from soro_ros.timing import LoopTimer
 
 # Cause of a regular vent, which the next process does not need to know.
@@ -40,6 +41,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._left: str | None = None
         """Cause of the vent at the end of the previous configuration."""
         self._latch_file: LatchFile | None = None
+        self._stop: StopTopic | None = None
         super().__init__()
 
     def setup(self, config: RegulatorNodeConfig) -> None:
@@ -54,9 +56,12 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._limited, self._latch_file, self._tick_ns = None, None, None
         self._last_tick_wall = time.monotonic()
         self._regulator = regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
+        self._stop = StopTopic(self, platform) if platform.stop_topic else None
         self.get_logger().info(f"configuring {regulator.n_chambers} regulators of {config.platform}")
         regulator.configure()
         limited = LimitedRegulator(platform, regulator, config.limits, "parameters of regulator")
+        if self._stop is not None:
+            limited.why_stopped = self._stop.why_stopped
         self._active = False
         self._timer = LoopTimer(1.0 / config.rate_hz)
         # Number of refused commands at the last report.
@@ -86,6 +91,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._chambers.report_latch()
 
     def start(self) -> None:
+        if self._stop is not None:
+            self._stop.wait()
         self._active = True
         if self._lockstep:
             self._last_tick_wall = time.monotonic()

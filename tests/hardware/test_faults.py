@@ -12,7 +12,7 @@ from soro_core.emulation.control import answer_to
 from soro_core.emulation.faults import Faults
 from soro_core.emulation.line import Line
 from soro_core.emulation.line_faults import ON_BYTES, LineFaults
-from soro_core.emulation.vocabulary import KINDS, Injection, read_injection
+from soro_core.emulation.vocabulary import KINDS, OF_ALL, Injection, read_injection
 from soro_core.errors import ConfigError
 from soro_core.hardware.transport.frame import Frame
 from soro_core.pneumatics.regulator import RegulatorModel
@@ -47,7 +47,7 @@ def test_a_fault_reads_as_it_is_written():
 def test_every_word_survives_the_way_through_text(name, part, at, lasts):
     kind = KINDS[name]
     value = kind.low + part * (kind.high - kind.low) if kind.key else None
-    chamber = "" if kind.group == "bus" else "link1/chamber2"
+    chamber = "" if kind.group in OF_ALL else "link1/chamber2"
     fault = Injection(at=at, fault=name, chamber=chamber, duration_s=lasts, value=value)
     assert read_injection(fault.as_text()) == fault
 

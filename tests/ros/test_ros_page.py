@@ -13,6 +13,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_srvs.srv import Trigger
 
 from soro_core.bag import BagWriter, Topic
+from soro_core.hardware import load_platform
 from soro_core.robot import load_robot
 from soro_ros import faults, messages, middleware, parameters
 from soro_ros.interfaces import message_class, type_name
@@ -98,13 +99,16 @@ def offered(domain, tmp_path, monkeypatch):
     """Configure a node with its defaults; returns what it publishes, takes and serves."""
     monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: Answering())
     monkeypatch.setattr(faults, "ControlClient", lambda path: None)
+    stopped = {**load_platform("emulated_canopen").model_dump(mode="json"), "stop_topic": "safety/stop"}
+    platform = tmp_path / "platform.yaml"
+    platform.write_text(yaml.safe_dump(stopped))
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic(Topic("/numbers", "std_msgs/msg/UInt64"))
         writer.write("/numbers", bytes(12), 1)
 
     def offer(name: str, mode: str) -> tuple[set[Any], set[Any], set[str]]:
         needed = {
-            "regulator": ["device:=x"],
+            "regulator": ["device:=x", f"platform:={platform}"],
             "player": [f"bag:={tmp_path / 'bag'}"],
             "exciter": ["pose_rate_hz:=100.0"],
         }

@@ -7,9 +7,11 @@ from collections.abc import Callable
 
 from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 from soro_core.emulation.devices import ServedDevices
+from soro_core.emulation.faults import Faults
 from soro_core.hardware.board import chips
 from soro_core.hardware.board.board import Board
 from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.contact import StopInput
 from soro_core.hardware.board.ports import Ports
 
 
@@ -79,8 +81,8 @@ class EmulatedBoard(ServedDevices):
     def poll(self, now_ns: int) -> None:
         self._advance(now_ns)
         # In lockstep only this happens between two SETs; the answer to the next SET states the cause.
-        if self.lockstep and self.board.watchdog_ns is not None and now_ns >= self.board.watchdog_ns:
-            self.board.poll(now_ns)
+        if self.lockstep:
+            self.board.watch(now_ns)
 
     def take(self, chunk: bytes) -> None:
         """Process bytes of the host; in lockstep a SET ends a cycle."""
@@ -101,7 +103,9 @@ class EmulatedBoard(ServedDevices):
     def _boot(self) -> Board:
         self._boots += 1
         ports = Ports(self.platform, self.buses.__getitem__, self._settle)
-        board = Board(self.platform, ports, self._boots)
+        contact = self.platform.board.stop
+        stop = None if contact is None else StopInput(contact, _EmulatedContact(self.faults))
+        board = Board(self.platform, ports, self._boots, stop=stop)
         board.start(self.now_ns)
         return board
 
@@ -124,3 +128,16 @@ class EmulatedBoard(ServedDevices):
     def _sensor(self, port: int) -> Callable[[], float]:
         scale, divider = self.platform.scale_of(port), self.platform.board.adc_divider
         return lambda: scale.sensor_volts(self.air.reading_pa(port)) / divider
+
+
+class _EmulatedContact:
+    """The contact of the emergency stop, which a fault opens."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._faults = faults
+
+    def is_open(self) -> bool:
+        return self._faults.value("stop_pressed") is not None
+
+    def close(self) -> None:
+        pass

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from soro_core.hardware.board import core, frames, messages
 from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.contact import StopInput
 from soro_core.hardware.board.frames import BoardFrame, Kind
 from soro_core.hardware.board.messages import Cause, PortState, Refusal
 from soro_core.hardware.board.ports import PortReading, PortReport, Ports
@@ -27,6 +28,8 @@ class Board:
         Number that differs at each start of the server.
     on_report : callable
         Called with the result of every self-test.
+    stop : StopInput, optional
+        Contact of the emergency stop.
 
     Attributes
     ----------
@@ -40,6 +43,7 @@ class Board:
         ports: Ports,
         boot: int,
         on_report: Callable[[list[PortReport]], None] = lambda reports: None,
+        stop: StopInput | None = None,
     ) -> None:
         options, allowed = platform.board, platform.range
         self.rules = core.Rules(
@@ -51,7 +55,7 @@ class Board:
         )
         self.state = core.initial_state(self.rules)
         self.ports, self.set_points = ports, 0
-        self._boot, self._on_report = boot & 0xFFFFFFFF, on_report
+        self._boot, self._on_report, self._stop = boot & 0xFFFFFFFF, on_report, stop
         self._watchdog_ms = round(options.watchdog_s * 1e3)
         self._refresh_ns = round(1e9 / options.refresh_hz)
         self._heartbeat_ns = round(options.heartbeat_s * 1e9)
@@ -82,7 +86,7 @@ class Board:
 
     def start(self, now_ns: int) -> list[PortReport]:
         """Make the self-test; afterwards every port is at 0 Pa."""
-        reports = self._test()
+        reports = self._test(now_ns)
         self._exchange(now_ns)
         return reports
 
@@ -100,7 +104,7 @@ class Board:
 
     def feed(self, chunk: bytes, now_ns: int) -> bytes:
         """Process bytes of the host; return the answer."""
-        self.state = core.watch(self.rules, self.state, now_ns)
+        self.watch(now_ns)
         output, answer = b"", False
         for frame in self._decoder.feed(chunk):
             self.state, why, port = core.receive(self.rules, self.state, frame, now_ns)
@@ -109,7 +113,7 @@ class Board:
             elif frame.kind is Kind.HELLO:
                 output += frames.encode(self._welcome(frame.sequence))
             elif frame.kind is Kind.RESET:
-                self._test()
+                self._test(now_ns)
             self.set_points += why is None and frame.kind is Kind.SET
             answer = answer or (why is None and frame.kind in _ANSWERED)
             if frame.kind is Kind.BYE:
@@ -123,14 +127,22 @@ class Board:
 
     def poll(self, now_ns: int) -> bytes:
         """Process the due events (watchdog, refresh of the ports, heartbeat); return bytes for the host."""
-        before = self.state
-        self.state = core.watch(self.rules, self.state, now_ns)
-        tripped = self.state.cause is not before.cause
-        if tripped or now_ns >= self._exchanged_ns + self._refresh_ns:
+        tripped = self.watch(now_ns)
+        if now_ns >= self._exchanged_ns + self._refresh_ns:
             self._exchange(now_ns)
         if self.state.greeted and (tripped or now_ns >= self._sent_ns + self._heartbeat_ns):
             return self._report(now_ns)
         return b""
+
+    def watch(self, now_ns: int) -> bool:
+        """Look at stop contact and watchdog; return whether the latch has closed, with every port at 0 Pa."""
+        before = self.state.cause
+        is_pressed = self._stop is not None and self._stop.is_pressed(now_ns)
+        self.state = core.watch(self.rules, self.state, now_ns, is_pressed)
+        tripped = self.state.cause is not before
+        if tripped:
+            self._exchange(now_ns)
+        return tripped
 
     def host_gone(self, now_ns: int) -> None:
         """Vent, because the connection has ended."""
@@ -144,9 +156,10 @@ class Board:
         self.ports.vent()
         return self._report(now_ns) if self.state.greeted else b""
 
-    def _test(self) -> list[PortReport]:
+    def _test(self, now_ns: int) -> list[PortReport]:
         reports = self.ports.self_test()
         self.state = core.tested(self.state, not any(report.error for report in reports))
+        self.watch(now_ns)
         self._on_report(reports)
         return reports
 

@@ -35,6 +35,16 @@ class BoardPort(Strict):
     scale: str = Field(description="name of the scale of the regulator at this port")
 
 
+class StopContact(Strict):
+    """The contact of the emergency stop between a GPIO and ground: closed at rest, open when pressed."""
+
+    chip: str = Field("/dev/gpiochip0", description="GPIO chip, as `gpiodetect` lists them")
+    line: int = Field(ge=0, le=511, description="number of the line, on a Raspberry Pi that of the GPIO")
+    debounce_s: float = Field(
+        0.01, ge=0, le=0.05, description="time for which the contact must read open, or closed, to count"
+    )
+
+
 class BoardOptions(Strict):
     """Converters and times of the board."""
 
@@ -62,6 +72,10 @@ class BoardOptions(Strict):
     adc_rate_sps: int = Field(490, description="conversions a second")
     hosts: tuple[str, ...] = Field(
         (), strict=False, description="addresses and networks whose hosts may connect; empty: every host"
+    )
+
+    stop: StopContact | None = Field(
+        None, description="contact of the emergency stop, at which the board vents; none: not wired"
     )
 
     def admits(self, address: str) -> bool:

@@ -5,9 +5,9 @@ The rules that keep the arm safe:
 - Only a SET with the right CRC, length, sequence and range commands pressure, from a host that has sent
   HELLO, while nothing is latched.
 - The first good SET arms the watchdog, each further one feeds it. The board vents every port and latches
-  after `watchdog_ns` without a SET, after the end of a connection without BYE, and when a chip fails or has
-  been without power.
-- Only RESET opens the latch, at 0 Pa, after another successful self-test.
+  after `watchdog_ns` without a SET, after the end of a connection without BYE, when a chip fails or has been
+  without power, and while the contact of the emergency stop is open.
+- Only RESET opens the latch, at 0 Pa, after another successful self-test, with the contact closed.
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ def tested(state: BoardState, passed: bool) -> BoardState:
     return replace(state, cause=Cause.NONE if passed else Cause.SELF_TEST)
 
 
-def watch(rules: Rules, state: BoardState, now_ns: int) -> BoardState:
-    """Latch when no SET has arrived for the time of the watchdog.
+def watch(rules: Rules, state: BoardState, now_ns: int, is_pressed: bool = False) -> BoardState:
+    """Latch when the emergency stop is pressed, or no SET has arrived for the time of the watchdog.
 
     Parameters
     ----------
@@ -123,7 +123,11 @@ def watch(rules: Rules, state: BoardState, now_ns: int) -> BoardState:
         State before the call.
     now_ns : int
         Present time [ns].
+    is_pressed : bool
+        Whether the emergency stop is pressed.
     """
+    if is_pressed:
+        return latch(state, Cause.STOP_CONTACT)
     if state.fed_ns is not None and now_ns - state.fed_ns >= rules.watchdog_ns:
         return latch(state, Cause.WATCHDOG)
     return state

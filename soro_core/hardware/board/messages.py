@@ -57,6 +57,7 @@ class Cause(enum.IntEnum):
     CHIP_RESET = 4
     SELF_TEST = 5
     STOPPING = 6
+    STOP_CONTACT = 7
 
 
 class PortFlag(enum.IntFlag):

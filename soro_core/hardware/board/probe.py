@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 from soro_core.hardware.board import texts
 from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.messages import Cause
 from soro_core.hardware.board.session import Session
 from soro_core.hardware.finding import Finding, examined
 
@@ -51,6 +52,9 @@ def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]
         yield Finding(
             "range on the board", "fail", found, "give the Pi the same platform file and restart it"
         )
+    if state.cause is Cause.STOP_CONTACT:
+        advice = "release the emergency stop; if it is, look for a broken wire of its contact"
+        yield Finding("stop contact", "warn", f"the board {texts.CAUSES[state.cause][1]}", advice)
     if complaints := texts.complaints(state):
         advice = "check the chips' power, address and bus: `soro board CONFIG --check` on the Pi"
         yield Finding("chips", "warn", complaints.strip(" ()"), advice)

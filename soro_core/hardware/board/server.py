@@ -17,7 +17,8 @@ from concurrent.futures import ThreadPoolExecutor
 from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.hardware.board.board import Board, describe
 from soro_core.hardware.board.chips import I2cBus
-from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.config import BoardPlatform, StopContact
+from soro_core.hardware.board.contact import ContactLine, GpioLine, StopInput
 from soro_core.hardware.board.i2c import LinuxI2c
 from soro_core.hardware.board.loop import Server
 from soro_core.hardware.board.ports import Ports
@@ -32,6 +33,7 @@ def serve(
     address: tuple[str, int],
     announce: Callable[[str], None],
     beat: Callable[[], None] = lambda: None,
+    open_contact: Callable[[StopContact], ContactLine] = GpioLine,
 ) -> None:
     """Test the ports and serve them until SIGTERM or SIGINT.
 
@@ -47,6 +49,8 @@ def serve(
         Called with each line of output: the self-tests, then ``ready: host:port``.
     beat : callable
         Called in every turn of the loop.
+    open_contact : callable
+        Opens the line of the emergency stop's contact.
 
     Raises
     ------
@@ -59,8 +63,9 @@ def serve(
         executor = stack.enter_context(ThreadPoolExecutor(len(buses))) if len(buses) > 1 else None
         ports = Ports(platform, open_bus, time.sleep, executor)
         stack.callback(ports.close)
+        stop = _stop_of(platform, open_contact, stack)
         boot = int.from_bytes(os.urandom(4), "little")
-        board = Board(platform, ports, boot, lambda reports: _say(announce, describe(reports)))
+        board = Board(platform, ports, boot, lambda reports: _say(announce, describe(reports)), stop)
         board.start(time.monotonic_ns())
         try:
             listener = stack.enter_context(socket.create_server(address))
@@ -81,6 +86,7 @@ def run_board(
     check: bool = False,
     store_safe: bool = False,
     open_bus: Callable[[int], I2cBus] = LinuxI2c,
+    open_contact: Callable[[StopContact], ContactLine] = GpioLine,
 ) -> int:
     """Run the command `soro board`.
 
@@ -96,6 +102,8 @@ def run_board(
         Make the self-test and end; store 0 Pa as power-on value first.
     open_bus : callable
         Opens an I2C bus by its number.
+    open_contact : callable
+        Opens the line of the emergency stop's contact.
 
     Returns
     -------
@@ -111,7 +119,7 @@ def run_board(
     if not isinstance(platform, BoardPlatform):
         raise ConfigError(config, "family", platform.family, "soro_board")
     if check or store_safe:
-        return _test(platform, open_bus, announce, store_safe)
+        return _test(platform, open_bus, open_contact, announce, store_safe)
 
     host, _, port = listen.rpartition(":") if ":" in listen else (listen, "", "")
     if not f"{port or 0}".isdecimal():
@@ -121,7 +129,7 @@ def run_board(
     watchers_own = Ports(platform, open_bus, time.sleep)
 
     def run(beat: Callable[[], None]) -> int:
-        serve(platform, open_bus, address, announce, beat)
+        serve(platform, open_bus, address, announce, beat, open_contact)
         return 0
 
     return watched(run, watchers_own.vent, platform.board.hang_s)
@@ -130,6 +138,7 @@ def run_board(
 def _test(
     platform: BoardPlatform,
     open_bus: Callable[[int], I2cBus],
+    open_contact: Callable[[StopContact], ContactLine],
     announce: Callable[[str], None],
     store_safe: bool,
 ) -> int:
@@ -138,7 +147,25 @@ def _test(
         ports.store_safe()
     reports = ports.self_test()
     _say(announce, describe(reports))
+    with contextlib.ExitStack() as stack:
+        if (stop := _stop_of(platform, open_contact, stack)) is not None:
+            is_pressed = stop.is_pressed(time.monotonic_ns())
+            announce(f"stop contact: {'OPEN: pressed, or a broken wire' if is_pressed else 'closed'}")
     return int(any(report.error for report in reports))
+
+
+def _stop_of(
+    platform: BoardPlatform,
+    open_contact: Callable[[StopContact], ContactLine],
+    stack: contextlib.ExitStack,
+) -> StopInput | None:
+    """Open the contact of the emergency stop, if there is one; the end of the stack closes it."""
+    contact = platform.board.stop
+    if contact is None:
+        return None
+    line = open_contact(contact)
+    stack.callback(line.close)
+    return StopInput(contact, line)
 
 
 def _say(announce: Callable[[str], None], lines: list[str]) -> None:

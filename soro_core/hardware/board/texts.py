@@ -11,6 +11,10 @@ CAUSES = {
     Cause.CHIP_RESET: ("rebooted", "has vented: a chip has been without power"),
     Cause.SELF_TEST: ("device_error", "has failed its self-test"),
     Cause.STOPPING: ("left_operational", "has been stopped"),
+    Cause.STOP_CONTACT: (
+        "stop_pressed",
+        "has vented: the contact of the emergency stop is open (pressed, or a broken wire)",
+    ),
 }
 _REFUSALS: dict[int, str] = {
     Refusal.BUSY: "serves another host",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from soro_core.emulation.vocabulary import KINDS, Injection, read_injection
+from soro_core.emulation.vocabulary import KINDS, OF_ALL, Injection, read_injection
 
 CHAMBER = "link0/chamber1"
 
@@ -55,6 +55,6 @@ class Row:
         found = []
         for text in self.fault.split(";"):
             name = text.split(",")[0].strip()
-            where = "" if KINDS[name].group == "bus" else f", chamber: {CHAMBER}"
+            where = "" if KINDS[name].group in OF_ALL else f", chamber: {CHAMBER}"
             found.append(read_injection(f"fault: {text.strip()}{where}"))
         return found

@@ -11,7 +11,7 @@ from typing import cast
 from soro_core.bag import metadata as bag_metadata
 from soro_core.bag.mcap_file import Compression, McapFile
 from soro_core.bag.metadata import FilePart, Metadata
-from soro_core.bag.part import Part
+from soro_core.bag.part import Block, Part
 from soro_core.bag.reader import BagReader, part_files
 from soro_core.bag.summary import open_part
 from soro_core.errors import BagError
@@ -71,11 +71,13 @@ def _repair_part(path: Path) -> PartRepair:
     part = open_part(path, index=False)
     draft = path.with_name(path.name + ".repair")
     try:
+        if part.over:
+            raise BagError(f"{part.over}: not repaired", path, "damaged")
         if _is_sound(part):
             return PartRepair(path, part.message_count, False, (), None)
         if part.private_count:
             part.lossy = True
-            part.problems.append(f"{path.name}: {part.private_count} records of private kinds; left out")
+            part.remarks.append(f"{part.private_count} records of private kinds; left out")
         _rewrite(part, draft)
         # The original keeps the bytes that are left out.
         original = _free_name(path) if part.lossy else None
@@ -111,12 +113,16 @@ def _is_sound(walked: Part) -> bool:
         and {**part.counts} == {**walked.counts}
         and part.metadata == walked.metadata
         and part.attachments == walked.attachments
-        and part.chunks == walked.chunks
+        and sorted(part.blocks, key=_offset) == walked.blocks
     )
     if not same:
         state = "is not that of the file" if part.indexed else "is missing or leaves something out"
-        walked.problems.append(f"{walked.path.name}: the index {state}")
+        walked.remarks.append(f"the index {state}")
     return same
+
+
+def _offset(block: Block) -> int:
+    return block.offset
 
 
 def _rewrite(part: Part, draft: Path) -> None:

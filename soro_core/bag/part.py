@@ -101,6 +101,7 @@ class Part:
     remarks: list[str] = field(default_factory=list)
     _damages: dict[bool, dict[str, tuple[int, int]]] = field(default_factory=lambda: {True: {}, False: {}})
     _described: int = 0
+    _lost: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.source = Source(self.stream, self.size)
@@ -175,23 +176,16 @@ class Part:
         return (min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)) if blocks else None
 
     def messages(self, block: Block) -> Iterator[Message]:
-        """Yield the messages of a block in the order of the file.
+        """Yield the messages of a block in the order of the file; raise Damage if it is damaged."""
+        for message in messages(self.content(block)):
+            if message.channel_id in self.channels:
+                yield message
 
-        Raises
-        ------
-        BagError
-            If the block is damaged, which only the reading of all records finds.
-        """
-        try:
-            for message in messages(self.content(block)):
-                if message.channel_id in self.channels:
-                    yield message
-                elif self.indexed:
-                    raise Damage(f"a message of an unknown channel {message.channel_id}")
-        except Damage as damage:
-            raise BagError(
-                f"{damage}; 'soro bag repair' keeps the rest", self.path, "damaged", f"byte {block.offset}"
-            ) from None
+    def lose(self, block: Block, damage: Damage) -> None:
+        """Note a block that the index names and that is damaged, once."""
+        if block.offset not in self._lost:
+            self._lost.add(block.offset)
+            self.note(block.offset, damage)
 
     def content(self, block: Block) -> memoryview:
         """Return the records in a block; raise Damage if it is damaged."""

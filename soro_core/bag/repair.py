@@ -13,6 +13,7 @@ from soro_core.bag.mcap_file import Compression, McapFile
 from soro_core.bag.metadata import FilePart, Metadata
 from soro_core.bag.part import Block, Part
 from soro_core.bag.reader import BagReader, part_files
+from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
 from soro_core.errors import BagError
 
@@ -64,6 +65,8 @@ def _files(bag: Path, before: Metadata | None) -> list[Path]:
     for file in files:
         if file.suffix == ".zstd":
             raise BagError("compressed as a whole; unpack it first ('zstd -d')", file, "format")
+        if file.suffix == ".db3":
+            raise BagError("storage sqlite3; allowed: mcap ('ros2 bag convert' changes it)", file, "format")
     return files
 
 
@@ -84,6 +87,8 @@ def _repair_part(path: Path) -> PartRepair:
         if original is not None:
             os.replace(path, original)
         os.replace(draft, path)
+    except Damage as damage:
+        raise BagError(f"{damage}: it changes while it is read", path, "damaged") from None
     except OSError as error:
         raise BagError(f"cannot be rewritten: {error.strerror}", path, "disk") from None
     finally:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-import zlib
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -13,21 +12,20 @@ from typing import IO
 
 import zstandard
 from mcap import records as kinds
-from mcap.records import AttachmentIndex, Channel, ChunkIndex, Message, Schema
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, Message, Schema
 
-from soro_core.bag.blocks import Block
-from soro_core.bag.records import (
-    ATTACHMENT,
-    MESSAGE,
-    PREFIX,
-    Damage,
-    parse,
-    parse_message,
-    records,
-)
+from soro_core.bag.chunks import messages, unpack, unpack_cut
+from soro_core.bag.records import PREFIX, Damage, Source
 from soro_core.errors import BagError
 
 _STEP = 1 << 20
+# Most bytes of definitions, and of texts that describe topics or the file; each of the latter counts four times.
+_MOST_DESCRIBED = 1 << 24
+# Most metadata records, and most attachments.
+_MOST_NAMED = 10_000
+# Most kinds of damage that are named.
+_MOST_TEXTS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +39,49 @@ class Attachment:
     data: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A chunk, or neighbouring messages outside chunks.
+
+    Parameters
+    ----------
+    start_ns, end_ns : int
+        Log times of the earliest and the latest message.
+    offset, length : int
+        Position and length in the file [B].
+    size : int
+        Length of the records in a chunk [B]; -1 of messages outside chunks, -2 of a chunk without end.
+    index : int
+        Digest of compression, and of the places of the indexes of its messages.
+    indexes : int
+        Length of these indexes, behind the chunk [B].
+    """
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    length: int
+    size: int
+    index: int = 0
+    indexes: int = 0
+
+
+OUTSIDE, CUT = -1, -2
+
+
 @dataclass
 class Part:
-    """Contents of one file; `problems` lists what is damaged or missing, `lossy` whether data is lost."""
+    """Contents of one file.
+
+    Attributes
+    ----------
+    indexed : bool
+        Whether the index was used; else all records were read.
+    lossy : bool
+        Whether recorded data is lost.
+    over : str
+        What there is more of than is read; "" for nothing.
+    """
 
     path: Path
     stream: IO[bytes]
@@ -54,45 +92,122 @@ class Part:
     counts: dict[int, int] = field(default_factory=lambda: defaultdict(int))
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     attachments: list[AttachmentIndex] = field(default_factory=list)
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
     profile: str = "ros2"
     compression: str = ""
     indexed: bool = False
     lossy: bool = False
     private_count: int = 0
+    over: str = ""
+    remarks: list[str] = field(default_factory=list)
+    _damages: dict[bool, dict[str, tuple[int, int]]] = field(default_factory=lambda: {True: {}, False: {}})
+    _described: int = 0
+    _lost: set[int] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.source = Source(self.stream, self.size)
 
     @property
     def message_count(self) -> int:
         """Number of messages in the file."""
         return sum(self.counts.values())
 
-    def span_ns(self) -> tuple[int, int] | None:
-        """Log times of the first and the last message; None without messages."""
-        if not self.blocks:
-            return None
-        return min(block.start_ns for block in self.blocks), max(block.end_ns for block in self.blocks)
+    @property
+    def problems(self) -> list[str]:
+        """What is lost, in one line; what else is wrong, in one line; and what is missing at the end."""
+        lines = []
+        for left_out, title in ((True, "left out: "), (False, "")):
+            if found := self._damages[left_out]:
+                lines.append(title + "; ".join(_place(text, *places) for text, places in found.items()))
+        return [f"{self.path.name}: {line}" for line in (*lines, *self.remarks)]
 
-    def messages(self, block: Block) -> Iterator[Message]:
-        """Yield the messages of a block in the order of the file.
+    def note(self, position: int, damage: Damage | str, left_out: bool = True) -> None:
+        """Note damage at a position in the file [B], and whether something is left out for it."""
+        self.lossy |= left_out
+        known, text = self._damages[left_out], str(damage)
+        if text not in known and len(known) >= _MOST_TEXTS:
+            text = "other damage"
+        first, count = known.get(text, (position, 0))
+        known[text] = first, count + 1
+
+    def describe(self, record: kinds.McapRecord, length: int, position: int, proven: bool) -> None:
+        """Keep a schema, a channel or a metadata record.
+
+        Parameters
+        ----------
+        record : Schema, Channel or Metadata
+        length : int
+            Its length [B].
+        position : int
+            Where it stands, for a note [B].
+        proven : bool
+            Whether a present one of the same number takes precedence.
 
         Raises
         ------
-        BagError
-            If the block is damaged and not marked as damaged.
+        Damage
+            If there is more than any recorder writes.
         """
-        try:
-            for opcode, _, body in records(block.unpack(self.read(block.offset, block.length))):
-                if opcode == MESSAGE:
-                    message = parse_message(body)
-                    if message.channel_id in self.channels:
-                        yield message
-                    elif not block.is_damaged:
-                        raise Damage(f"a message of an unknown channel {message.channel_id}")
-        except Damage as damage:
-            raise BagError(
-                f"{damage}; 'soro bag repair' keeps the rest", self.path, "damaged", f"byte {block.offset}"
-            ) from None
+        self._described += length if isinstance(record, Schema) else 4 * length
+        if self._described > _MOST_DESCRIBED or len(self.metadata) >= _MOST_NAMED:
+            raise Damage("more descriptions than any recorder writes")
+        if isinstance(record, kinds.Metadata):
+            self.metadata.append((record.name, record.metadata))
+            return
+        assert isinstance(record, Schema | Channel)
+        table: dict[int, Schema | Channel]
+        table = self.schemas if isinstance(record, Schema) else self.channels  # type: ignore[assignment]
+        known = table.setdefault(record.id, record)
+        if known != record:
+            kind = type(record).__name__.lower()
+            self.note(position, f"{kind} {record.id} contradicts another one", left_out=False)
+            if not proven:
+                table[record.id] = record
+
+    def attach(self, item: AttachmentIndex) -> None:
+        """Note an attachment; raise Damage if there are more than any recorder writes."""
+        if len(self.attachments) >= _MOST_NAMED:
+            raise Damage(f"more than {_MOST_NAMED} attachments")
+        self.attachments.append(item)
+
+    def span_ns(self) -> tuple[int, int] | None:
+        """Log times of the first and the last message; None without messages."""
+        # A chunk without messages has the times 0.
+        blocks = [block for block in self.blocks if block.end_ns] or self.blocks
+        return (min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)) if blocks else None
+
+    def messages(self, block: Block) -> Iterator[Message]:
+        """Yield the messages of a block in the order of the file; raise Damage if it is damaged."""
+        for message in messages(self.content(block)):
+            if message.channel_id in self.channels:
+                yield message
+
+    def lose(self, block: Block, damage: Damage) -> None:
+        """Note a block that the index names and that is damaged, once."""
+        if block.offset not in self._lost:
+            self._lost.add(block.offset)
+            self.note(block.offset, damage)
+
+    def content(self, block: Block) -> memoryview:
+        """Return the records in a block; raise Damage if it is damaged."""
+        end = block.offset + block.length
+        if block.size in (OUTSIDE, CUT):
+            raw = memoryview(self.source.bytes(block.offset, end))
+            return raw if block.size == OUTSIDE else unpack_cut(raw[PREFIX.size :])
+        chunk = self.record(Opcode.CHUNK, block.offset, end)
+        assert isinstance(chunk, kinds.Chunk)
+        return unpack(chunk)
+
+    def record(self, opcode: int, start: int, end: int | None = None) -> kinds.McapRecord:
+        """Return a record that the index or a walk has found; raise Damage if another one is there."""
+        prefix = self.source.prefix(start)
+        if prefix is None or prefix.opcode != opcode:
+            raise Damage("another record is here")
+        if end in (None, prefix.end):
+            return self.source.parse(prefix)
+        found = self.source.by_fields(prefix)  # its length is wrong
+        if found is None or found[0] is None or found[1] != end:
+            raise Damage("another record is here")
+        return found[0]
 
     def attachment(self, place: AttachmentIndex) -> Attachment:
         """Read one of `attachments`.
@@ -103,75 +218,20 @@ class Part:
             If the attachment is damaged.
         """
         try:
-            # The prefix is not read, since it may be damaged.
-            body = self.read(place.offset + PREFIX.size, place.length - PREFIX.size)
-            record = parse(ATTACHMENT, body)
+            record = self.record(Opcode.ATTACHMENT, place.offset, place.offset + place.length)
+            assert isinstance(record, kinds.Attachment)
         except Damage as damage:
             raise BagError(str(damage), self.path, "damaged", f"byte {place.offset}") from None
-        assert isinstance(record, kinds.Attachment)
         times = record.log_time, record.create_time
         return Attachment(*times, record.name, record.media_type, record.data)
-
-    def record(self, opcode: int, offset: int, length: int | None = None) -> kinds.McapRecord:
-        """Read a record.
-
-        Parameters
-        ----------
-        opcode : int
-            Kind of the record.
-        offset : int
-            Position of its prefix [B].
-        length : int, optional
-            Expected length with the prefix [B].
-
-        Raises
-        ------
-        Damage
-            If another record, or one of another length, is there.
-        """
-        found, size = PREFIX.unpack(self.read(offset, PREFIX.size))
-        if found != opcode or length not in (None, PREFIX.size + size):
-            raise Damage("another record is here")
-        return parse(opcode, self.read(offset + PREFIX.size, size))
-
-    def read(self, offset: int, length: int) -> memoryview:
-        """Read bytes of the file; raise Damage if it is too short."""
-        if offset + length > self.size:
-            raise Damage("the index points outside the file")
-        self.stream.seek(offset)
-        raw = memoryview(self.stream.read(length))
-        if len(raw) != length:
-            raise Damage("the file has become shorter")
-        return raw
-
-    def contradicts(self, checksum: int, end: int) -> bool:
-        """Whether a CRC-32 differs from that of the file up to a position; 0 means no checksum."""
-        if not checksum:
-            return False
-        crc = 0
-        for start in range(0, end, _STEP):
-            crc = zlib.crc32(self.read(start, min(_STEP, end - start)), crc)
-        return crc != checksum
-
-    def note(self, position: int, damage: Damage | str, left_out: bool = True) -> None:
-        """Add a problem.
-
-        Parameters
-        ----------
-        position : int
-            Position in the file [B].
-        damage : Damage or str
-            Description.
-        left_out : bool
-            Whether the damaged data is left out.
-        """
-        self.lossy |= left_out
-        left = "; left out" if left_out else ""
-        self.problems.append(f"{self.path.name}: byte {position}: {damage}{left}")
 
     def close(self) -> None:
         """Close the file."""
         self.stream.close()
+
+
+def _place(text: str, first: int, count: int) -> str:
+    return f"byte {first}{f' and {count - 1} more' if count > 1 else ''}: {text}"
 
 
 def open_stream(path: Path) -> IO[bytes]:

@@ -1,4 +1,4 @@
-"""Reading bags in rosbag2's MCAP layout: raw CDR messages in the order of their log times."""
+"""Reading bags of rosbag2: serialised messages in the order of their log times."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
-from mcap.records import Channel
-
 from soro_core.bag import metadata as bag_metadata
 from soro_core.bag.metadata import Metadata
 from soro_core.bag.part import Part
+from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
-from soro_core.bag.topics import Topic, qos_from
+from soro_core.bag.topics import Qos, Topic, qos_from
 from soro_core.errors import BagError
 
-_ENDINGS = (".mcap", ".mcap.zstd")
+_ENDINGS, _SQLITE = (".mcap", ".mcap.zstd"), ".db3"
+# Most bytes of different qualities of service that are read of a file: YAML takes its time.
+_MOST_QOS = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,8 @@ class BagReader:
     Parameters
     ----------
     path : str or Path
-        A bag's folder (with or without metadata.yaml, in one file or several) or a single MCAP file.
+        A bag's folder (with or without metadata.yaml, in one file or several), or a single file: MCAP or
+        sqlite3 (``.db3``).
     index : bool
         Use the index of the files if it is complete; False reads all records.
 
@@ -49,8 +51,6 @@ class BagReader:
         Sorted by name.
     counts : tuple of int
         Number of messages of each of `topics`.
-    problems : tuple of str
-        Descriptions of missing or damaged data; empty for a sound bag.
     start_ns, end_ns : int
         Log times of the first and the last message, 0 without messages.
     message_count : int
@@ -63,23 +63,20 @@ class BagReader:
     Raises
     ------
     BagError
-        If the file is missing or not a bag, the storage is not MCAP, or a part is missing.
+        If the file is missing or not a bag, or a part is missing.
     """
 
     def __init__(self, path: str | Path, index: bool = True) -> None:
         self.path = Path(path)
-        problems: list[str] = []
-        self.metadata = _load_metadata(self.path, problems)
+        self._problems: list[str] = []
+        self.metadata = _load_metadata(self.path, self._problems)
         files = part_files(self.path, self.metadata)
         parts: list[Part] = []
         try:
             for file in files:
-                parts.append(open_part(file, index))
+                parts.append(_opened(file, index))
             self.parts = tuple(parts)
-            self._topics = [
-                {channel.id: _topic(part, channel, self.metadata) for channel in part.channels.values()}
-                for part in parts
-            ]
+            self._topics = [_topics(part, self.metadata) for part in parts]
         except BaseException:
             for part in parts:
                 part.close()
@@ -89,12 +86,14 @@ class BagReader:
         spans = [span for part in parts if (span := part.span_ns()) is not None]
         self.start_ns = min((start for start, _ in spans), default=0)
         self.end_ns = max((end for _, end in spans), default=0)
-        for part in parts:
-            problems.extend(part.problems)
         if self.metadata is not None and self.metadata.message_count != self.message_count:
             claimed = self.metadata.message_count
-            problems.append(f"metadata.yaml: states {claimed} messages; there are {self.message_count}")
-        self.problems = tuple(problems)
+            self._problems.append(f"metadata.yaml: states {claimed} messages; there are {self.message_count}")
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What is damaged or missing, as far as has been read; empty for a sound bag."""
+        return (*self._problems, *(problem for part in self.parts for problem in part.problems))
 
     def __enter__(self) -> BagReader:
         return self
@@ -129,17 +128,14 @@ class BagReader:
     ) -> Iterator[BagMessage]:
         """Yield messages in the order of their log times; equal times in the order of writing.
 
+        A damaged chunk is left out, and becomes one of `problems`.
+
         Parameters
         ----------
         topics : collection of str, optional
             Names of the topics; all by default.
         start_ns, end_ns : int, optional
             Range of log times [ns], both included.
-
-        Raises
-        ------
-        BagError
-            If a chunk is damaged.
         """
         low = self.start_ns if start_ns is None else start_ns
         high = self.end_ns if end_ns is None else end_ns
@@ -158,13 +154,16 @@ class BagReader:
             # All blocks that may hold an earlier message must be open before a message is yielded.
             while waiting and (not ready or waiting[-1][0] <= ready[0][0]):
                 _, number, offset = waiting.pop()
-                table = self._topics[number]
-                for place, raw in enumerate(self.parts[number].messages(blocks[number, offset])):
-                    topic = table[raw.channel_id]
-                    if low <= raw.log_time <= high and (topics is None or topic.name in topics):
-                        times = raw.log_time, raw.publish_time
-                        message = BagMessage(topic.name, topic.type, raw.data, *times, raw.sequence)
-                        heapq.heappush(ready, (raw.log_time, number, offset, place, message))
+                part, table = self.parts[number], self._topics[number]
+                try:
+                    for place, raw in enumerate(part.messages(blocks[number, offset])):
+                        topic = table[raw.channel_id]
+                        if low <= raw.log_time <= high and (topics is None or topic.name in topics):
+                            times = raw.log_time, raw.publish_time
+                            message = BagMessage(topic.name, topic.type, raw.data, *times, raw.sequence)
+                            heapq.heappush(ready, (raw.log_time, number, offset, place, message))
+                except Damage as damage:
+                    part.lose(blocks[number, offset], damage)
             if ready:
                 yield heapq.heappop(ready)[-1]
 
@@ -182,7 +181,7 @@ class BagReader:
 
 
 def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
-    """Return the MCAP files of a bag in their order.
+    """Return the files of a bag in their order.
 
     Raises
     ------
@@ -192,14 +191,10 @@ def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
     if not path.exists():
         raise BagError("no such file or folder", path, "missing")
     if not path.is_dir():
-        if path.suffix == ".db3":
-            raise BagError("storage sqlite3; allowed: mcap ('ros2 bag convert' changes it)", path, "format")
         return [path]
     if metadata is not None:
-        if metadata.storage != "mcap":
-            raise BagError(
-                f"storage {metadata.storage}; allowed: mcap ('ros2 bag convert' changes it)", path, "format"
-            )
+        if metadata.storage not in ("mcap", "sqlite3"):
+            raise BagError(f"storage {metadata.storage}; allowed: mcap, sqlite3", path, "format")
         if metadata.compression_mode == "message":
             raise BagError("compression of single messages; allowed: chunks or files", path, "format")
         # Old recorders put the bag's folder in front of the name.
@@ -209,11 +204,12 @@ def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
                 raise BagError("no such file, but metadata.yaml names it", file, "missing")
         if files:
             return files
-    found = [file for file in path.iterdir() if file.name.endswith(_ENDINGS) and file.is_file()]
-    if not found:
-        if list(path.glob("*.db3")):
-            raise BagError("not a bag: storage sqlite3; allowed: mcap", path, "format")
-        raise BagError("not a bag: no .mcap file in it", path, "missing")
+    for endings in (_ENDINGS, (_SQLITE,)):
+        found = [file for file in path.iterdir() if file.name.endswith(endings) and file.is_file()]
+        if found:
+            break
+    else:
+        raise BagError("not a bag: no .mcap or .db3 file in it", path, "missing")
     return sorted(found, key=_natural)
 
 
@@ -240,22 +236,41 @@ def _load_metadata(path: Path, problems: list[str]) -> Metadata | None:
     return None
 
 
-def _topic(part: Part, channel: Channel, metadata: Metadata | None) -> Topic:
-    schema = part.schemas.get(channel.schema_id)
-    type_name = schema.name if schema else ""
-    known = next(
-        (topic for topic, _ in metadata.topics if topic.name == channel.topic) if metadata else iter(()), None
-    )
+def _opened(file: Path, index: bool) -> Part:
+    if file.suffix != _SQLITE:
+        return open_part(file, index)
+    from soro_core.bag.sqlite import open_sqlite  # rosbags takes a while to import
+
+    return open_sqlite(file)
+
+
+def _topics(part: Part, metadata: Metadata | None) -> dict[int, Topic]:
+    """Return the topics of a file by the number of their channel."""
+    noted = {topic.name: topic for topic, _ in metadata.topics} if metadata else {}
+    texts = {number: schema.data.decode("utf-8", "replace") for number, schema in part.schemas.items()}
+    profiles: dict[str, tuple[Qos, ...]] = {"": ()}
+    read = 0
+    found = {}
+    for channel in part.channels.values():
+        text = channel.metadata.get("offered_qos_profiles", "")
+        if text not in profiles:
+            read += len(text)
+            profiles[text] = _qos(text) if read <= _MOST_QOS else ()
+        known, schema = noted.get(channel.topic), part.schemas.get(channel.schema_id)
+        found[channel.id] = Topic(
+            name=channel.topic,
+            type=schema.name if schema else "",
+            definition=texts.get(channel.schema_id, ""),
+            definition_encoding=schema.encoding if schema else "",
+            type_hash=channel.metadata.get("topic_type_hash") or (known.type_hash if known else ""),
+            qos=profiles[text] or (known.qos if known else ()),
+            serialization_format=channel.message_encoding,
+        )
+    return found
+
+
+def _qos(text: str) -> tuple[Qos, ...]:
     try:
-        qos = qos_from(channel.metadata.get("offered_qos_profiles"))
+        return qos_from(text)
     except BagError:
-        qos = ()
-    return Topic(
-        name=channel.topic,
-        type=type_name,
-        definition=schema.data.decode("utf-8", "replace") if schema else "",
-        definition_encoding=schema.encoding if schema else "",
-        type_hash=channel.metadata.get("topic_type_hash") or (known.type_hash if known else ""),
-        qos=qos or (known.qos if known else ()),
-        serialization_format=channel.message_encoding,
-    )
+        return ()

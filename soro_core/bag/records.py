@@ -1,151 +1,168 @@
-"""Parsing of MCAP records with checks of all lengths and checksums (MCAP format 0).
-
-The field layouts are those of the `mcap` library, whose own reader returns short data from a cut or damaged
-file without an error.
-"""
+"""The records of an MCAP file, found by the reader of the `mcap` package, one at a time and bounded."""
 
 from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from typing import IO, NamedTuple, cast
 
 from mcap import records as kinds
 from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Message
+from mcap.stream_reader import StreamReader
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA = int(Opcode.HEADER), int(Opcode.FOOTER), int(Opcode.SCHEMA)
-CHANNEL, MESSAGE, CHUNK = int(Opcode.CHANNEL), int(Opcode.MESSAGE), int(Opcode.CHUNK)
-MESSAGE_INDEX, CHUNK_INDEX = int(Opcode.MESSAGE_INDEX), int(Opcode.CHUNK_INDEX)
-ATTACHMENT, ATTACHMENT_INDEX = int(Opcode.ATTACHMENT), int(Opcode.ATTACHMENT_INDEX)
-STATISTICS, METADATA = int(Opcode.STATISTICS), int(Opcode.METADATA)
-METADATA_INDEX, SUMMARY_OFFSET = int(Opcode.METADATA_INDEX), int(Opcode.SUMMARY_OFFSET)
-DATA_END = int(Opcode.DATA_END)
+PREFIX = struct.Struct("<BQ")
+# Longest record that is read [B].
+LONGEST = 1 << 30
 # Kinds of records from here on are private to their writers.
 PRIVATE = 0x80
-
-PREFIX = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
+_STEP = 1 << 20
 _KINDS: dict[int, type[kinds.McapRecord]] = {
-    HEADER: kinds.Header,
-    FOOTER: kinds.Footer,
-    SCHEMA: kinds.Schema,
-    CHANNEL: kinds.Channel,
-    CHUNK: kinds.Chunk,
-    MESSAGE_INDEX: kinds.MessageIndex,
-    CHUNK_INDEX: kinds.ChunkIndex,
-    ATTACHMENT: kinds.Attachment,
-    ATTACHMENT_INDEX: kinds.AttachmentIndex,
-    STATISTICS: kinds.Statistics,
-    METADATA: kinds.Metadata,
-    METADATA_INDEX: kinds.MetadataIndex,
-    SUMMARY_OFFSET: kinds.SummaryOffset,
-    DATA_END: kinds.DataEnd,
+    Opcode.HEADER: kinds.Header,
+    Opcode.SCHEMA: kinds.Schema,
+    Opcode.CHANNEL: kinds.Channel,
+    Opcode.CHUNK: kinds.Chunk,
+    Opcode.CHUNK_INDEX: kinds.ChunkIndex,
+    Opcode.ATTACHMENT: kinds.Attachment,
+    Opcode.ATTACHMENT_INDEX: kinds.AttachmentIndex,
+    Opcode.STATISTICS: kinds.Statistics,
+    Opcode.METADATA: kinds.Metadata,
+    Opcode.METADATA_INDEX: kinds.MetadataIndex,
+    Opcode.SUMMARY_OFFSET: kinds.SummaryOffset,
+    Opcode.DATA_END: kinds.DataEnd,
 }
+_LAST = int(Opcode.DATA_END)
 
 
 class Damage(Exception):  # noqa: N818 - internal signal, becomes a problem or a BagError with the place
-    """A record is incomplete or contradicts itself."""
+    """Bytes that are missing, or contradict each other."""
 
 
-class Padding(Damage):
-    """A record is longer than its fields, which the format allows; `used` is the length of the fields [B]."""
+class Prefix(NamedTuple):
+    """Kind of a record, its position, and where it ends by its length [B]."""
 
-    def __init__(self, used: int) -> None:
-        super().__init__("a record is longer than its fields")
-        self.used = used
-
-
-class _Fields(ReadDataStream):
-    """Reads the fields of one record; raises Damage if the record is too short."""
-
-    def __init__(self, body: memoryview) -> None:
-        self._body = body
-        self._position = 0
-
-    @property
-    def count(self) -> int:
-        return self._position
-
-    def read(self, length: int) -> bytes:
-        end = self._position + length
-        if end > len(self._body):
-            raise Damage("a record ends before its fields do")
-        piece = bytes(self._body[self._position : end])
-        self._position = end
-        return piece
+    opcode: int
+    start: int
+    end: int
 
 
-def parse(opcode: int, body: memoryview, exact: bool = False) -> kinds.McapRecord:
-    """Return a record of any kind but Message.
+class Source:
+    """A file for `StreamReader`, which takes a short read for a short record: here it is `Damage`.
 
     Parameters
     ----------
-    opcode : int
-        Kind of the record.
-    body : memoryview
-        Bytes behind the prefix.
-    exact : bool
-        Raise Padding if bytes follow the last field.
-
-    Raises
-    ------
-    Damage
-        If the fields do not fit the body, a text is not UTF-8, or a checksum is wrong.
+    stream : file object
+        Binary, open for reading.
+    size : int
+        Length of the file [B].
     """
-    fields = _Fields(body)
-    if opcode not in _KINDS:
-        raise Damage(f"a record of the unknown kind {opcode}")
-    try:
-        record: kinds.McapRecord = _KINDS[opcode].read(fields)  # type: ignore[attr-defined]
-    except UnicodeDecodeError:
-        raise Damage("a text is no UTF-8") from None
-    end = fields.count
-    if opcode == ATTACHMENT:
-        crc = int.from_bytes(body[end - 4 : end], "little")
-        if crc and crc != zlib.crc32(body[: end - 4]):
+
+    def __init__(self, stream: IO[bytes], size: int) -> None:
+        self.stream, self.size = stream, size
+        self._position = self._end = 0
+
+    def read(self, length: int) -> bytes:
+        """Return bytes of the record that is being read; raise Damage behind its end."""
+        if length < 0 or length > self._end - self._position:
+            raise Damage("a record ends before its fields do")
+        data = self.stream.read(length)
+        if len(data) != length:
+            raise Damage("the file has become shorter")
+        self._position += length
+        return data
+
+    def bytes(self, start: int, end: int) -> bytes:
+        """Return bytes of the file; raise Damage if it has fewer."""
+        self._seek(start, end)
+        return self.read(end - start)
+
+    def prefix(self, position: int) -> Prefix | None:
+        """Return the prefix at a position; None where the file ends before."""
+        if position + PREFIX.size > self.size:
+            return None
+        self.stream.seek(position)
+        opcode, length = PREFIX.unpack(self.stream.read(PREFIX.size))
+        return Prefix(opcode, position, position + PREFIX.size + length)
+
+    def begins_record(self, position: int, is_cut: bool = False) -> bool:
+        """Whether a record, or the end of the file, is at a position; `is_cut`: or a record without end."""
+        if position >= self.size:
+            return position == self.size
+        prefix = self.prefix(position)
+        if prefix is None:
+            return is_cut or self.size - position == len(MAGIC)
+        if prefix.opcode >= PRIVATE:
+            # Most bytes are such a kind, so that the next record has to be there too.
+            following = self.prefix(prefix.end) if prefix.end < self.size else None
+            return prefix.end == self.size or (following is not None and following.end <= self.size)
+        fits = prefix.end <= self.size or (is_cut and prefix.end - position < 1 << 32)
+        return 0 < prefix.opcode <= _LAST and fits
+
+    def parse(self, prefix: Prefix) -> kinds.McapRecord:
+        """Return a record; raise Damage if its fields do not fit its length."""
+        self._seek(prefix.start, prefix.end)
+        reader = StreamReader(
+            cast(IO[bytes], self), skip_magic=True, emit_chunks=True, record_size_limit=LONGEST
+        )
+        try:
+            record = next(reader.records)
+        except (McapError, ValueError) as error:
+            raise Damage(str(error) or "a record has no end") from None
+        if isinstance(record, kinds.Attachment):
+            self._check(prefix, record)
+        return record
+
+    def by_fields(self, prefix: Prefix) -> tuple[kinds.McapRecord | None, int] | None:
+        """Return a record (None for a message index) and its end by its fields, whatever its length says.
+
+        Returns
+        -------
+        tuple or None
+            None if the fields make no sense.
+        """
+        self._seek(prefix.start + PREFIX.size, self.size)
+        fields = ReadDataStream(cast(IO[bytes], self))
+        record: kinds.McapRecord | None = None
+        try:
+            if prefix.opcode == Opcode.MESSAGE_INDEX:
+                self.read(2)
+                self.read(fields.read4())
+            elif prefix.opcode in _KINDS:
+                record = _KINDS[prefix.opcode].read(fields)  # type: ignore[attr-defined]
+            else:
+                return None
+        except (Damage, McapError, ValueError):
+            return None
+        return record, self._position
+
+    def checksum(self, end: int) -> int:
+        """Return the CRC-32 of the file up to a position."""
+        crc = 0
+        for start in range(0, end, _STEP):
+            crc = zlib.crc32(self.bytes(start, min(start + _STEP, end)), crc)
+        return crc
+
+    def _check(self, prefix: Prefix, record: kinds.Attachment) -> None:
+        end = prefix.start + length_of(record)
+        crc = int.from_bytes(self.bytes(end - 4, end), "little")
+        if crc and crc != zlib.crc32(self.bytes(prefix.start + PREFIX.size, end - 4)):
             raise Damage("the checksum of an attachment is wrong")
-    elif opcode != CHUNK and encoded(record) != body[:end]:
-        raise Damage("the lengths in a record contradict each other")
-    if exact and end != len(body):
-        raise Padding(end)
-    return record
+
+    def _seek(self, start: int, end: int) -> None:
+        if end > self.size:
+            raise Damage("a record ends behind the file")
+        self.stream.seek(start)
+        self._position, self._end = start, end
 
 
-def encoded(record: kinds.McapRecord) -> bytes:
-    """Return the body of a record as bytes."""
+def length_of(record: kinds.McapRecord) -> int:
+    """Return the length of a record's fields, with its prefix [B]."""
+    if isinstance(record, kinds.Chunk | kinds.Attachment):
+        is_chunk = isinstance(record, kinds.Chunk)
+        texts = record.compression if is_chunk else record.name + record.media_type
+        return PREFIX.size + (40 if is_chunk else 36) + len(texts.encode()) + len(record.data)
     builder = RecordBuilder()
     record.write(builder)
-    return bytes(builder.end()[PREFIX.size :])  # type: ignore[no-untyped-call]
-
-
-def records(buffer: memoryview) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield (opcode, offset, body) of the records in a buffer; raise Damage at the first incomplete one."""
-    position = 0
-    while position < len(buffer):
-        if position + PREFIX.size > len(buffer):
-            raise Damage("a record is cut")
-        opcode, length = PREFIX.unpack_from(buffer, position)
-        start = position + PREFIX.size
-        if not opcode or start + length > len(buffer):
-            raise Damage("a record is cut")
-        yield opcode, position, buffer[start : start + length]
-        position = start + length
-
-
-def parse_message(body: memoryview) -> Message:
-    """Parse a Message record."""
-    if len(body) < _MESSAGE.size:
-        raise Damage("a message is cut")
-    channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(body)
-    return Message(channel_id, log_time, bytes(body[_MESSAGE.size :]), publish_time, sequence)
-
-
-def message_key(body: memoryview) -> tuple[int, int]:
-    """Return (channel id, log time) of a Message record without copying its data."""
-    if len(body) < _MESSAGE.size:
-        raise Damage("a message is cut")
-    channel_id, _, log_time, _ = _MESSAGE.unpack_from(body)
-    return channel_id, log_time
+    return builder.count

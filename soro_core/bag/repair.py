@@ -11,8 +11,9 @@ from typing import cast
 from soro_core.bag import metadata as bag_metadata
 from soro_core.bag.mcap_file import Compression, McapFile
 from soro_core.bag.metadata import FilePart, Metadata
-from soro_core.bag.part import Part
+from soro_core.bag.part import Block, Part
 from soro_core.bag.reader import BagReader, part_files
+from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
 from soro_core.errors import BagError
 
@@ -64,6 +65,8 @@ def _files(bag: Path, before: Metadata | None) -> list[Path]:
     for file in files:
         if file.suffix == ".zstd":
             raise BagError("compressed as a whole; unpack it first ('zstd -d')", file, "format")
+        if file.suffix == ".db3":
+            raise BagError("storage sqlite3; allowed: mcap ('ros2 bag convert' changes it)", file, "format")
     return files
 
 
@@ -71,17 +74,21 @@ def _repair_part(path: Path) -> PartRepair:
     part = open_part(path, index=False)
     draft = path.with_name(path.name + ".repair")
     try:
+        if part.over:
+            raise BagError(f"{part.over}: not repaired", path, "damaged")
         if _is_sound(part):
             return PartRepair(path, part.message_count, False, (), None)
         if part.private_count:
             part.lossy = True
-            part.problems.append(f"{path.name}: {part.private_count} records of private kinds; left out")
+            part.remarks.append(f"{part.private_count} records of private kinds; left out")
         _rewrite(part, draft)
         # The original keeps the bytes that are left out.
         original = _free_name(path) if part.lossy else None
         if original is not None:
             os.replace(path, original)
         os.replace(draft, path)
+    except Damage as damage:
+        raise BagError(f"{damage}: it changes while it is read", path, "damaged") from None
     except OSError as error:
         raise BagError(f"cannot be rewritten: {error.strerror}", path, "disk") from None
     finally:
@@ -111,12 +118,16 @@ def _is_sound(walked: Part) -> bool:
         and {**part.counts} == {**walked.counts}
         and part.metadata == walked.metadata
         and part.attachments == walked.attachments
-        and part.chunks == walked.chunks
+        and sorted(part.blocks, key=_offset) == walked.blocks
     )
     if not same:
         state = "is not that of the file" if part.indexed else "is missing or leaves something out"
-        walked.problems.append(f"{walked.path.name}: the index {state}")
+        walked.remarks.append(f"the index {state}")
     return same
+
+
+def _offset(block: Block) -> int:
+    return block.offset
 
 
 def _rewrite(part: Part, draft: Path) -> None:

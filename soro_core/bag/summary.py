@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
+from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
     Channel,
@@ -17,27 +19,14 @@ from mcap.records import (
     Statistics,
 )
 
-from soro_core.bag.blocks import Block
-from soro_core.bag.chunks import open_chunk
-from soro_core.bag.part import Part, open_stream
-from soro_core.bag.prefixes import read_prefix
-from soro_core.bag.records import (
-    DATA_END,
-    FOOTER,
-    HEADER,
-    MAGIC,
-    MESSAGE,
-    METADATA,
-    PREFIX,
-    Damage,
-    parse,
-    records,
-)
-from soro_core.bag.scan import scan
+from soro_core.bag.part import Block, Part, open_stream
+from soro_core.bag.records import MAGIC, PREFIX, Damage
+from soro_core.bag.walk import walk
 from soro_core.errors import BagError
 
 _FOOTER = struct.Struct("<BQQQI")
 _TAIL = _FOOTER.size + len(MAGIC)
+_DATA_END = PREFIX.size + 4
 
 
 def open_part(path: Path, index: bool = True) -> Part:
@@ -61,14 +50,13 @@ def open_part(path: Path, index: bool = True) -> Part:
         _check_magic(part)
         summary = _read_summary(part)
         if summary is None:
-            scan(part)
+            walk(part)
             return part
-        summary.part.problems[:0] = part.problems
-        if index and summary.is_complete():
+        if index and not part.problems and summary.is_complete():
             return summary.part
         # Schemas and channels of the summary replace those of damaged chunks.
         part.schemas, part.channels = summary.part.schemas, summary.part.channels
-        scan(part, summary.is_proven)
+        walk(part, summary.places(), bool(summary.part.blocks), summary.is_proven)
         if summary.is_proven:
             summary.compare(part)
     except OSError as error:
@@ -81,7 +69,7 @@ def open_part(path: Path, index: bool = True) -> Part:
 
 
 def _check_magic(part: Part) -> None:
-    """Refuse a file that neither starts as an MCAP file, up to one bit, nor ends as one."""
+    """Refuse a file that neither starts nor ends as an MCAP file, up to one bit."""
     part.stream.seek(0)
     magic = part.stream.read(len(MAGIC))
     part.stream.seek(max(0, part.size - len(MAGIC)))
@@ -103,29 +91,47 @@ class _Summary:
         self._statistics: Statistics | None = None
         self._metadata: list[MetadataIndex] = []
 
-    def fill(self, data: memoryview) -> None:
-        """Read the records of the summary; raise Damage if one is inconsistent."""
+    def fill(self, end: int) -> None:
+        """Read the records of the summary; raise Damage if one is inconsistent, or there are too many."""
+        part, position = self.part, self.start
+        most = 100_000 + part.size // 200
+        for _ in range(most):
+            if position == end:
+                return
+            prefix = part.source.prefix(position)
+            if prefix is None or prefix.end > end:
+                raise Damage("a record of the index is cut")
+            if prefix.opcode <= Opcode.DATA_END:  # the format may grow
+                self._take(part.source.parse(prefix), prefix.end - position)
+            position = prefix.end
+        raise Damage(f"the index has more than {most} records")
+
+    def _take(self, record: object, length: int) -> None:
         part = self.part
-        for opcode, _, body in records(data):
-            if opcode > DATA_END:
-                continue  # the format may grow
-            record = parse(opcode, body)
-            if isinstance(record, Schema):
-                part.schemas[record.id] = record
-            elif isinstance(record, Channel):
-                part.channels[record.id] = record
-            elif isinstance(record, Statistics):
-                self._statistics = record
-                part.counts.update(record.channel_message_counts)
-            elif isinstance(record, ChunkIndex):
-                part.chunks.append(record)
-                part.compression = record.compression
-                times = record.message_start_time, record.message_end_time
-                part.blocks.append(Block(*times, record.chunk_start_offset, record.chunk_length, open_chunk))
-            elif isinstance(record, AttachmentIndex):
-                part.attachments.append(record)
-            elif isinstance(record, MetadataIndex):
-                self._metadata.append(record)
+        if isinstance(record, Schema | Channel):
+            part.describe(record, length, self.start, proven=False)
+        elif isinstance(record, Statistics):
+            self._statistics = record
+            part.counts.update(record.channel_message_counts)
+        elif isinstance(record, ChunkIndex):
+            part.compression = record.compression
+            places = record.message_index_offsets.items()
+            digest = hash((record.compression, record.compressed_size)) + record.message_index_length
+            part.blocks.append(
+                Block(
+                    record.message_start_time,
+                    record.message_end_time,
+                    record.chunk_start_offset,
+                    record.chunk_length,
+                    record.uncompressed_size,
+                    digest + sum(map(hash, places)),
+                    record.message_index_length,
+                )
+            )
+        elif isinstance(record, AttachmentIndex):
+            part.attach(record)
+        elif isinstance(record, MetadataIndex):
+            self._metadata.append(record)
 
     def is_complete(self) -> bool:
         """Whether the index has all that reading needs; the format allows incomplete ones."""
@@ -133,7 +139,7 @@ class _Summary:
         part.indexed = (
             counted is not None
             and counted.message_count == part.message_count
-            and counted.chunk_count == len(part.chunks)
+            and counted.chunk_count == len(part.blocks)
             and counted.attachment_count == len(part.attachments)
             and counted.metadata_count == len(self._metadata)
             and all(channel_id in part.channels for channel_id, count in part.counts.items() if count)
@@ -148,25 +154,26 @@ class _Summary:
         missing = self.part.message_count - walked.message_count
         if missing > 0:
             walked.lossy = True
-            walked.problems.append(
-                f"{walked.path.name}: {missing} of {self.part.message_count} messages are missing"
-            )
+            walked.remarks.append(f"{missing} of {self.part.message_count} messages are missing")
+
+    def places(self) -> list[int]:
+        """Return where records begin by the index, in their order [B]."""
+        return sorted({offset for offset, _ in self._known()} | {self.start - _DATA_END})
+
+    def _known(self) -> Iterator[tuple[int, int]]:
+        """Yield position and length [B] of what the index names; of a chunk with its message indexes."""
+        for block in self.part.blocks:
+            yield block.offset, block.length + block.indexes
+        for item in (*self.part.attachments, *self._metadata):
+            yield item.offset, item.length
 
     def _all_messages_are_in_chunks(self) -> bool:
         """Whether the rest of the file consists of whole records without messages."""
-        part, position = self.part, len(MAGIC)
-        known = [
-            *(
-                (item.chunk_start_offset, item.chunk_length + item.message_index_length)
-                for item in part.chunks
-            ),
-            *((item.offset, item.length) for item in part.attachments),
-            *((item.offset, item.length) for item in self._metadata),
-        ]
-        for offset, length in (*sorted(known), (self.start, 0)):
+        source, position = self.part.source, len(MAGIC)
+        for offset, length in (*sorted(self._known()), (self.start, 0)):
             while position < offset:
-                prefix = read_prefix(part, position)
-                if prefix is None or prefix.opcode == MESSAGE:
+                prefix = source.prefix(position)
+                if prefix is None or prefix.opcode == Opcode.MESSAGE:
                     return False
                 position = prefix.end
             if position != offset:
@@ -177,13 +184,13 @@ class _Summary:
     def _metadata_is_read(self) -> bool:
         part = self.part
         try:
-            header = part.record(HEADER, len(MAGIC))
+            header = part.record(Opcode.HEADER, len(MAGIC))
             assert isinstance(header, Header)
             part.profile = header.profile
             for place in self._metadata:
-                record = part.record(METADATA, place.offset, place.length)
+                record = part.record(Opcode.METADATA, place.offset, place.offset + place.length)
                 assert isinstance(record, Metadata)
-                part.metadata.append((record.name, record.metadata))
+                part.describe(record, place.length, place.offset, proven=False)
         except Damage:
             return False
         return True
@@ -193,21 +200,20 @@ def _read_summary(part: Part) -> _Summary | None:
     """Read the summary section; return None without one, and note a problem if it is damaged."""
     if part.size < len(MAGIC) + _TAIL:
         return None
-    tail = bytes(part.read(part.size - _TAIL, _TAIL))
+    tail = part.source.bytes(part.size - _TAIL, part.size)
     opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
-    if not tail.endswith(MAGIC) or opcode != FOOTER or length != _FOOTER.size - PREFIX.size or start == 0:
+    if not tail.endswith(MAGIC) or opcode != Opcode.FOOTER or length != _FOOTER.size - PREFIX.size or start == 0:
         return None
     end = part.size - _TAIL
     try:
         if not len(MAGIC) < start <= end:
             raise Damage("the index lies outside the file")
-        data = part.read(start, end - start)
         # The checksum covers the summary and the footer up to itself.
-        if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(data)) != crc:
+        if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(part.source.bytes(start, end))) != crc:
             raise Damage("the checksum of the index is wrong")
         summary = _Summary(part, start, bool(crc))
-        summary.fill(data)
+        summary.fill(end)
     except Damage as damage:
-        part.problems.append(f"{part.path.name}: {damage}; it is ignored")
+        part.remarks.append(f"{damage}; it is ignored")
         return None
     return summary

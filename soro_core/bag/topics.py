@@ -29,6 +29,8 @@ _POLICIES: dict[str, tuple[str, ...]] = {
 }
 # Largest number of levels in YAML; metadata.yaml has eight.
 _MAX_DEPTH = 20
+# Longest YAML; that of a thousand topics has 0.6 MB.
+_MOST_TEXT = 1 << 21
 _QOS_KEY = "offered_qos_profiles"
 # What middlewares of before 2021 wrote for an infinite duration.
 _OLD_INFINITE = ((0x7FFFFFFF, 0xFFFFFFFF), (0x7FFFFFFF, 0x7FFFFFFF))
@@ -118,9 +120,11 @@ def load_yaml(text: str) -> Any:
     Raises
     ------
     yaml.YAMLError
-        If the text is not YAML, or holds what recorders never write and what can exhaust a reader:
+        If the text is not YAML, or holds what recorders never write and what can exhaust a reader: megabytes,
         references, many levels (which would end the process), invalid numbers and dates.
     """
+    if len(text) > _MOST_TEXT:
+        raise yaml.YAMLError(f"more than {_MOST_TEXT} characters")
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     depth = 0
     for event in yaml.parse(text, Loader=loader):

@@ -1,5 +1,6 @@
 """Real recordings of others are read as rosbags reads them."""
 
+import pytest
 import zstandard
 from bag_samples import random_messages, write_bag
 from rosbags.rosbag2 import Reader
@@ -79,12 +80,32 @@ def test_a_real_mocap_recording(data):
         assert reader.end_ns - reader.start_ns == 198_028_066_113
 
 
-def test_sqlite_bags_are_named_as_such(data):
+def test_a_sqlite_bag_is_read_and_not_repaired(data):
+    """The storage of rosbag2 before Iron: a folder, or the file alone; here with a folder before its name."""
     folder = data / FOLDER / "plotjuggler_rosbag2_db3"
+    with Reader(folder / "rosbag2_test_0.db3") as theirs:
+        read = [(connection.topic, time, bytes(data)) for connection, time, data in theirs.messages()]
     for path in (folder, folder / "rosbag2_test_0.db3"):
-        for action in (BagReader, repair):
-            with fails(BagError, "sqlite3", "mcap", file=str(path), code="format"):
-                action(path)
+        with BagReader(path) as reader:
+            assert reader.problems == ()
+            counts = {topic.name: reader.count(topic.name) for topic in reader.topics if topic.name[1] != "r"}
+            assert counts == {"/battery": 1565, "/imu": 1565, "/parameter_events": 0, "/pose": 1565}
+            assert reader.topic("/pose").type == "geometry_msgs/msg/PoseStamped"
+            ours = [(item.topic, item.log_time_ns, item.data) for item in reader.messages()]
+            late = list(reader.messages(["/imu"], start_ns=reader.end_ns - 10**9))
+        assert sorted(ours) == sorted(read)
+        assert [time for _, time, _ in ours] == sorted(time for _, time, _ in ours)
+        assert 20 < len(late) < 30
+        with fails(BagError, "sqlite3", "mcap", code="format"):
+            repair(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"no database", b"SQLite format 3\0" + bytes(500)])
+def test_a_damaged_sqlite_bag_is_one_line(tmp_path, content):
+    file = tmp_path / "bag_0.db3"
+    file.write_bytes(content)
+    with fails(BagError, "sqlite3", file=str(file), code="format"):
+        BagReader(file)
 
 
 def test_a_file_compressed_as_a_whole(tmp_path):

@@ -43,7 +43,7 @@ class Found:
     unread : int
         Files of which the reader, before repair, named the damage in one line and gave no more.
     spared_lost : int
-        Messages that are missing after repair though the bit was not in their bytes.
+        Messages that are missing after repair though the bit was not in their chunk or record.
     unnamed : int
         Files of which repair lost a message without naming a problem.
     altered : int
@@ -69,7 +69,7 @@ class Found:
 
 @dataclass
 class Recording:
-    """A file, and where the bytes of each message are; those in a compressed chunk share all its data.
+    """A file, and the record of each message, which is that of its chunk.
 
     `only_names` is where the only descriptions of the topics are.
     """
@@ -89,16 +89,7 @@ class Recording:
             inner = breakup_chunk(record) if isinstance(record, Chunk) else [record]
             topics.update({item.id: item.topic for item in inner if isinstance(item, Channel)})
             messages = [item for item in inner if isinstance(item, Message)]
-            place = end - (len(record.data) if isinstance(record, Chunk) else length + 9)
-            for item in messages:
-                start, stop = place, end
-                if isinstance(record, Chunk) and not record.compression:
-                    tail = item.sequence.to_bytes(4, "little") + item.log_time.to_bytes(8, "little")
-                    found = content.index(item.channel_id.to_bytes(2, "little") + tail, place, end)
-                    start, stop = found - 9, found + 22 + len(item.data)
-                elif not isinstance(record, Chunk):
-                    start, stop = position, end
-                self.messages.append((start, stop, _told(topics[item.channel_id], item)))
+            self.messages += [(position, end, _told(topics[item.channel_id], item)) for item in messages]
             position = end
         return self
 
@@ -209,9 +200,9 @@ def run(options: Options) -> str:
         f"{total} single-bit flips, seeded. Each damaged file is read, then repaired, and what repair leaves "
         "is read by the `mcap` package through the index and record by record, with all checksums. "
         "*Not read before*: the reader names the damage in one line and refers to repair. *Spared, lost*: "
-        "messages that are missing after repair though the bit is neither in their bytes (messages in a "
-        "compressed chunk share its data) nor in the only description of their topic. Without checksums, the "
-        "message that the bit is in may come out altered. Met: no exception but a refusal in one line, no "
+        "messages that are missing after repair though the bit is neither in their chunk or record, its kind "
+        "and length included, nor in the only description of their topic. Without checksums, the message that "
+        "the bit is in may come out altered. Met: no exception but a refusal in one line, no "
         "spared message lost, none lost without a word, none altered.\n\n" + table(head, rows)
     )
 

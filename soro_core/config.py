@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from soro_core.errors import ConfigError
+from soro_core.yaml_text import LONGEST, read_value
 
 
 class Strict(BaseModel):
@@ -95,6 +94,9 @@ def load(path: str | Path, model: type[Model]) -> Model:
 def read_yaml(path: str | Path) -> dict[str, Any]:
     """Read a YAML file that must be a mapping without repeated keys."""
     try:
+        if (size := Path(path).stat().st_size) > LONGEST:
+            allowed = f"{LONGEST} bytes or fewer; arrays in files of their own"
+            raise ConfigError(str(path), "", f"{size} bytes", allowed)
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ConfigError(str(path), "", "no such file", "an existing YAML file") from None
@@ -109,23 +111,6 @@ def read_mapping(text: str, where: str) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise ConfigError(where, "", data, "a mapping of keys to values")
     return data
-
-
-def read_value(text: str, where: str) -> Any:
-    """Read YAML text, of whatever it is, with numbers as in YAML 1.2; `where` is named in the error."""
-    try:
-        return yaml.load(text, Loader=_StrictLoader)
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        # Others than YAMLError: a date that does not exist, a list as a key, a thousand brackets.
-        raise ConfigError(where, "", _trouble(error), "valid YAML") from None
-
-
-def _trouble(error: Exception) -> str:
-    """Return the place of the first error of the YAML text, and its cause."""
-    mark = getattr(error, "problem_mark", None)
-    if mark is None:
-        return " ".join(str(error).split())
-    return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"  # type: ignore[attr-defined]
 
 
 def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
@@ -211,37 +196,12 @@ def config_folder() -> Path:
     )
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a repeated key."""
-
-
-def _mapping(loader: _StrictLoader, node: yaml.MappingNode) -> dict[Any, Any]:
-    loader.flatten_mapping(node)
-    result: dict[Any, Any] = {}
-    for key_node, value_node in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if isinstance(key, (list, dict)):
-            raise yaml.constructor.ConstructorError(None, None, "a key that is no name", key_node.start_mark)
-        if key in result:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"key {key!r} occurs twice", key_node.start_mark
-            )
-        result[key] = loader.construct_object(value_node, deep=True)
-    return result
-
-
-_StrictLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
-# YAML 1.1 reads 1e-3 (no dot) as a string; numbers of YAML 1.2 are what people write.
-_StrictLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
-
-
 # Plain names in place of pydantic's names of types.
 _PLAIN = {
     "tuple_type": "a list",
     "dict_type": "a mapping of keys to values",
     "model_type": "a mapping of keys to values",
+    "bool_type": "true or false",
 }
 
 

@@ -9,8 +9,8 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
-from soro_core.config import read_value
 from soro_core.errors import ConfigError
+from soro_core.yaml_text import read_value
 
 # What the bounds of a field are called; lengths are those of lists.
 _BOUNDS = {

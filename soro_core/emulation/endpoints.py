@@ -16,6 +16,16 @@ from soro_core.emulation.line import Line
 from soro_core.hardware.transport.host import accept_host
 
 _CHUNK = 65536
+# What a browser can be made to begin a connection with: a request, or the greeting of an encrypted one.
+_METHODS = b"GET POST HEAD OPTIONS PUT PATCH DELETE CONNECT TRACE PRI".split()
+_WEB = (*(method + b" " for method in _METHODS), b"\x16\x03\x01", b"\x16\x03\x03")
+
+
+def is_web_request(first: bytes) -> bool | None:
+    """Return whether the first bytes of a connection are a browser's; None if they are too few to tell."""
+    if first.startswith(_WEB):
+        return True
+    return None if any(begin.startswith(first) for begin in _WEB) else False
 
 
 class Endpoint(ABC):
@@ -81,11 +91,17 @@ class Endpoint(ABC):
         except OSError:
             chunk = b""
         self._before_input()
-        if chunk:
-            self.line.feed(chunk)
-        else:
+        admitted = self.admit(chunk) if chunk else None
+        if admitted is None:
             self.lose()
-        return bool(chunk)
+            return False
+        if admitted:
+            self.line.feed(admitted)
+        return True
+
+    def admit(self, chunk: bytes) -> bytes | None:
+        """Return the bytes that may reach the line now; None ends the connection."""
+        return chunk
 
     def serve(self, descriptor: int) -> None:
         """Start to serve the host at a descriptor."""
@@ -129,7 +145,8 @@ class PtyEndpoint(Endpoint):
 class TcpEndpoint(Endpoint):
     """A line on a TCP port of this machine; parameters as in `Endpoint`.
 
-    The line accepts or refuses a second host.
+    The line accepts or refuses a second host. A web page that is open on this machine reaches the port too:
+    it can send bytes of its choice behind the head of a request, so a connection that begins as one ends.
     """
 
     def __init__(
@@ -137,6 +154,7 @@ class TcpEndpoint(Endpoint):
     ) -> None:
         super().__init__(line, selector, before_input)
         self._host: socket.socket | None = None
+        self._first: bytes | None = b""  # of the connection, until they have shown who sends them
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setblocking(False)
         selector.register(self._listener.fileno(), selectors.EVENT_READ, self._accept)
@@ -160,12 +178,21 @@ class TcpEndpoint(Endpoint):
             self.line.output.clear()
             self.line.connected(False)
 
+    def admit(self, chunk: bytes) -> bytes | None:
+        if self._first is None:
+            return chunk
+        self._first += chunk
+        if (is_web := is_web_request(self._first)) is not False:
+            return None if is_web else b""
+        first, self._first = self._first, None
+        return first
+
     def _accept(self) -> None:
         self._before_input()
         host = accept_host(self._listener, self.read, self.line.refuse_host)
         if host is not None:
             self.lose()
-            self._host = host
+            self._host, self._first = host, b""
             self.serve(host.fileno())
             self.line.connected(True)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ from soro_core.emulation.board.board import EmulatedBoard
 from soro_core.emulation.devices import EmulatedDevices
 from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.hardware import Exchange
+from soro_core.hardware.board import frames, messages
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.driver import BoardRegulator
+from soro_core.hardware.board.frames import BoardFrame, Kind
 from soro_core.hardware.families import parse_platform
 from soro_core.hardware.port import Regulator
 from soro_core.hardware.veab.config import VeabPlatform
@@ -93,6 +96,16 @@ def file_of(folder: Path, base: dict[str, Any], **changes: Any) -> str:
     return str(path)
 
 
+def greeted(host: socket.socket, ports: int = 4) -> int:
+    """Greet a board over a connection of the test's own; the number of its welcome."""
+    host.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(ports))))
+    decoder, found = frames.BoardFrameDecoder(messages.lengths(ports)), []
+    while not found:
+        found = decoder.feed(host.recv(4096))
+    assert found[0].kind is Kind.WELCOME
+    return found[0].number
+
+
 class RecordingLink(LineLink):
     """A link that writes down the bytes of both directions."""
 
@@ -147,6 +160,7 @@ class BoardBench(Bench):
 
     def __init__(self, platform: BoardPlatform, seed: int = 0) -> None:
         self.devices = EmulatedBoard(platform, lockstep=True, seed=seed)
+        self.devices.board.draw = lambda: 0x1122334455667788  # as the transcripts have it
         super().__init__(RecordingLink(self.devices.line))
         self.driver = BoardRegulator(platform, self.link, time.monotonic, lockstep=True)
 

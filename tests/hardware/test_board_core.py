@@ -24,9 +24,13 @@ GOOD = (0, 0, 0, 0)
 HALF = (50_000,) * 4
 
 
-def take(state, kind, payload=b"", sequence=1, now_ns=0):
+NUMBER = 77
+
+
+def take(state, kind, payload=b"", sequence=1, now_ns=0, number=NUMBER):
     """One frame: the state, and why it was refused."""
-    state, why, _ = core.receive(RULES, state, BoardFrame(kind, sequence, payload), now_ns)
+    frame = BoardFrame(kind, sequence, payload, number)
+    state, why, _ = core.receive(RULES, state, frame, now_ns, NUMBER)
     return state, why
 
 
@@ -72,7 +76,7 @@ def test_only_a_good_set_feeds_the_watchdog():
 @pytest.mark.parametrize("value", [90_001, -1, 2**31 - 1, -(2**31)])
 def test_a_set_point_out_of_range_is_refused_whole(value):
     state, why, port = core.receive(
-        RULES, greeted(), BoardFrame(Kind.SET, 1, messages.pack_set((5, 6, value, 7))), 0
+        RULES, greeted(), BoardFrame(Kind.SET, 1, messages.pack_set((5, 6, value, 7)), NUMBER), 0, 1
     )
     assert (why, port, state.setpoint_pa) == (Refusal.RANGE, 2, GOOD)
 
@@ -90,6 +94,14 @@ def test_nothing_without_hello():
         assert why is Refusal.NO_HELLO
         assert state.setpoint_pa == GOOD
     assert take(core.initial_state(RULES), Kind.HELLO, messages.pack_hello(3))[1] is Refusal.PORTS
+
+
+@pytest.mark.parametrize("number", [0, NUMBER - 1, NUMBER + 2**32])
+def test_nothing_without_the_number_of_the_welcome(number):
+    for kind in (Kind.SET, Kind.RESET, Kind.BYE):
+        state, why = take(greeted(), kind, messages.pack_set(HALF), number=number)
+        assert (why, state.setpoint_pa, state.refused) == (Refusal.NUMBER, GOOD, 1)
+        assert core.parts(why)
 
 
 TRIPS = {
@@ -150,6 +162,7 @@ VALUES = st.integers(-(2**31), 2**31 - 1) | st.integers(-10, 90_010)
 )
 def test_codes_are_within_range_for_any_frames(sequence):
     devices = EmulatedBoard(PLATFORM, lockstep=True)
+    devices.board.draw = lambda: NUMBER
     port = BoardPort(PLATFORM, 0, devices.buses[1])
     lowest, highest = port.code(0.0), port.code(90e3)
     for dac in devices.dacs:
@@ -158,7 +171,7 @@ def test_codes_are_within_range_for_any_frames(sequence):
     for number, (kind, values) in enumerate(sequence):
         length = messages.lengths(4)[kind]
         payload = (messages.pack_set(values) * 8)[:length].ljust(length, b"\0")
-        devices.line.feed(frames.encode(BoardFrame(kind, number + 1, payload)))
+        devices.line.feed(frames.encode(BoardFrame(kind, number + 1, payload, NUMBER)))
     # The self-test writes one count beside 0 Pa, as its only other value.
     codes = {code for dac in devices.dacs for _, code in dac.log} - {lowest + 1}
     assert all(lowest <= code <= highest for code in codes)

@@ -10,7 +10,7 @@ from soro_core.hardware.board.frames import BoardFrame, Kind
 from soro_core.hardware.board.messages import Cause, PortFlag, PortState, Refusal, StateMessage, Welcome
 
 N = 4
-SET = BoardFrame(Kind.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]))
+SET = BoardFrame(Kind.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]), 0x0102030405060708)
 
 
 def decoder():
@@ -18,7 +18,8 @@ def decoder():
 
 
 def test_bytes_of_a_set():
-    body = bytes.fromhex("73 42 01 02 10 00 07 00 00 00" + "00000000 905F0100 FFFFFFFF 39300000")
+    header, payload = "73 42 02 02 10 00 07 00 00 00 0807060504030201", "00000000 905F0100 FFFFFFFF 39300000"
+    body = bytes.fromhex(header + payload)
     assert frames.encode(SET) == body + zlib.crc32(body).to_bytes(4, "little")
 
 
@@ -72,6 +73,16 @@ def test_every_flipped_bit_is_noticed_and_costs_one_frame():
         taken = decoder()
         assert taken.feed(bytes(bad) + good) == [SET], bit
         assert taken.garbled == 1
+
+
+def test_a_greeting_of_version_1_is_told_apart_and_its_refusal_is_one_of_version_1():
+    body = bytes.fromhex("73 42 01 01 02 00 00 00 00 00 04 00")
+    taken = decoder()
+    assert taken.feed(body + zlib.crc32(body).to_bytes(4, "little")) == []
+    assert (taken.garbled, taken.other_version) == (1, 1)
+    body = bytes.fromhex("73 42 01 83 04 00 00 00 00 00 09 00 00 00")
+    refused = BoardFrame(Kind.REFUSED, 0, messages.pack_refused(Refusal.VERSION))
+    assert frames.encode(refused, 1) == body + zlib.crc32(body).to_bytes(4, "little")
 
 
 def test_a_damaged_length_does_not_wait():

@@ -1,11 +1,13 @@
 """Who may connect to a board: the real server and the emulated one, over sockets, byte for byte the same."""
 
+import contextlib
 import socket
 import time
+import zlib
 
 import numpy as np
 import pytest
-from board_bench import board_platform
+from board_bench import board_platform, greeted
 from hardware_bench import merged
 from served_bench import served
 from test_board_server import PATIENT, cycles, serving
@@ -61,8 +63,23 @@ def board_with(request, tmp_path):
         context.__exit__(None, None, None)
 
 
-def refusal(why):
-    return frames.encode(BoardFrame(Kind.REFUSED, 0, messages.pack_refused(why)))
+HELLO = frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4)))
+REFUSED_VERSION = BoardFrame(Kind.REFUSED, 0, messages.pack_refused(Refusal.VERSION))
+
+
+def refusal(why, sequence=0):
+    return frames.encode(BoardFrame(Kind.REFUSED, sequence, messages.pack_refused(why)))
+
+
+def read_to_the_end(host):
+    """What a host hears until the board hangs up, which it must do within 5 s."""
+    host.settimeout(5.0)
+    until_s, heard = time.monotonic() + 5.0, b""
+    with contextlib.suppress(ConnectionResetError):
+        while chunk := host.recv(4096):
+            heard += chunk
+            assert time.monotonic() < until_s
+    return heard
 
 
 def test_one_host_at_a_time(board_with):
@@ -113,8 +130,8 @@ def test_garbage_keeps_no_host_in_and_feeds_no_watchdog(board_with):
     board = board_with(watchdog_s=0.2)
     rng = np.random.default_rng(7)
     with board.connect() as babbler:
-        babbler.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4))))
-        babbler.sendall(frames.encode(BoardFrame(Kind.SET, 1, messages.pack_set([50_000] * 4))))
+        number = greeted(babbler)
+        babbler.sendall(frames.encode(BoardFrame(Kind.SET, 1, messages.pack_set([50_000] * 4), number)))
         decoder, states = frames.BoardFrameDecoder(messages.lengths(4)), []
         until_s = time.monotonic() + 1.5
         while time.monotonic() < until_s:
@@ -125,4 +142,63 @@ def test_garbage_keeps_no_host_in_and_feeds_no_watchdog(board_with):
         driver = board.driver()
         driver.configure()
         assert cycles(driver, 5)[-1].faults == ()
+        driver.close()
+
+
+BEGINNINGS = {
+    "garbage": b"\r\n",
+    "garbage before the greeting": b"s" + HELLO,
+    "a greeting whose last bit is damaged": HELLO[:-1] + bytes([HELLO[-1] ^ 1]),
+    "a set point": frames.encode(BoardFrame(Kind.SET, 1, messages.pack_set([50_000] * 4))),
+    "a reset": frames.encode(BoardFrame(Kind.RESET, 1)),
+}
+
+
+@pytest.mark.parametrize("beginning", BEGINNINGS.values(), ids=BEGINNINGS.keys())
+def test_a_connection_that_does_not_begin_with_a_greeting_is_closed(board_with, beginning):
+    board = board_with()
+    with board.connect() as host:
+        host.sendall(beginning)
+        assert read_to_the_end(host) in (b"", refusal(Refusal.NO_HELLO, 1))
+
+
+@pytest.mark.parametrize("kind", [Kind.SET, Kind.RESET, Kind.BYE])
+def test_a_frame_without_the_number_of_the_welcome_ends_the_connection_and_vents(board_with, kind):
+    board = board_with()
+    with board.connect() as host:
+        number = greeted(host)
+        half = messages.pack_set([50_000] * 4)
+        host.sendall(frames.encode(BoardFrame(Kind.SET, 1, half, number)))
+        payload = half if kind is Kind.SET else b""
+        host.sendall(frames.encode(BoardFrame(kind, 2, payload, number ^ 1)))
+        assert read_to_the_end(host).endswith(refusal(Refusal.NUMBER, 2))
+    other = board.driver()
+    with board.connect() as host:
+        assert greeted(host) != number, "drawn anew"
+        decoder = frames.BoardFrameDecoder(messages.lengths(4))
+        states = []
+        while not states:  # the heartbeat
+            states = decoder.feed(host.recv(4096))
+        state = messages.unpack_state(states[0].payload)
+        assert state.cause is messages.Cause.HOST_GONE
+        assert not any(port.applied_pa > 100 for port in state.ports)
+    other.configure()
+    assert cycles(other, 5)[-1].faults == ()
+    other.close()
+
+
+def test_a_driver_of_version_1_is_told_so_in_its_own_frames(board_with):
+    body = bytes.fromhex("73 42 01 01 02 00 00 00 00 00 04 00")
+    with board_with().connect() as old:
+        old.sendall(body + zlib.crc32(body).to_bytes(4, "little"))
+        assert read_to_the_end(old) == frames.encode(REFUSED_VERSION, 1)
+
+
+def test_a_board_of_version_1_is_named_by_the_driver():
+    """It drops what it does not know, and answers nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = "{}:{}".format(*silent.getsockname())
+        driver = open_regulator(board_platform(host={"start_timeout_s": 0.2}), address)
+        with fails(HardwareError, "another version than frames 2", device="board", code="silent"):
+            driver.configure()
         driver.close()

@@ -4,6 +4,7 @@ import os
 import pickle
 import random
 import select
+import threading
 import tty
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,7 +13,11 @@ import numpy as np
 import pytest
 from hardware_bench import cycles_in_real_time, driver, emulator, platform, platform_file
 
-from soro_core.emulation.canopen.slcan_server import SilentSlcanServer, SlcanServer
+from soro_core.emulation.canopen.slcan_server import (
+    RememberingSlcanServer,
+    SilentSlcanServer,
+    SlcanServer,
+)
 from soro_core.errors import HardwareError
 from soro_core.hardware.doctor import examine
 from soro_core.hardware.transport.config import SlcanTransport
@@ -41,6 +46,12 @@ GOOD = [
     (b"e1a\r", BusErrors("a")),
     (b"e3bcs\r", BusErrors("bcs")),
 ]
+STAMPED = [
+    (b"t1812AABB1234\r", Frame(0x181, b"\xaa\xbb")),
+    (b"t1810ea5f\r", Frame(0x181)),
+    (b"T1FFFFFFF1FF0000\r", Frame(0x1FFFFFFF, b"\xff", extended=True)),
+    (b"r18141234\r", Frame(0x181, b"", remote=True, length=4)),
+]
 
 GARBLED = {
     "bad hex": b"t1812AAGG\r",
@@ -54,8 +65,11 @@ GARBLED = {
     "half an identifier": b"t18\r",
     "underscore in the number": b"t1_12AABB\r",
     "sign in the number": b"t+182AABB\r",
-    "time stamp never asked for": b"t1812AABB1234\r",
-    "remote frame with data": b"r1812AABB\r",
+    "half a time stamp": b"t1812AABB12\r",
+    "five digits of a time stamp": b"t1812AABB12345\r",
+    "time stamp and less data than its length": b"t1813AABB1234\r",
+    "time stamp that is no number": b"t1812AABB12G4\r",
+    "remote frame with data": b"r1812AABBCC\r",
     "health with letters": b"sbXXXYYY\r",
     "health too short": b"sb255\r",
     "unknown health": b"sx000000\r",
@@ -70,7 +84,7 @@ GARBLED = {
 }
 
 
-@pytest.mark.parametrize(("line", "event"), GOOD, ids=[repr(line) for line, _ in GOOD])
+@pytest.mark.parametrize(("line", "event"), GOOD + STAMPED, ids=[repr(line) for line, _ in GOOD + STAMPED])
 def test_good_line(line, event):
     decoder = SlcanDecoder()
     assert decoder.feed(line) == [event]
@@ -150,6 +164,10 @@ def test_bits_on_the_wire(frame, bits):
     assert frame_bits(frame) == bits
 
 
+# Time stamps off, frames without being asked for, acceptance code and mask of every frame.
+FORGET = b"Z0\rX1\rM00000000\rmFFFFFFFF\r"
+
+
 class Adapter:
     """A pseudo-terminal whose adapter end is played by the test."""
 
@@ -171,11 +189,13 @@ class Adapter:
 
     def open(self):
         """Play an adapter that is opened; in a thread, since the host waits for the answers."""
-        opening = self.read(4) + self.read(3)
+        opening = self.read(7)
         self.answer(b"\r")
+        opening += self.read(len(FORGET))
+        self.answer(b"\r\x07\r\x07")  # it knows two of the four
         opening += self.read(2)
         self.answer(b"\r")
-        assert opening == b"C\rC\rS8\rO\r"
+        assert opening == b"C\rC\rS8\r" + FORGET + b"O\r"
 
     def close(self):
         for descriptor in (self.master, self.slave):
@@ -276,10 +296,10 @@ STOCK = b"b158aa7 https://github.com/normaldotcom/canable-fw.git\r"
 
 def test_an_adapter_that_answers_only_v_is_recognised(adapter):
     with ThreadPoolExecutor() as pool:
-        played = pool.submit(lambda: (adapter.read(9), adapter.answer(STOCK), adapter.read(2)))
+        played = pool.submit(lambda: (adapter.read(9), adapter.answer(STOCK), adapter.read(5)))
         bus = SlcanBus(adapter.path, 1_000_000)
         assert played.result()[0] == b"C\rC\rS8\rV\r"
-        assert played.result()[2] == b"O\r"
+        assert played.result()[2] == b"Z0\rO\r", "no more: canable2-fw takes X for a frame to send"
     assert not bus.acknowledges
     bus.send(can.Message(arbitration_id=0x123, is_extended_id=False))
     assert adapter.read(6) == b"t1230\r"
@@ -292,7 +312,16 @@ def test_an_adapter_that_answers_only_v_is_recognised(adapter):
 @pytest.mark.parametrize("late", [b"\r", b"\rV1013\r", b"\r\x07"])
 def test_an_adapter_that_acknowledges_late_is_not_taken_for_a_silent_one(adapter, late):
     with ThreadPoolExecutor() as pool:
-        pool.submit(lambda: (adapter.read(9), adapter.answer(late), adapter.read(2), adapter.answer(b"\r")))
+        pool.submit(
+            lambda: (
+                adapter.read(9),
+                adapter.answer(late),
+                adapter.read(len(FORGET)),
+                adapter.answer(b"\x07" * 4),
+                adapter.read(2),
+                adapter.answer(b"\r"),
+            )
+        )
         bus = SlcanBus(adapter.path, 1_000_000)
     assert bus.acknowledges
     bus.shutdown()
@@ -309,7 +338,7 @@ def test_told_to_be_silent_it_is_asked_nothing(adapter):
     bus = SlcanBus.from_transport(
         SlcanTransport(kind="slcan", device=adapter.path, acknowledges=False, open_timeout_s=0.1)
     )
-    assert adapter.read(9) == b"C\rC\rS8\rO\r"
+    assert adapter.read(12) == b"C\rC\rS8\rZ0\rO\r"
     assert not bus.acknowledges
     bus.shutdown()
 
@@ -318,6 +347,96 @@ def test_told_to_acknowledge_it_is_not_asked_for_a_version(adapter):
     with fails(HardwareError, "S8", code="silent"):
         SlcanBus(adapter.path, 1_000_000, timeout_s=0.4, acknowledges=True)
     assert adapter.read(7) == b"C\rC\rS8\r"
+
+
+# -- what an adapter remembers of its last owner ----------------------------------------------------
+
+
+class Played:
+    """An adapter in a thread that answers each command, as a table says; the others with `other`."""
+
+    def __init__(self, adapter, answers, other=b"\x07"):
+        self.commands = []
+        self._adapter, self._answers, self._other = adapter, answers, other
+        self._thread = threading.Thread(target=self._play)
+        self._thread.start()
+
+    def _play(self):
+        while self.commands[-1:] != [b"O"]:
+            command = b"".join(iter(lambda: self._adapter.read(1), b"\r"))
+            self.commands.append(command)
+            self._adapter.answer(self._answers.get(command, self._other))
+
+    def join(self):
+        self._thread.join(10.0)
+        return self.commands
+
+
+ANSWERS = {b"C": b"\r", b"S8": b"\r", b"O": b"\r"}
+OWNERS = {
+    "an old one, which knows nothing of them": {},
+    "one that says nothing to what it does not know": {
+        b"Z0": b"",
+        b"X1": b"",
+        b"M00000000": b"",
+        b"mFFFFFFFF": b"",
+    },
+    "open and busy, with time stamps": {b"C": b"t1812AABB1234\rt1812AABB1235\r\r"},
+    "closed already": {b"C": b"\x07"},
+    "one that knows all of them": {b"Z0": b"\r", b"X1": b"\r", b"M00000000": b"\r", b"mFFFFFFFF": b"\r"},
+}
+
+
+@pytest.mark.parametrize("owner", OWNERS.values(), ids=OWNERS.keys())
+def test_an_adapter_in_whatever_state_its_last_owner_left(adapter, owner):
+    played = Played(adapter, ANSWERS | owner)
+    bus = SlcanBus(adapter.path, 1_000_000)
+    commands = played.join()
+    assert b"Z0" in commands[: commands.index(b"O")], "while the bus is closed"
+    assert bus.acknowledges
+    adapter.answer(b"t1812aabb0001\rt1822CCDD\r")  # the time stamps that it did not switch off
+    assert [bus.recv(1.0).arbitration_id for _ in range(2)] == [0x181, 0x182]
+    assert (bus.frames_garbled, bus.frames_refused) == (0, 0)
+    bus.shutdown()
+
+
+def test_an_adapter_that_repeats_what_it_is_sent(adapter):
+    echoes = {command: command + b"\r" + answer for command, answer in ANSWERS.items()}
+    played = Played(adapter, echoes)
+    with fails(HardwareError, "repeats", device=adapter.path, code="setting"):
+        SlcanBus(adapter.path, 1_000_000)
+    os.write(adapter.slave, b"O\r")  # ends the played one
+    played.join()
+
+
+def test_valves_behind_an_adapter_with_time_stamps(tmp_path):
+    """It has them on and delivers frames only when asked, as its last owner left it."""
+    path = platform_file(tmp_path, emulation={"adapters": ["slcan_remembering"]})
+    with (
+        emulator(tmp_path, platform=path) as served,
+        driver(platform(), served.device, lockstep=False) as regulator,
+    ):
+        results = cycles_in_real_time(regulator, 0.5, np.array([20e3, 40e3, 60e3]))
+        assert not [fault for result in results for fault in result.faults if fault.latched]
+        assert regulator.statistics.frames_refused == regulator.statistics.frames_garbled == 0
+
+
+REMEMBERING = [
+    (b"C\rO\r", b"\r\r", b""),
+    (b"C\rX1\rO\r", b"\r\r\r", b"t18110004D2\r"),
+    (b"C\rX1\rZ0\rO\r", b"\r\r\r\r", b"t181100\r"),
+    (b"C\rX1\rZ1\rO\rZ0\r", b"\r\r\r\r\x07", b"t18110004D2\r"),
+]
+
+
+@pytest.mark.parametrize(("commands", "answers", "frame"), REMEMBERING)
+def test_emulated_adapter_that_remembers(commands, answers, frame):
+    server = RememberingSlcanServer(lambda frame: True)
+    server.feed(commands)
+    assert bytes(server.output) == answers
+    server.output.clear()
+    server.deliver(Frame(0x181, b"\0"), (60_000 + 1234) * 1_000_000)
+    assert bytes(server.output) == frame
 
 
 def test_lockstep_needs_acknowledgements(tmp_path):
@@ -373,6 +492,8 @@ COMMANDS = [
     (b"F\r", b"\x07"),
     (b"t1230\r", b"\x07"),
     (b"Q\r", b"\x07"),
+    (b"Z0\r", b"\x07"),
+    (b"O\rt12301234\r", b"\r\x07"),  # a host sends no time stamps
     (b"O\rF\r", b"\rF00\r"),
     (b"O\rO\r", b"\r\r"),
     (b"O\rS8\r", b"\r\x07"),

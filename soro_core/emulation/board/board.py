@@ -88,6 +88,7 @@ class EmulatedBoard(ServedDevices):
         """Process bytes of the host; in lockstep a SET ends a cycle."""
         before = self.board.set_points
         self.line.put(self.board.feed(chunk, self.now_ns))
+        self.line.hang_up = self.line.hang_up or self.board.hang_up
         if self.lockstep and self.board.set_points != before:
             self.end_cycle()
 

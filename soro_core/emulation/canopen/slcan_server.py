@@ -11,6 +11,7 @@ from soro_core.hardware.transport.slcan_codec import BEL, CR, LONGEST_LINE, deco
 
 _STATES = {"active": b"a", "warning": b"w", "passive": b"p", "bus_off": b"b"}
 _STOCK_VERSION = b"b158aa7 https://github.com/normaldotcom/canable-fw.git\r"
+_STAMPS = 60_000  # a time stamp is in ms within its minute
 _FLAGS = {"active": 0x00, "warning": 0x04, "passive": 0x24, "bus_off": 0xA4}
 
 
@@ -68,6 +69,34 @@ class SlcanServer(Adapter):
             return BEL if self._open else CR
         flags = b"F%02X\r" % self._flags if self._open else BEL
         return {b"V": b"V1013\r", b"N": b"NA408\r", b"F": flags}.get(line, BEL)
+
+
+class RememberingSlcanServer(SlcanServer):
+    """A LAWICEL adapter whose last owner left time stamps on and the delivery of frames off.
+
+    It keeps both without power; Z and X change them while the bus is closed (CAN232 manual).
+    """
+
+    def __init__(self, send: Callable[[Frame], bool]) -> None:
+        super().__init__(send)
+        self._settings = {b"Z": True, b"X": False}
+
+    def deliver(self, frame: Frame, now_ns: int) -> None:
+        if not (self._open and self._settings[b"X"]):
+            return
+        line = encode(frame)
+        if self._settings[b"Z"]:
+            line = b"%s%04X\r" % (line[:-1], now_ns // 1_000_000 % _STAMPS)
+        self.say(line)
+
+    def _command(self, line: bytes) -> bytes:
+        kind, value = line[:1], line[1:]
+        if kind not in self._settings:
+            return super()._command(line)
+        if self._open or value not in (b"0", b"1"):
+            return BEL
+        self._settings[kind] = value == b"1"
+        return CR
 
 
 class SilentSlcanServer(SlcanServer):

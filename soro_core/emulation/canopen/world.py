@@ -8,7 +8,7 @@ from soro_core.emulation.canopen.adapter import Adapter
 from soro_core.emulation.canopen.can_faults import OF_NODES, ON_ADAPTER_LINE, ON_FRAMES, NodeFaults
 from soro_core.emulation.canopen.hub import Controller, Hub
 from soro_core.emulation.canopen.node import EmulatedNode
-from soro_core.emulation.canopen.slcan_server import SilentSlcanServer, SlcanServer
+from soro_core.emulation.canopen.slcan_server import RememberingSlcanServer, SilentSlcanServer, SlcanServer
 from soro_core.emulation.canopen.socketcand_server import SocketcandServer
 from soro_core.emulation.devices import EmulatedDevices
 from soro_core.hardware.canopen.config import CanopenPlatform
@@ -21,6 +21,7 @@ _SUPPLY_MARGIN_PA = 60e3
 _ADAPTERS: dict[str, type[Adapter]] = {
     "slcan": SlcanServer,
     "slcan_silent": SilentSlcanServer,
+    "slcan_remembering": RememberingSlcanServer,
     "socketcand": SocketcandServer,
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Sequence
 
 from soro_core.hardware.board import core, frames, messages
@@ -35,6 +36,11 @@ class Board:
     ----------
     set_points : int
         Number of accepted SETs.
+    hang_up : bool
+        Whether the connection is to be closed once the answer is sent: the host has sent no greeting, or a
+        frame with another number than that of its welcome.
+    draw : callable
+        Draws the number of a welcome, which nobody can guess.
     """
 
     def __init__(
@@ -54,7 +60,8 @@ class Board:
             tolerated_errors=options.tolerated_errors,
         )
         self.state = core.initial_state(self.rules)
-        self.ports, self.set_points = ports, 0
+        self.ports, self.set_points, self.hang_up = ports, 0, False
+        self.draw: Callable[[], int] = _draw
         self._boot, self._on_report, self._stop = boot & 0xFFFFFFFF, on_report, stop
         self._watchdog_ms = round(options.watchdog_s * 1e3)
         self._refresh_ns = round(1e9 / options.refresh_hz)
@@ -100,16 +107,23 @@ class Board:
 
     def host_came(self, now_ns: int) -> None:
         """Process that a host has connected."""
-        self._received_ns = now_ns
+        self._received_ns, self.hang_up = now_ns, False
 
     def feed(self, chunk: bytes, now_ns: int) -> bytes:
         """Process bytes of the host; return the answer."""
+        if self.hang_up:
+            return b""
         self.watch(now_ns)
-        output, answer = b"", False
-        for frame in self._decoder.feed(chunk):
-            self.state, why, port = core.receive(self.rules, self.state, frame, now_ns)
+        output, answer, garbled = b"", False, self.garbled
+        found = self._decoder.feed(chunk)
+        if not self.state.greeted and self.garbled != garbled:
+            return self._part(now_ns)  # whatever follows: it may be the body of a web page's request
+        for frame in found:
+            self.state, why, port = core.receive(self.rules, self.state, frame, now_ns, self.draw())
             if why is not None:
                 output += frames.encode(core.refusal(frame, why, port))
+                if core.parts(why):
+                    return output + self._part(now_ns)
             elif frame.kind is Kind.HELLO:
                 output += frames.encode(self._welcome(frame.sequence))
             elif frame.kind is Kind.RESET:
@@ -156,6 +170,13 @@ class Board:
         self.ports.vent()
         return self._report(now_ns) if self.state.greeted else b""
 
+    def _part(self, now_ns: int) -> bytes:
+        """Vent and ask for the end of the connection; return what a host of another version is told."""
+        version = self._decoder.other_version
+        self.host_gone(now_ns)
+        self.hang_up = True
+        return b"" if version is None else _refused(Refusal.VERSION, version)
+
     def _test(self, now_ns: int) -> list[PortReport]:
         reports = self.ports.self_test()
         self.state = core.tested(self.state, not any(report.error for report in reports))
@@ -177,7 +198,7 @@ class Board:
     def _welcome(self, sequence: int) -> BoardFrame:
         limits = ((self.rules.minimum_pa, self.rules.maximum_pa),) * self.rules.ports
         welcome = messages.Welcome(self._boot, self._watchdog_ms, limits)
-        return BoardFrame(Kind.WELCOME, sequence, messages.pack_welcome(welcome))
+        return BoardFrame(Kind.WELCOME, sequence, messages.pack_welcome(welcome), self.state.number)
 
     def _report(self, now_ns: int) -> bytes:
         self._sent_ns = now_ns
@@ -196,8 +217,12 @@ class Board:
         return PortState(round(reading.applied_pa), pressure, reading.flags, age_ms)
 
 
-def _refused(why: Refusal) -> bytes:
-    return frames.encode(BoardFrame(Kind.REFUSED, 0, messages.pack_refused(why)))
+def _draw() -> int:
+    return 1 + secrets.randbelow(2**64 - 1)
+
+
+def _refused(why: Refusal, version: int = frames.VERSION) -> bytes:
+    return frames.encode(BoardFrame(Kind.REFUSED, 0, messages.pack_refused(why)), version)
 
 
 def describe(reports: Sequence[PortReport]) -> list[str]:

@@ -3,7 +3,8 @@
 The rules that keep the arm safe:
 
 - Only a SET with the right CRC, length, sequence and range commands pressure, from a host that has sent
-  HELLO, while nothing is latched.
+  HELLO, with the number that WELCOME gave to it, while nothing is latched.
+- A host without HELLO or with another number is parted with: `parts`.
 - The first good SET arms the watchdog, each further one feeds it. The board vents every port and latches
   after `watchdog_ns` without a SET, after the end of a connection without BYE, when a chip fails or has been
   without power, and while the contact of the emergency stop is open.
@@ -43,6 +44,8 @@ class BoardState:
         Cause of the latch, or NONE.
     greeted : bool
         Whether the connected host has sent HELLO.
+    number : int
+        Number that its frames must have, 0 before the first HELLO.
     sequence : int
         Sequence number of the newest SET, 0 before the first.
     fed_ns : int or None
@@ -56,6 +59,7 @@ class BoardState:
     setpoint_pa: tuple[int, ...]
     cause: Cause = Cause.NONE
     greeted: bool = False
+    number: int = 0
     sequence: int = 0
     fed_ns: int | None = None
     failed: tuple[int, ...] = ()
@@ -68,7 +72,7 @@ def initial_state(rules: Rules) -> BoardState:
 
 
 def receive(
-    rules: Rules, state: BoardState, frame: BoardFrame, now_ns: int
+    rules: Rules, state: BoardState, frame: BoardFrame, now_ns: int, fresh: int
 ) -> tuple[BoardState, Refusal | None, int]:
     """Process a frame of the host.
 
@@ -82,6 +86,8 @@ def receive(
         Frame of the host; the caller answers HELLO, RESET and SET.
     now_ns : int
         Present time [ns].
+    fresh : int
+        Number for the host, if this is a good HELLO; nobody can guess it.
 
     Returns
     -------
@@ -94,9 +100,11 @@ def receive(
     if frame.kind is Kind.HELLO:
         if messages.unpack_hello(frame.payload) != rules.ports:
             return _refuse(state, Refusal.PORTS)
-        return replace(vent(state), greeted=True, sequence=0, fed_ns=None), None, 0
+        return replace(vent(state), greeted=True, number=fresh, sequence=0, fed_ns=None), None, 0
     if not state.greeted:
         return _refuse(state, Refusal.NO_HELLO)
+    if frame.number != state.number:
+        return _refuse(state, Refusal.NUMBER)
     if frame.kind is Kind.SET:
         return _set(rules, state, frame, now_ns)
     if frame.kind is Kind.RESET:
@@ -105,6 +113,11 @@ def receive(
     if frame.kind is Kind.BYE:
         return replace(vent(state), greeted=False, fed_ns=None), None, 0
     return _refuse(state, Refusal.NO_HELLO)
+
+
+def parts(why: Refusal | None) -> bool:
+    """Return whether the connection of a host that is refused for a reason ends."""
+    return why in (Refusal.NO_HELLO, Refusal.NUMBER)
 
 
 def tested(state: BoardState, passed: bool) -> BoardState:

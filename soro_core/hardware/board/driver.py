@@ -82,12 +82,10 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
         session = self._session
         if not self._closed:  # at the end wait for every answer
             session.drain()
-        self._set(setpoint_pa)
         deadline = self.clock() + self.patience_s(self.platform.cycle_budget_s)
-        while not session.is_answered and session.refusal is None:
-            left = deadline - self.clock()
-            if left <= 0 or not session.receive(left):
-                break
+        self._receive_until(lambda: session.welcome is not None, deadline)  # of a new connection
+        self._set(setpoint_pa)
+        self._receive_until(lambda: session.is_answered, deadline)
         self.answers_lost += not session.is_answered
         # An answer that is some cycles late is still a reading; its sequence number shows the delay.
         state, taken, self._taken = session.state, self._taken, session.state
@@ -125,6 +123,14 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
     def shut_down(self, is_empty: bool) -> None:
         self._session.bye()
 
+    def _receive_until(self, has_come: Callable[[], bool], deadline_s: float) -> None:
+        """Receive until a frame or a refusal has come, at most until a time of the clock [s]."""
+        session = self._session
+        while not has_come() and session.refusal is None:
+            left = deadline_s - self.clock()
+            if left <= 0 or not session.receive(left):
+                break
+
     def _set(self, setpoint_pa: Array) -> None:
         values = [0] * len(self.platform.ports)
         for port, value in zip(self._ports, setpoint_pa.tolist(), strict=True):
@@ -157,7 +163,7 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
                 raise self._failed(texts.refusal(self._session.refusal[0]))
             left = deadline - self.clock()
             if left <= 0:
-                raise self._failed(f"does not answer {step}", "silent")
+                raise self._failed(texts.SILENT if step == "HELLO" else f"does not answer {step}", "silent")
             self._session.receive(left)
         return answer
 

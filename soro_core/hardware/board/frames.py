@@ -6,15 +6,16 @@ Every frame is, little-endian:
 bytes     type  meaning
 ========  ====  ==========================================================
 2               magic ``sB``
-1         u8    version of this format, 1
+1         u8    version of this format, 2
 1         u8    kind, see `Kind`
 2         u16   length of the payload
 4         u32   sequence number
+8         u64   number that the board drew for this connection and told in WELCOME; 0 in HELLO
 length          payload
 4         u32   CRC-32 (zlib) of everything before it
 ========  ====  ==========================================================
 
-`soro_core.hardware.board.messages` defines the payloads.
+`soro_core.hardware.board.messages` defines the payloads. Version 1 had no number; only its refusal is sent.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 MAGIC = b"sB"
-VERSION = 1
-_HEADER = struct.Struct("<2sBBHI")
+VERSION = 2
+_HEADER = struct.Struct("<2sBBHIQ")
+_FIRST_SIZE = struct.calcsize("<2sBBHI")  # of the header of version 1
+_VERSION_AT = len(MAGIC)
 _CRC = struct.Struct("<I")
 
 
@@ -50,12 +53,16 @@ class BoardFrame:
     kind: Kind
     sequence: int
     payload: bytes = b""
+    number: int = 0
 
 
-def encode(frame: BoardFrame) -> bytes:
-    """Return the bytes of a frame."""
-    head = _HEADER.pack(MAGIC, VERSION, frame.kind, len(frame.payload), frame.sequence & 0xFFFFFFFF)
-    body = head + frame.payload
+def encode(frame: BoardFrame, version: int = VERSION) -> bytes:
+    """Return the bytes of a frame; for a host of version 1 they are those that it reads."""
+    sequence = frame.sequence & 0xFFFFFFFF
+    if version != 1:
+        version = VERSION
+    head = _HEADER.pack(MAGIC, version, frame.kind, len(frame.payload), sequence, frame.number)
+    body = (head[:_FIRST_SIZE] if version == 1 else head) + frame.payload
     return body + _CRC.pack(zlib.crc32(body))
 
 
@@ -72,6 +79,8 @@ class BoardFrameDecoder:
     ----------
     garbled : int
         Number of byte runs that were no frame.
+    other_version : int or None
+        Version of the newest frame of another version, which is dropped.
     """
 
     def __init__(self, lengths: Mapping[Kind, int]) -> None:
@@ -79,6 +88,7 @@ class BoardFrameDecoder:
         self._buffer = bytearray()
         self._in_garbage = False
         self.garbled = 0
+        self.other_version: int | None = None
 
     def feed(self, chunk: bytes) -> list[BoardFrame]:
         """Process bytes; return the complete frames, oldest first."""
@@ -88,10 +98,16 @@ class BoardFrameDecoder:
             if start := self._noise():
                 self._drop(start)
                 continue
+            if len(self._buffer) <= _VERSION_AT:
+                break
+            if (version := self._buffer[_VERSION_AT]) != VERSION:  # a short one of version 1 is complete
+                self.other_version = version
+                self._drop(_VERSION_AT)
+                continue
             if len(self._buffer) < _HEADER.size:
                 break
-            _, version, kind, length, sequence = _HEADER.unpack_from(self._buffer)
-            if version != VERSION or self._lengths.get(kind) != length:
+            _, _, kind, length, sequence, number = _HEADER.unpack_from(self._buffer)
+            if self._lengths.get(kind) != length:
                 self._drop(2)
                 continue
             end = _HEADER.size + length
@@ -102,7 +118,8 @@ class BoardFrameDecoder:
                 self._in_garbage = False
                 self._drop(2)
                 continue
-            found.append(BoardFrame(Kind(kind), sequence, bytes(self._buffer[_HEADER.size : end])))
+            payload = bytes(self._buffer[_HEADER.size : end])
+            found.append(BoardFrame(Kind(kind), sequence, payload, number))
             del self._buffer[: end + _CRC.size]
             self._in_garbage = False
         return found
@@ -111,6 +128,7 @@ class BoardFrameDecoder:
         """Start with a new connection; the count continues."""
         self._buffer.clear()
         self._in_garbage = False
+        self.other_version = None
 
     def _noise(self) -> int:
         """Return the number of bytes before the possible start of a frame."""

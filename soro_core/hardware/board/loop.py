@@ -90,6 +90,9 @@ class Server:
             return False
         if answer := self._board.feed(chunk, self._clock()):
             self._put(answer)
+        if self._board.hang_up:
+            self._leave()
+            return False
         return True
 
     def _put(self, data: bytes) -> None:

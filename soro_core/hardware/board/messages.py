@@ -15,7 +15,9 @@ STATE       board to host   see `StateMessage`; sequence of the newest SET or RE
 REFUSED     board to host   u16 `Refusal`, u16 port; sequence of the frame that is refused
 ==========  ==============  ====================================================================
 
-STATE is sent as the answer to every SET and, when none comes, every 25 ms as the board's heartbeat.
+A frame of the host has the number of its WELCOME, which only the host that has received it knows: a web page
+can send bytes to any address, but it cannot read the answer. STATE is sent as the answer to every SET and,
+when none comes, every 25 ms as the board's heartbeat.
 """
 
 from __future__ import annotations
@@ -45,6 +47,8 @@ class Refusal(enum.IntEnum):
     OLD = 5
     NO_HELLO = 6
     STRANGER = 7
+    NUMBER = 8
+    VERSION = 9
 
 
 class Cause(enum.IntEnum):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from soro_core.hardware.board import texts
+from soro_core.hardware.board import frames, texts
 from soro_core.hardware.board.config import BoardPlatform
 from soro_core.hardware.board.messages import Cause
 from soro_core.hardware.board.session import Session
@@ -33,7 +33,10 @@ def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]
     deadline = clock() + platform.host.start_timeout_s
     while (session.welcome is None or session.state is None) and session.refusal is None:
         if (left := deadline - clock()) <= 0:
-            advice = "use family veab_tcp for the published server, or another port"
+            advice = (
+                f"install the same version of soro on the Pi (frames {frames.VERSION}); "
+                "use family veab_tcp for the published server, or another port"
+            )
             yield Finding("board", "fail", "the server does not send frames of soro board", advice)
             return
         session.receive(left)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from soro_core.errors import HardwareError
 from soro_core.hardware.board import frames, messages
 from soro_core.hardware.board.frames import BoardFrame, Kind
@@ -33,7 +35,7 @@ class Session:
         self.welcome: Welcome | None = None
         self.state: StateMessage | None = None
         self.refusal: tuple[int, int] | None = None
-        self.sequence = self.answered = 0
+        self.sequence = self.answered = self._number = 0
         self.sent = self.received = self.late = self.refused = self._unknown = 0
 
     @property
@@ -55,7 +57,7 @@ class Session:
         """Start with a new connection: send HELLO."""
         self._decoder.reset()
         self.welcome = self.state = self.refusal = None
-        self.answered = -1
+        self.answered, self._number = -1, 0
         self._send(BoardFrame(Kind.HELLO, 0, messages.pack_hello(self._ports)))
 
     def reset(self) -> None:
@@ -64,7 +66,9 @@ class Session:
         self._send(BoardFrame(Kind.RESET, self.sequence))
 
     def set(self, values: list[int]) -> None:
-        """Send SET with one set point for every port [Pa gauge]."""
+        """Send SET with one set point for every port [Pa gauge]; nothing before the board's WELCOME."""
+        if self.welcome is None:
+            return
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         self._send(BoardFrame(Kind.SET, self.sequence, messages.pack_set(values)))
 
@@ -80,7 +84,7 @@ class Session:
             if frame.kind is Kind.STATE:
                 self._on_state(frame)
             elif frame.kind is Kind.WELCOME:
-                self.welcome = messages.unpack_welcome(frame.payload)
+                self.welcome, self._number = messages.unpack_welcome(frame.payload), frame.number
             elif frame.kind is Kind.REFUSED:
                 self.refused += 1
                 refusal = messages.unpack_refused(frame.payload)
@@ -95,7 +99,7 @@ class Session:
             raise HardwareError("the board sends without a pause", code="flood")
 
     def _send(self, frame: BoardFrame) -> None:
-        self.link.send(frames.encode(frame))
+        self.link.send(frames.encode(replace(frame, number=self._number)))
         self.sent += 1
 
     def _on_state(self, frame: BoardFrame) -> None:

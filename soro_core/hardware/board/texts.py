@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from soro_core.hardware.board import frames
 from soro_core.hardware.board.messages import Cause, PortFlag, Refusal, StateMessage
 
 CAUSES = {
@@ -23,11 +24,15 @@ _REFUSALS: dict[int, str] = {
     Refusal.OLD: "refuses a set point as older than the last",
     Refusal.NO_HELLO: "does not know this host",
     Refusal.STRANGER: "does not admit this host: board.hosts in the platform file on the Pi",
+    Refusal.NUMBER: "has welcomed this host with another number",
+    Refusal.VERSION: f"speaks frames of another version than this driver, {frames.VERSION}",
 }
 _ADVICE: dict[int, str] = {
     Refusal.BUSY: "end the other driver; the board drops a silent host after a second",
+    Refusal.VERSION: "install the same version of soro on both sides",
     Refusal.STRANGER: "add this host's address to board.hosts there, and start `soro board` again",
 }
+SILENT = f"does not answer HELLO: `soro board` of another version than frames {frames.VERSION}, or no board"
 _FLAGS = {
     PortFlag.DAC_ERROR: "DAC does not answer",
     PortFlag.ADC_ERROR: "ADC does not answer",

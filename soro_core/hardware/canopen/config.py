@@ -78,12 +78,13 @@ class CanopenOptions(Freshness):
 class CanopenEmulation(EmulationBase):
     """How the emulated devices of this platform behave."""
 
-    adapters: Annotated[tuple[Literal["slcan", "slcan_silent", "socketcand"], ...], Field(strict=False)] = (
-        Field(
-            (),
-            description="adapters on the emulated bus; empty: the one of the transport. slcan_silent "
-            "acknowledges no command, as the CANable with its stock firmware",
-        )
+    adapters: Annotated[
+        tuple[Literal["slcan", "slcan_silent", "slcan_remembering", "socketcand"], ...], Field(strict=False)
+    ] = Field(
+        (),
+        description="adapters on the emulated bus; empty: the one of the transport. slcan_silent "
+        "acknowledges no command, as the CANable with its stock firmware; slcan_remembering has time stamps "
+        "on, and delivers frames on request only, until it is told otherwise",
     )
     boot_delay_s: float = Field(0.1, ge=0, le=10, description="time from power-on to boot-up; 0 in lockstep")
     pressure_unit: Literal["pa", "bar", "normalised"] = Field(

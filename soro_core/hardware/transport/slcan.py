@@ -4,6 +4,9 @@
 
 An adapter acknowledges each command, except a CANable with its stock firmware, which answers only V. The bus
 detects this when it is opened; it cannot detect frames that such an adapter loses.
+
+An adapter keeps settings of its last owner, some of them without power (LAWICEL CAN232 and CANUSB: time
+stamps, delivery of frames on request only, acceptance filter, open or listening): opening sets each of them.
 """
 
 from __future__ import annotations
@@ -34,6 +37,9 @@ _STATES = {
 
 # Longest time to an acknowledgement [s]; after it the bus tests whether the adapter never acknowledges.
 _ACKNOWLEDGED_S = 0.25
+# Time stamps off, frames without request, acceptance code and mask of every frame. A closed adapter takes
+# them once it has its bit rate; one that does not know them answers BEL, or nothing.
+_SETTINGS = (b"Z0\r", b"X1\r", b"M00000000\r", b"mFFFFFFFF\r")
 # Of a version: text, as "b158aa7 https://github.com/normaldotcom/canable-fw.git".
 _VERSION = re.compile(rb"[\x20-\x7e]{2,}")
 
@@ -148,15 +154,27 @@ class SlcanBus(StreamBus):
         self._drain(0.02)
         self._decoder.reset()
         self._frames.clear()
-        deadline = time.monotonic() + self._timeout_s
-        for command, what in ((b"S%d\r" % speed, "set the bit rate"), (b"O\r", "open the bus")):
+        self._command(b"S%d\r" % speed, "set the bit rate", acknowledges)
+        if self.acknowledges:
+            self.write(b"".join(_SETTINGS))
             self._replies.clear()
-            self.write(command)
-            if acknowledges is None:
-                acknowledges = self.acknowledges = self._acknowledges(deadline)
-            if acknowledges:
-                self._confirm(command, what, deadline)
+            all_there = time.monotonic() + _ACKNOWLEDGED_S
+            self.read_until(lambda: len(self._replies) >= len(_SETTINGS), all_there)
+        else:  # no more than this: the stock firmware of the CANable takes X for a frame to send
+            self.write(_SETTINGS[0])
+        self._command(b"O\r", "open the bus", self.acknowledges)
         self._decoder.garbled = 0  # a version is no garbled frame
+
+    def _command(self, command: bytes, what: str, acknowledges: bool | None) -> None:
+        """Send a command and wait for its acknowledgement; None: find out whether the adapter gives one."""
+        deadline = time.monotonic() + self._timeout_s
+        self._replies.clear()
+        self._line = b""
+        self.write(command)
+        if acknowledges is None:
+            acknowledges = self.acknowledges = self._acknowledges(deadline)
+        if acknowledges:
+            self._confirm(command, what, deadline)
 
     def _confirm(self, command: bytes, what: str, deadline: float) -> None:
         if not self.read_until(lambda: self._replies, deadline):
@@ -166,6 +184,9 @@ class SlcanBus(StreamBus):
                 self.channel_info,
                 "silent",
             )
+        if command in self._line:
+            text = "the adapter repeats what it is sent, so that own frames would count as received: echo off"
+            raise HardwareError(text, self.channel_info, "setting")
         if not self._replies.popleft().ok:
             raise HardwareError(f"the adapter refused {command!r} ({what})", self.channel_info, "refused")
 

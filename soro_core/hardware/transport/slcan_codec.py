@@ -1,7 +1,8 @@
 """LAWICEL ASCII (slcan) as pure functions: frames, replies and bus health; no input raises an error.
 
-A line ends with CR; an adapter refuses a command with a lone BEL. Health lines are those of the Linux driver
-(drivers/net/can/slcan/slcan-core.c): ``s[abpw]RRRTTT`` state and error counters, ``eN<codes>`` bus errors.
+A line ends with CR; four digits behind a frame are its time stamp, which is dropped. An adapter refuses a
+command with a lone BEL. Health lines are those of the Linux driver (drivers/net/can/slcan/slcan-core.c):
+``s[abpw]RRRTTT`` state and error counters, ``eN<codes>`` bus errors.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ LONGEST_LINE = 64
 
 _STANDARD = re.compile(rb"([tr])([0-7][0-9A-Fa-f]{2})([0-8])((?:[0-9A-Fa-f]{2})*)")
 _EXTENDED = re.compile(rb"([TR])([01][0-9A-Fa-f]{7})([0-8])((?:[0-9A-Fa-f]{2})*)")
+_STAMP = re.compile(rb"[0-9A-Fa-f]{4}")
 _LINE = re.compile(rb"([^\r\x07]*)([\r\x07])")
 _HEALTH = re.compile(rb"s([abpw])([0-9]{3})([0-9]{3})")
 _ERRORS = re.compile(rb"e([1-9])([abBcfoOs]*)")
@@ -122,6 +124,8 @@ def _decode(line: bytes) -> Event | None:
     if line in _DONE:  # as many as frames, so before them
         return _DONE[line]
     frame = decode_frame(line)
+    if frame is None and _STAMP.fullmatch(line[-4:]):
+        frame = decode_frame(line[:-4])
     if frame is not None:
         return frame
     if match := _HEALTH.fullmatch(line):

@@ -7,13 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from soro_core.safety import Limiter
-from soro_ros import messages, qos
+from soro_ros import messages, pulse, qos
 from soro_ros.command_topic import CommandTopic
 from soro_ros.diagnostics import ERROR, NONE, OK, VENTED, WARN
 
@@ -75,6 +76,11 @@ class ChamberInterface:
             (Float64MultiArray, "chambers/commands", qos.array(lockstep), _no_name, self._on_array),
         )
         self._topics = [CommandTopic(node, *topic, on_publishers) for topic in topics]
+        self._launcher = None if lockstep else pulse.listener()
+        if self._launcher is not None:
+            node.create_timer(
+                pulse.PERIOD_S, self._check_launcher, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
         node.create_service(Trigger, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/vent", self._on_vent)
         node.create_service(Trigger, "~/reset", self._on_reset)
@@ -106,6 +112,13 @@ class ChamberInterface:
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""
         self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
+
+    def _check_launcher(self) -> None:
+        """Vent while the program that runs the arm gives no sign of life."""
+        trouble = self._launcher.trouble()
+        if trouble is not None and self._limiter.cause is None:
+            self._limiter.vent(trouble)
+            self.report_latch()
 
     def _publish_latch(self) -> None:
         """Publish the state of the latch for panels: they also receive it when they start later."""

@@ -11,13 +11,17 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from rclpy.node import Node
+
 from soro_core.bag.config import RecorderConfig
 from soro_core.config import Strict, changed
 from soro_core.emulation.control import ControlClient
 from soro_core.errors import SoroError
 from soro_core.scene import Scene
-from soro_ros import kernels, processes
+from soro_ros import claims, kernels, processes
+from soro_ros.claims import Claims
 from soro_ros.processes import Child, NodeError
+from soro_ros.pulse import Pulse
 from soro_ros.recorded_topics import recorded_topics
 from soro_ros.supervisor import Supervisor
 from soro_ros.versions import versions
@@ -47,6 +51,12 @@ END_ORDER = (
 )
 
 
+# Nodes that look on: the arm goes on without them.
+OBSERVERS = frozenset({"shadow", "markers", "recorder"})
+# A run that hangs may be longer than its scene by this time, in which control begins [s].
+_BEGIN_S, _END_S = 30.0, 2.0
+
+
 @dataclass(frozen=True)
 class Loop:
     """The nodes between the readings and the commands of a run.
@@ -59,11 +69,14 @@ class Loop:
         Name of the node that commands: it is enabled at the begin.
     shadow : bool
         Whether the twin runs beside a real arm.
+    observers : frozenset of str
+        Names of the nodes whose failure does not end the run.
     """
 
     nodes: Mapping[str, Strict]
     commander: str
     shadow: bool = True
+    observers: frozenset[str] = OBSERVERS
 
 
 def control_loop(scene: Scene) -> Loop:
@@ -73,8 +86,12 @@ def control_loop(scene: Scene) -> Loop:
 
 
 def excitation_loop(scene: Scene) -> Loop:
-    """Return the exciter of a scene; the model of a robot that is not identified yet is no shadow."""
-    return Loop({"exciter": scene.exciter_node()}, "exciter", shadow=False)
+    """Return the exciter of a scene, which moves the arm for its recording.
+
+    The model of a robot that is not identified yet is no shadow.
+    """
+    observers = OBSERVERS - {"recorder"}
+    return Loop({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)
 
 
 class Run:
@@ -116,9 +133,33 @@ class Run:
         self._plant, self._faults = links / "plant.sock", links / "faults.sock"
         # The node that drives the valves; it vents when it ends.
         self._driver = "regulator" if scene.platform else "twin"
-        self._begun = False
+        self.begun = False
+        """Whether control has begun."""
         self._reported_compiling = False
         self._status: dict[str, int] = {}
+        self._claims = Claims()
+        # In lockstep no air moves, and the time of the nodes is not that of this program.
+        self._pulse = Pulse() if scene.mode == "real_time" else None
+        self.warnings: dict[str, str] = {}
+        """What became of an observer while the arm went on, by the name of its node."""
+        self.recording_failure = ""
+        """Why the recording has no end; empty where it has one."""
+
+    def claim(self, node: Node) -> None:
+        """Claim the arm in the domain of a node; its own nodes claim their names as they start.
+
+        Raises
+        ------
+        ConfigError
+            If another program has this arm, or one of its nodes.
+        """
+        namespace = f"/{self.scene.name}"
+        nodes = [name for name in END_ORDER if name not in (*OBSERVERS, "valves")]
+        names = [claims.readings(namespace), *(f"{namespace}/{name}" for name in nodes)]
+        if self.scene.mode == "lockstep":
+            names.append("/clock")
+        self._claims.take(node, [claims.of_arm(self.scene.name)])
+        claims.require_free(node, names)
 
     def start(self, supervisor: Supervisor) -> None:
         """Start every process and wait until every node is active; nothing moves before `begin`.
@@ -127,6 +168,8 @@ class Run:
         ------
         KeyboardInterrupt
             If a signal has ended the run.
+        ConfigError
+            If another program has a node of the same name.
         SoroError
             If a process ends or a node reports an error.
         """
@@ -147,6 +190,7 @@ class Run:
         nodes |= self._loop.nodes
         if scene.markers:
             nodes["markers"] = scene.markers_node()
+        supervisor.look()
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
@@ -164,7 +208,9 @@ class Run:
 
     def begin(self, supervisor: Supervisor) -> None:
         """Inject the scene's faults, enable the controller, and start the clock and what the twin plans."""
-        self._begun = True
+        self.begun = True
+        if self._pulse is not None:
+            self._pulse.begin(self.scene.duration_s + _BEGIN_S)
         if self.scene.faults:
             with contextlib.closing(ControlClient(self._faults)) as client:
                 for fault in self.scene.faults:
@@ -174,34 +220,95 @@ class Run:
             supervisor.call("twin/start")
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if a signal has ended the run, and NodeError if a process has ended."""
+        """Raise KeyboardInterrupt if a signal has ended the run, and NodeError if a process has ended.
+
+        That an observer has ended is a warning, once the arm is in control.
+        """
         if self._interrupted:
             raise KeyboardInterrupt
         for child in self._children.values():
             if child.process.poll() is not None:
-                raise NodeError(child.name, child.end_report())
+                if not self._spares(child.name):
+                    raise NodeError(child.name, child.end_report())
+                self._warn(child.name, child.end_report(), has_failed=True)
+
+    def check_nodes(self, supervisor: Supervisor, left_s: float) -> None:
+        """Raise what ends a run in control, and warn of what does not.
+
+        Parameters
+        ----------
+        supervisor : Supervisor
+            What the nodes say.
+        left_s : float
+            Time [s] that the run still takes: without another call the arm is vented soon after it.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If a signal has ended the run.
+        SoroError
+            If a process or a node fails, or this program itself stood still.
+        """
+        if self._pulse is not None:
+            self._pulse.renew(left_s + _END_S)
+            if still_s := self._pulse.stood_still_s:
+                raise SoroError(
+                    f"this program stood still for {still_s:.1f} s (stopped, or starved), so the "
+                    f"{self._driver} has vented the arm"
+                )
+        self.check()
+        essential = [name for name in self.nodes if not self._spares(name)]
+        supervisor.check(essential)
+        supervisor.check_silence(essential)
+        for name in set(self.nodes) - set(essential):
+            if self._children[name].process.poll() is not None:
+                continue
+            if trouble := supervisor.error(name):
+                self._warn(name, trouble, has_failed=True)
+            elif trouble := supervisor.silence(name):
+                self._warn(name, trouble)
+
+    def _spares(self, name: str) -> bool:
+        """Whether the run goes on without a node now."""
+        return self.begun and name in self._loop.observers
+
+    def _warn(self, name: str, line: str, has_failed: bool = False) -> None:
+        """Report once what became of an observer; `has_failed` if it does not do its work any more."""
+        if has_failed and name == "recorder":
+            self.recording_failure = line
+        if self.warnings.get(name) != line:
+            self.warnings[name] = line
+            self._report(f"warning: {line}; the arm goes on")
 
     def end(self) -> dict[str, str]:
-        """End every process in order; return a line for each that did not end cleanly, by name."""
+        """End every process in order; return a line for each that did not end cleanly, by name.
+
+        An observer of a run that had begun is no such process: `warnings` have its line.
+        """
         unclean = {}
         for name in sorted(END_ORDER, key=lambda name: name != self._driver):
             child = self._children.pop(name, None)
             if child is None:
                 continue
             self._status[name], forced = processes.stop(child, _END_LIMITS_S.get(name, _END_LIMIT_S))
-            if self._status[name] != 0:
+            if self._status[name] != 0 and self._spares(name):
+                self._warn(name, child.end_report(forced), has_failed=True)
+            elif self._status[name] != 0:
                 unclean[name] = child.end_report(forced)
         self._links.cleanup()
+        self._claims.close()
+        if self._pulse is not None:
+            self._pulse.close()
         return unclean
 
     @property
     def refused(self) -> bool:
-        """Whether the node that commands refused its configuration before the begin; after `end`."""
-        return not self._begun and self._status.get(self._loop.commander) == 2
+        """Whether a node refused its configuration before the begin; after `end`."""
+        return not self.begun and 2 in self._status.values()
 
     def outcome(self) -> str:
         """State of valves and bag, in one line; after `end`."""
-        if not self._begun:
+        if not self.begun:
             air = "ended before control began"
         elif self._status.get(self._driver) == 0:
             air = "vented"
@@ -218,12 +325,16 @@ class Run:
         """Start nodes with their parameters and wait until all of them are active."""
         self.check()
         compiled = kernels.compiled()
+        supervisor.check_alone(configs)
         self._report(f"starting {', '.join(configs)}")
         for name, config in configs.items():
             ending = changed(config, end_on_failed_start=True)
             command = processes.node_command(name, ending, self.scene.name, self.folder)
-            self._children[name] = processes.start(name, command, self.folder)
+            pipe = self._pulse.pipe if self._pulse is not None and name == self._driver else None
+            child = processes.start(name, command, self.folder, pipe=pipe)
+            self._children[name] = child
             self.nodes.append(name)
+            supervisor.listen_to(name, child.process.pid)
 
         def check() -> None:
             self._check_start(supervisor)
@@ -241,10 +352,10 @@ class Run:
     def _check_start(self, supervisor: Supervisor) -> None:
         """Raise SoroError if a process has ended, or another run has nodes of the same names.
 
-        Two runs would take each other's nodes for their own, and each controller would command both arms.
+        Two controllers of one name would command both arms.
         """
         self.check()
-        supervisor.check_alone({name: self._children[name].process.pid for name in self.nodes})
+        supervisor.check_alone(self.nodes)
 
     def _wait_for_arm(self, supervisor: Supervisor) -> None:
         """Wait until a sample of the real arm has come to the node that needs it."""

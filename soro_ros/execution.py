@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import time
 from collections.abc import Callable, Sequence
@@ -15,7 +16,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from soro_core.config import find_config
-from soro_core.errors import HardwareError, SoroError
+from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.extras import require
 from soro_core.hardware.doctor import check_device
 from soro_core.scene import Scene, load_scene
@@ -28,14 +29,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class End:
-    """How the processes ended: exit status, and the first error (empty without one)."""
+    """How the processes ended.
+
+    Attributes
+    ----------
+    status : int
+        Exit status.
+    error : str
+        The first error; empty without one.
+    warnings : tuple of str
+        What happened to nodes without which the arm goes on.
+    recording_failure : str
+        Why the recording has no end; empty where it has one.
+    """
 
     status: int
     error: str
+    warnings: tuple[str, ...] = ()
+    recording_failure: str = ""
 
 
 # Longest time [s] without progress of the run's clock.
 STALL_S = 30.0
+# Time [s] for which messages are received before the nodes are checked.
+ROUND_S = 0.1
 
 
 def prepare(
@@ -140,18 +157,11 @@ def watch_time(run: Run, supervisor: Supervisor, scene: Scene, console: Console)
         task = progress.add_task(scene.name, total=scene.duration_s)
         stall, now = Stall(), 0.0
         while now < scene.duration_s - 1e-9:
-            check_nodes(run, supervisor)
+            supervisor.spin(ROUND_S)
+            run.check_nodes(supervisor, scene.duration_s - now)
             now = supervisor.clock_s if scene.mode == "lockstep" else supervisor.controlled_s
             stall.check(now)
             progress.update(task, completed=min(now, scene.duration_s), description=_line(scene, supervisor))
-
-
-def check_nodes(run: Run, supervisor: Supervisor) -> None:
-    """Receive messages for a moment, and raise what ends a run: a signal, or an error of a node."""
-    supervisor.spin(0.1)
-    run.check()
-    supervisor.check()
-    supervisor.check_silence(run.nodes)
 
 
 class Stall:
@@ -207,12 +217,18 @@ def execute(
     from soro_ros.processes import NodeError
     from soro_ros.supervisor import Supervisor
 
-    run = Run(scene, folder, lambda line: console.print(f"[dim]{line}[/dim]"), interrupted, loop)
+    def report(line: str) -> None:
+        with contextlib.suppress(OSError):  # nobody reads it, or the disk is full: the arm goes on
+            console.print(f"[dim]{escape(line)}[/dim]", soft_wrap=True)
+
+    run = Run(scene, folder, report, interrupted, loop)
     errors: list[str] = []
     failed = ""  # name of the node that failed first
+    is_refused = False
     try:
         with Supervisor(scene.name) as supervisor:
             try:
+                run.claim(supervisor.node)
                 run.start(supervisor)
                 run.begin(supervisor)
                 watch(run, supervisor, scene, console)
@@ -220,6 +236,7 @@ def execute(
                 pass
             except SoroError as failure:
                 errors.append(str(failure))
+                is_refused = isinstance(failure, ConfigError) and not run.begun
                 failed = failure.name if isinstance(failure, NodeError) else ""
                 console.print(f"[red]soro: {escape(str(failure))}[/red]", soft_wrap=True)
             if interrupted:
@@ -230,9 +247,8 @@ def execute(
                     console.print(f"[red]{escape(line)}[/red]", soft_wrap=True)
     finally:
         run.end()
-    if interrupted or errors:
+    if not is_refused and (interrupted or errors or run.recording_failure):
         console.print(run.outcome(), soft_wrap=True)
     error = errors[0] if errors else ""
-    if interrupted:
-        return End(130, error)
-    return End(2 if run.refused else 1 if errors else 0, error)
+    status = 130 if interrupted else 2 if is_refused or run.refused else 1 if errors else 0
+    return End(status, error, tuple(run.warnings.values()), run.recording_failure)

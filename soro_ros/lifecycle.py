@@ -36,6 +36,8 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     node_name: ClassVar[str]
     # Parameter that names what the diagnostics are about.
     hardware: ClassVar[str] = "robot"
+    # Whether the arm does without this node: it looks on, and two of one name do no harm.
+    is_observer: ClassVar[bool] = False
 
     def __init__(self) -> None:
         super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
@@ -77,6 +79,10 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
 
         Raise SoroError to refuse it; then nothing may have changed.
         """
+
+    def claims(self) -> tuple[str, ...]:
+        """Return the names that no other program of the domain may use meanwhile."""
+        return () if self.is_observer else (self.get_fully_qualified_name(),)
 
     def make_safe(self) -> None:
         """Put hardware and files into a safe state; called first when the process ends."""

@@ -16,6 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from soro_core.errors import ConfigError, SoroError
 from soro_ros import command_line, middleware, signals, timing
+from soro_ros.claims import Claims
 from soro_ros.command_line import Program
 from soro_ros.diagnostics import WARN
 from soro_ros.handover import Handover
@@ -83,12 +84,13 @@ def run_until_end(
         Exit status, see `run_nodes`.
     """
     nodes: list[SoroNode[Any]] = []
+    claims = Claims()
     handover = Handover()
     status = 0
     try:
         command_line.initialise(program, args)
         for node_class in node_classes:
-            nodes.append(_make(node_class))
+            nodes.append(_make(node_class, claims))
             nodes[-1].handover = handover
         with signals.raised(stopping):
             _start(nodes, stopping)
@@ -112,6 +114,7 @@ def run_until_end(
             middleware.deliver(node)
             node.destroy_node()
         rclpy.try_shutdown()
+        claims.close()
     return status
 
 
@@ -129,13 +132,19 @@ def _made_safe(node: SoroNode[Any]) -> bool:
     return True
 
 
-def _make(node_class: type[SoroNode[Any]]) -> SoroNode[Any]:
+def _make(node_class: type[SoroNode[Any]], claims: Claims) -> SoroNode[Any]:
     try:
-        return node_class()
+        node = node_class()
     except (InvalidParameterValueException, ValueError) as error:
         raise ConfigError(
             f"parameters of {node_class.node_name}", "", str(error), "values with a type"
         ) from None
+    try:
+        claims.take(node, node.claims())
+    except ConfigError:
+        node.destroy_node()  # at once: what it says as it ends would be said under the name of the other
+        raise
+    return node
 
 
 def _start(nodes: Sequence[SoroNode[Any]], stopping: list[int]) -> None:

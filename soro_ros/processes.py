@@ -18,6 +18,7 @@ import yaml
 from pydantic import BaseModel
 
 from soro_core.errors import SoroError
+from soro_ros import pulse
 
 _PR_SET_PDEATHSIG = 1
 _PRCTL = ctypes.CDLL(None).prctl
@@ -63,7 +64,7 @@ class Child:
         return " | ".join(errors or (line.strip() for line in text)) or "nothing in its log"
 
 
-def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Child:
+def start(name: str, command: list[str], folder: Path, priority: int = 0, pipe: int | None = None) -> Child:
     """Start a process whose output goes to ``folder/log/NAME.log``.
 
     The process has its own session, so that Ctrl-C reaches the supervisor only, and gets SIGTERM when the
@@ -80,6 +81,8 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Chi
         Folder of the run.
     priority : int
         Above 0: priority of the scheduler SCHED_FIFO.
+    pipe : int, optional
+        Pipe of `pulse.Pulse`, for a process that listens to this one.
 
     Returns
     -------
@@ -88,6 +91,7 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Chi
     log = folder / "log" / f"{name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     parent = os.getpid()
+    heard = {} if pipe is None else {pulse.VARIABLE: str(pipe)}
     with log.open("wb") as sink:
         process = subprocess.Popen(
             command,
@@ -95,9 +99,10 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0) -> Chi
             stdout=sink,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            pass_fds=() if pipe is None else (pipe,),
             preexec_fn=lambda: _prepare(parent, priority),
             # On busy cores a second thread of BLAS makes small matrices slower, up to 10 ms a call.
-            env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1"},
+            env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1", **heard},
         )
     return Child(name, process, log)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from functools import partial
 
 import rclpy
@@ -17,12 +17,16 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
-from soro_ros import messages, middleware, qos, services
+from soro_ros import claims, messages, middleware, qos, services
 from soro_ros.diagnostics import ERROR
 from soro_ros.processes import NodeError
 
 # Nodes publish /diagnostics once a second; a machine that delays them for so long cannot control an arm.
 SILENT_S = 8.0
+# After a longer time without receiving anything, the silence of a node is counted anew.
+DEAF_S = 1.0
+# Time in which another program with the same nodes is heard [s].
+LOOK_S = 1.5
 _COMMAND, _DESIRED = "chambers/command", "arm/desired/tip"
 
 
@@ -59,8 +63,11 @@ class Supervisor:
         self._executor.add_node(self.node)
         self.clock_s = 0.0
         self.status: dict[str, DiagnosticStatus] = {}
+        self._own: dict[str, str] = {}  # process ids of the nodes of the run, by name
         self._pids: dict[str, set[str]] = {}  # processes that publish under the name of a node
         self._status_s: dict[str, float] = {}  # wall time of the latest status
+        self._begun_s = time.monotonic()
+        self._spun_s = self._listening_s = self._begun_s
 
     def __enter__(self) -> Supervisor:
         return self
@@ -80,9 +87,13 @@ class Supervisor:
 
     def spin(self, seconds: float) -> None:
         """Receive messages for a time [s]."""
-        deadline = time.monotonic() + seconds
+        now_s = time.monotonic()
+        if now_s - self._spun_s > DEAF_S:
+            self._listening_s = now_s
+        deadline = now_s + seconds
         while (left := deadline - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
+        self._spun_s = time.monotonic()
         # The first message is enough; more come at the loop's rate.
         for topic in self._first_s.keys() & self._first_subscriptions.keys():
             self.node.destroy_subscription(self._first_subscriptions.pop(topic))
@@ -105,35 +116,50 @@ class Supervisor:
         """Latest diagnostic values of a node."""
         return {pair.key: pair.value for pair in self.status[name].values} if name in self.status else {}
 
-    def check(self) -> None:
-        """Raise NodeError if a node reports an error."""
-        for name, status in self.status.items():
-            if status.level == ERROR:
-                raise NodeError(name, f"{name}: {status.message.removeprefix(f'{name}: ')}")
+    def check(self, names: Iterable[str] | None = None) -> None:
+        """Raise NodeError if one of these nodes, by default any, reports an error."""
+        for name in list(self.status) if names is None else names:
+            if trouble := self.error(name):
+                raise NodeError(name, trouble)
 
     def check_silence(self, names: Iterable[str]) -> None:
         """Raise NodeError if a node has stopped publishing /diagnostics though its process lives."""
         for name in names:
-            silent_s = time.monotonic() - self._status_s.get(name, math.inf)
-            if silent_s > SILENT_S:
-                raise NodeError(
-                    name, f"{name}: no message on /diagnostics for {silent_s:.0f} s: it hangs or was stopped"
-                )
+            if trouble := self.silence(name):
+                raise NodeError(name, trouble)
 
-    def check_alone(self, own: Mapping[str, int]) -> None:
-        """Raise SoroError if another process publishes under the name of one of the run's nodes.
+    def error(self, name: str) -> str:
+        """Return the error that a node reports, with its name; "" without one."""
+        status = self.status.get(name)
+        if status is None or status.level != ERROR:
+            return ""
+        return f"{name}: {status.message.removeprefix(f'{name}: ')}"
 
-        Parameters
-        ----------
-        own : mapping of str to int
-            Process ids of the run's nodes, by name.
+    def silence(self, name: str) -> str:
+        """Return that a node has stopped publishing /diagnostics; "" while it has not."""
+        heard_s = self._status_s.get(name, math.inf)
+        if time.monotonic() - max(heard_s, self._listening_s) <= SILENT_S:
+            return ""
+        return f"{name}: no message on /diagnostics for {SILENT_S:g} s: it is starved, hangs or was stopped"
+
+    def look(self) -> None:
+        """Receive messages until other programs of the domain have been heard."""
+        self.spin(max(0.0, self._begun_s + LOOK_S - time.monotonic()))
+
+    def listen_to(self, name: str, pid: int) -> None:
+        """Take the status of one of the run's nodes from this process alone."""
+        self._own[name] = str(pid)
+
+    def check_alone(self, names: Iterable[str]) -> None:
+        """Raise ConfigError if another program publishes /diagnostics under one of these names of nodes.
+
+        On this host `claims` finds it sooner; this one may be on another host, or in another container.
         """
-        for name, pid in own.items():
-            if others := self._pids.get(name, set()) - {str(pid)}:
-                raise SoroError(
-                    f"another {self._prefix}{name} (process {', '.join(others)}) is in "
-                    f"{services.domain(self.node)}: end that run, or set a ROS_DOMAIN_ID of one's own"
-                )
+        for name in names:
+            others = self._pids.get(name, set()) - {self._own.get(name)}
+            if others:
+                by = f"process {', '.join(sorted(others))}"
+                raise claims.taken(self.node, f"{self._prefix}{name}", by)
 
     def check_clock(self) -> None:
         """Raise SoroError if another node publishes /clock too: nodes in lockstep would follow both."""
@@ -168,7 +194,7 @@ class Supervisor:
         while not ready():
             self.spin(0.05)
             check()
-            self.check()
+            self.check(self._own or None)
             if time.monotonic() > deadline:
                 raise SoroError(f"no {what} within {limit_s:.0f} s")
 
@@ -189,8 +215,10 @@ class Supervisor:
         for status in message.status:
             if status.name.startswith(self._prefix):
                 name = status.name.removeprefix(self._prefix)
-                self.status[name], self._status_s[name] = status, time.monotonic()
-                self._pids.setdefault(name, set()).add(self.values(name).get("pid", "unknown"))
+                pid = next((pair.value for pair in status.values if pair.key == "pid"), "unknown")
+                self._pids.setdefault(name, set()).add(pid)
+                if pid == self._own.get(name, pid):
+                    self.status[name], self._status_s[name] = status, time.monotonic()
 
     def _on_first(self, topic: str, message: object) -> None:
         self._first_s.setdefault(topic, time.monotonic())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -28,7 +29,14 @@ class Verdict:
         return f"{self.word}: {self.reason}" if self.reason else self.word
 
 
-def judge(summary: Summary | None, scene: Scene, status: int, trouble: str) -> Verdict:
+def judge(
+    summary: Summary | None,
+    scene: Scene,
+    status: int,
+    trouble: str,
+    warnings: Sequence[str] = (),
+    recording_failure: str = "",
+) -> Verdict:
     """Judge a run by its exit status and its figures.
 
     Parameters
@@ -41,16 +49,30 @@ def judge(summary: Summary | None, scene: Scene, status: int, trouble: str) -> V
         Exit status so far: 2 if the run was refused, another value but 0 if it ended early.
     trouble : str
         Why the run ended early.
+    warnings : sequence of str
+        What happened meanwhile to nodes that only look on; they stand behind the reason.
+    recording_failure : str
+        Why the recording has no end; empty where it has one.
 
     Returns
     -------
     Verdict
     """
+    found = _judged(summary, scene, status, trouble, recording_failure)
+    more = [line for line in warnings if line not in found.reason]
+    return replace(found, reason="; ".join(filter(None, (found.reason, *more))))
+
+
+def _judged(
+    summary: Summary | None, scene: Scene, status: int, trouble: str, recording_failure: str
+) -> Verdict:
     if status == 2:
         return Verdict("refused", trouble)
     if status != 0 or (summary is not None and summary.faults):
         trips = "; ".join(summary.faults) if summary is not None else ""
         return Verdict("vented", trips or trouble or "interrupted")
+    if recording_failure:
+        return Verdict("lost", f"not judged, because the recording has no end: {recording_failure}")
     if scene.faults:
         return Verdict("good")
     if summary is None:

@@ -17,7 +17,7 @@ from soro_core.errors import ConfigError, SoroError
 from soro_core.scene import Scene, check_plant
 from soro_ros import signals
 from soro_ros.commands.hil import show_question, typed_answer
-from soro_ros.execution import End, Stall, check_nodes, execute, make_folder, prepare
+from soro_ros.execution import ROUND_S, End, Stall, execute, make_folder, prepare
 from soro_ros.scene_options import Change, Device, Folder, SceneName, Valves, changes_of
 
 if TYPE_CHECKING:
@@ -200,12 +200,12 @@ class _Watch:
             task, stall, asked = progress.add_task(scene.name, total=self._longest_s, left=""), Stall(), False
             while self.values.get("phase") != "over":
                 try:
-                    check_nodes(run, supervisor)
+                    supervisor.spin(ROUND_S)
+                    run.check_nodes(supervisor, self._left_s)
                 finally:
                     self._note(supervisor)
                 stall.check(self.time_s)
-                values = self.values
-                left_s = float(values.get("left_s", self._longest_s))
+                values, left_s = self.values, self._left_s
                 text = escape(supervisor.status["exciter"].message)
                 left = f"{left_s:.0f} s of arm time left"
                 progress.update(task, completed=self._longest_s - left_s, description=text, left=left)
@@ -218,6 +218,10 @@ class _Watch:
         if reason := self.values.get("reason"):
             raise SoroError(f"stopped: {reason}")
 
+    @property
+    def _left_s(self) -> float:
+        return float(self.values.get("left_s", self._longest_s))
+
     def _note(self, supervisor: Supervisor) -> None:
         self.values = supervisor.values("exciter")
         self.time_s = float(self.values.get("time_s", 0.0))
@@ -229,7 +233,10 @@ def _report(folder: Path, end: End, watch: _Watch, console: Console) -> None:
     """Write and print the result."""
     values = watch.values
     verdict = VERDICTS[end.status]
-    figures: dict[str, Any] = {"verdict": verdict, "reason": end.error}
+    figures: dict[str, Any] = {
+        "verdict": verdict,
+        "reason": "; ".join(filter(None, (end.error, *end.warnings))),
+    }
     if "phase" in values:
         whole = values["phase"] == "over" and not values["reason"]
         done, of = int(values["section"]) + whole, int(values["sections"])

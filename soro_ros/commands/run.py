@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, SoroError
 from soro_core.scene import Scene, check_gains, check_scene
 from soro_ros import signals
 from soro_ros.execution import End, execute, make_folder, prepare
@@ -79,8 +79,12 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
 
     bag = folder / "bag"
     recorded = scene.recorder.enabled and bag.exists()
-    summary = summarise(bag, scene) if recorded else None
-    verdict = judge(summary, scene, end.status, end.error)
+    failure = end.recording_failure
+    try:
+        summary = summarise(bag, scene) if recorded else None
+    except SoroError as error:
+        summary, failure = None, failure or str(error)
+    verdict = judge(summary, scene, end.status, end.error, end.warnings, failure)
     write(folder, summary, verdict)
     if summary is not None:
         summary = with_verdict(summary, verdict)
@@ -88,7 +92,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
         if figure:
             draw(bag, scene, folder / "run.png")
             console.print(f"picture: {folder / 'run.png'}")
-    elif recorded:
+    elif recorded and not failure:
         console.print("control was too short for a report")
     if verdict.word == "lost":
         console.print(f"[red]soro: {escape(str(verdict))}[/red]", soft_wrap=True)
@@ -99,4 +103,4 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
         if summary is not None:
             console.print(f"film:    soro film {folder}")
             console.print(f"page:    soro report {folder}")
-    return 1 if verdict.word == "lost" else end.status
+    return end.status or (0 if verdict.word == "good" else 1)

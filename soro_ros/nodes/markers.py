@@ -19,6 +19,7 @@ class MarkersNode(SoroNode[MarkersConfig]):
 
     config_model = MarkersConfig
     node_name = "markers"
+    is_observer = True
 
     def setup(self, config: MarkersConfig) -> None:
         self._config, self._drawn = config, 0

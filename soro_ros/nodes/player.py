@@ -43,6 +43,7 @@ class Player(SoroNode[PlayerConfig]):
 
     config_model = PlayerConfig
     node_name = "player"
+    is_observer = True
     hardware = "bag"
     live = ("rate", "loop", "start_s")
     _reader: BagReader | None = None

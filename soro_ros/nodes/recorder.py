@@ -35,6 +35,7 @@ class Recorder(SoroNode[RecorderConfig]):
 
     config_model = RecorderConfig
     node_name = "recorder"
+    is_observer = True
     hardware = "folder"
     _bag: BackgroundWriter | None = None
 

@@ -12,7 +12,7 @@ from soro_core.hardware import Regulator, load_platform, open_regulator
 from soro_core.hardware.limited import LimitedRegulator
 from soro_core.safety import narrowed
 from soro_core.scene import RegulatorNodeConfig
-from soro_ros import messages, qos
+from soro_ros import claims, messages, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import OK, WARN
 from soro_ros.latch_file import LatchFile
@@ -43,6 +43,9 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._latch_file: LatchFile | None = None
         self._stop: StopTopic | None = None
         super().__init__()
+
+    def claims(self) -> tuple[str, ...]:
+        return (*super().claims(), claims.readings(self.get_namespace()))
 
     def setup(self, config: RegulatorNodeConfig) -> None:
         platform = load_platform(config.platform).at_rate(config.rate_hz)

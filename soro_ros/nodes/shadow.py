@@ -27,6 +27,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
 
     config_model = ShadowConfig
     node_name = "shadow"
+    is_observer = True
 
     def setup(self, config: ShadowConfig) -> None:
         robot = self._robot = load_robot(config.robot)

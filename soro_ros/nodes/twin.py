@@ -16,7 +16,7 @@ from soro_core.robot import load_robot
 from soro_core.safety import Limiter, Rating, check_rating, narrowed
 from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
-from soro_ros import messages, qos
+from soro_ros import claims, messages, qos
 from soro_ros.chambers import ChamberInterface
 from soro_ros.diagnostics import OK
 from soro_ros.faults import FaultInterface
@@ -38,6 +38,11 @@ class TwinNode(SoroNode[TwinConfig]):
     live = ("limits.",)
     _link: PlantLinkClient | None = None
     _faults: FaultInterface | None = None
+
+    def claims(self) -> tuple[str, ...]:
+        pressures, mode = (self.get_parameter_or(name).value for name in ("pressures", "mode"))
+        drives = (claims.readings(self.get_namespace()),) if pressures == "regulators" else ()
+        return (*super().claims(), *drives, *(("/clock",) if mode == "lockstep" else ()))
 
     def setup(self, config: TwinConfig) -> None:
         if bool(config.plant_link) != (config.pressures == "valves"):

@@ -43,6 +43,7 @@ class Viewer(SoroNode[ViewerConfig]):
 
     config_model = ViewerConfig
     node_name = "viewer"
+    is_observer = True
     _server: Any = None
 
     def setup(self, config: ViewerConfig) -> None:

@@ -26,7 +26,7 @@ class Ready:
     commanded = True
 
     def __init__(self):
-        self.own = []
+        self.asked = []
 
     def active(self, name):
         return True
@@ -40,15 +40,21 @@ class Ready:
         if not ready():
             raise SoroError(f"no {what}")
 
-    def check_alone(self, own):
-        self.own.append(dict(own))
+    def check_alone(self, names):
+        self.asked.append(list(names))
+
+    def listen_to(self, name, pid):
+        pass
+
+    def look(self):
+        pass
 
 
 class Meeting(Ready):
     """A supervisor that receives the status of another run's recorder."""
 
-    def check_alone(self, own):
-        super().check_alone(own)
+    def check_alone(self, names):
+        super().check_alone(names)
         raise SoroError("another /track_circle/recorder")
 
 
@@ -73,7 +79,8 @@ def test_a_run_that_meets_another_ends_before_it_takes_its_nodes_for_its_own(sta
     supervisor = Meeting()
     with pytest.raises(SoroError, match="another /track_circle/recorder"):
         run.start(supervisor)
-    assert [list(own) for own in supervisor.own] == [["recorder"]]
+    assert supervisor.asked == [["recorder"]]
+    assert run.nodes == []
 
 
 def test_the_nodes_of_a_run_end_if_their_start_fails(start, monkeypatch):
@@ -118,7 +125,7 @@ def test_a_signal_ends_the_start_before_the_next_process(start, monkeypatch, at)
 
     started = []
 
-    def process(name, command, folder, priority=0):
+    def process(name, command, folder, priority=0, pipe=None):
         started.append(name)
         if at == "the valves":
             interrupted.append(signal.SIGINT)
@@ -149,7 +156,7 @@ def test_a_scene_of_emulated_valves_starts_them_first_and_the_driver_last(start,
     run, _ = start({"mode": "real_time"})
     real, started = processes.start, []
 
-    def process(name, command, folder, priority=0):
+    def process(name, command, folder, priority=0, pipe=None):
         started.append(name)
         child = real(name, WAITS, folder)
         if name == "valves":

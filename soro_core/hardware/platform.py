@@ -160,6 +160,11 @@ class PlatformBase(Strict):
         return "the platform file names none"
 
     @property
+    def reads_stop(self) -> bool:
+        """Whether a pressed emergency stop vents by the valves too."""
+        return bool(self.stop_topic)
+
+    @property
     def is_supervised(self) -> bool:
         """Whether a supervisor process vents when the driver dies."""
         return False

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from soro_core.hardware.finding import Finding
+    from soro_core.hardware.platform import PlatformBase
+    from soro_core.hil.dump import DumpConfig
 
 
 def doctor(
@@ -18,10 +24,31 @@ def doctor(
     seconds: Annotated[
         float, typer.Option(min=0.0, max=60.0, help="Hold the devices at 0 Pa that long; 0: look only.")
     ] = 1.0,
+    dump: Annotated[
+        bool,
+        typer.Option("--dump", help="Instead: prove WITH PRESSURE that the dump valve works."),
+    ] = False,
+    chamber: Annotated[str, typer.Option(help="Chamber for --dump; the platform's first.")] = "",
+    pressure_kpa: Annotated[
+        float, typer.Option(min=5.0, max=20.0, help="Its pressure for --dump [kPa gauge].")
+    ] = 8.0,
+    within_s: Annotated[
+        float,
+        typer.Option(min=0.1, max=5.0, help="Time in which --dump must see it empty [s]."),
+    ] = 2.0,
+    wait_s: Annotated[
+        float, typer.Option(min=1.0, max=600.0, help="Longest wait of --dump for the valve [s].")
+    ] = 60.0,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before --dump.")] = False,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="For --dump, with `soro emulate --lockstep` only.")
+    ] = False,
 ) -> None:
     """Examine the hardware of PLATFORM: permissions, adapter, devices, bus load, sensors at rest.
 
-    No pressure is ever commanded. Needs no ROS. The exit status is 0 when nothing fails, else 1.
+    No pressure is ever commanded, except with --dump, which asks first. Needs no ROS, except where the
+    platform has its emergency stop as a topic. The exit status is 0 when nothing fails, else 1; 130 after
+    Ctrl-C.
     """
     # Imported here so that `soro --help` stays quick.
     from soro_core.hardware.doctor import examine
@@ -29,12 +56,63 @@ def doctor(
 
     loaded = load_platform(platform)
     require_driver(loaded)
-    findings = list(examine(loaded, device, seconds))
+    interrupted = False
+    if dump:
+        from soro_core.hil.dump import DumpConfig
+
+        config = DumpConfig(pressure_pa=pressure_kpa * 1e3, limit_s=within_s, wait_s=wait_s)
+        findings, interrupted = _dump(config, loaded, platform, device, chamber, yes, lockstep)
+    else:
+        findings = list(examine(loaded, device, seconds))
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:
         from soro_ros.findings import show
 
         show(f"soro doctor {platform}", findings)
+    if interrupted:
+        raise typer.Exit(130)
     if any(finding.level == "fail" for finding in findings):
         raise typer.Exit(1)
+
+
+def _dump(
+    config: DumpConfig,
+    platform: PlatformBase,
+    name: str,
+    device: str | None,
+    chamber: str,
+    yes: bool,
+    lockstep: bool,
+) -> tuple[list[Finding], bool]:
+    """Prove the dump valve; return the findings, and whether Ctrl-C has ended it."""
+    from soro_core.errors import ConfigError
+    from soro_core.hil.dump import dump_limits, prove
+    from soro_core.hil.paced import PacedRegulator
+    from soro_ros import signals
+    from soro_ros.commands.hil import regulator_of, stop_of
+    from soro_ros.timing import punctual
+
+    names = platform.chamber_names
+    chamber = chamber or names[0]
+    if chamber not in names:
+        raise ConfigError("soro doctor", "--chamber", chamber, f"one of {', '.join(names)}")
+    limits = dump_limits(platform, config)
+    regulator = regulator_of(platform, name, device, lockstep, "soro doctor")
+    how = "pull its plug, the emergency stop released" if platform.reads_stop else "press the emergency stop"
+    question = f"{config.pressure_pa / 1e3:g} kPa in {chamber}, then you open the dump valve ({how}): go on?"
+    if not yes and not typer.confirm(question, err=True):
+        raise typer.Exit(1)
+    with stop_of(platform) as why_stopped, signals.noted() as stopped, contextlib.closing(regulator):
+        regulator.configure()
+        guarded = PacedRegulator(platform, regulator, limits, lockstep, why_stopped=why_stopped)
+        with punctual():
+            found = prove(
+                config,
+                chamber,
+                names.index(chamber),
+                guarded,
+                lambda text: typer.echo(f"{text} ({how})", err=True),
+                lambda: bool(stopped),
+            )
+    return [found], bool(stopped)

@@ -81,7 +81,7 @@ def first_pressure(
     loaded = load_platform(platform)
     steps_pa = _steps_pa(steps_kpa, loaded.range.maximum_pa)
     config = FirstPressureConfig(steps_pa=steps_pa, hold_s=hold_s, rise_pa_s=rise_kpa_s * 1e3)
-    regulator = _regulator(loaded, platform, device, lockstep)
+    regulator = regulator_of(loaded, platform, device, lockstep)
     limits = small_limits(loaded, config.steps_pa[-1], config.rise_pa_s)
     expected = expectation(loaded, regulator.update_hz, config, _robot(robot))
     plan = Plan(config, expected, confirm=not yes, directions=directions(expected) if ask else ())
@@ -149,7 +149,7 @@ def latency(
     from soro_core.hil.paced import PacedRegulator
 
     loaded = load_platform(platform)
-    regulator = _regulator(loaded, platform, device, lockstep)
+    regulator = regulator_of(loaded, platform, device, lockstep)
     # A line that serves its chambers in turn needs some rounds for a step.
     config = LatencyConfig(
         low_pa=low_kpa * 1e3,
@@ -197,15 +197,31 @@ def _about(platform: str, device: str | None) -> dict[str, str]:
     }
 
 
-def _regulator(platform: PlatformBase, name: str, device: str | None, lockstep: bool) -> Regulator:
-    """Return the driver, which has opened nothing yet; refuse a platform without a device."""
+def regulator_of(
+    platform: PlatformBase, name: str, device: str | None, lockstep: bool, command: str = "soro hil"
+) -> Regulator:
+    """Return the driver, which has opened nothing yet; refuse a platform without a device.
+
+    Parameters
+    ----------
+    platform : PlatformBase
+        Platform.
+    name : str
+        Its name on the command line.
+    device : str or None
+        Path or address in place of the platform's.
+    lockstep : bool
+        As in `open_regulator`.
+    command : str
+        Name of the command in errors.
+    """
     from soro_core.errors import ConfigError
     from soro_core.hardware.families import open_regulator, require_driver
 
     require_driver(platform)
     if not (device or platform.device):
         allowed = f"the path or address of the devices, or the one that `soro emulate {name}` prints"
-        raise ConfigError("soro hil", "--device", "", allowed)
+        raise ConfigError(command, "--device", "", allowed)
     return open_regulator(platform, device, lockstep=lockstep)
 
 

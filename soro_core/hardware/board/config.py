@@ -129,6 +129,10 @@ class BoardPlatform(TcpPlatform):
     host: HostOptions = HostOptions()
     emulation: EmulationBase = EmulationBase()
 
+    @property
+    def reads_stop(self) -> bool:
+        return super().reads_stop or self.board.stop is not None
+
     def scale_of(self, port: int) -> Scale:
         """Return the scale of the regulator at a port."""
         return self.scales[self.ports[port].scale]

@@ -67,7 +67,8 @@ def _(shape: Curvature, robot: Robot, arm: SoftArm, q: Array) -> Array:
 @shown.register
 def _(shape: Bend, robot: Robot, arm: SoftArm, q: Array) -> Array:
     length = robot.links[shape.link].length * (1.0 + _mean(robot, arm, q, shape.link, "elongation"))
-    return np.asarray(_mean(robot, arm, q, shape.link, "bending_y") * length)
+    x, y = (_mean(robot, arm, q, shape.link, strain) for strain in ("bending_x", "bending_y"))
+    return np.asarray((x * np.cos(shape.towards) + y * np.sin(shape.towards)) * length)
 
 
 @singledispatch

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ConfigError, ModelError, SoroError
+from soro_core.identification.arm.blind import check_motion, check_numbers
 from soro_core.identification.arm.cases import Case, Whole
 from soro_core.identification.arm.certainty import Certainty, certainty, not_determined
 from soro_core.identification.arm.choose import Choice, Trial, choose
@@ -150,8 +151,8 @@ def identify(
     Raises
     ------
     ConfigError
-        If no recording has a section with pressures and shape, a name stands for two kinds of streams, or
-        one of the options is unknown.
+        If no recording has a section with pressures and shape, a name stands for two kinds of streams, the
+        arm cannot show a stream, or one of the options is unknown.
     ModelError
         If the arm as described cannot be simulated.
     """
@@ -161,6 +162,7 @@ def identify(
     recordings, options = _let_go(recordings, options)
     robot, keep = plain(robot, options.keep), options.keep
     is_constant = options.is_constant
+    check_motion(SoftArm(robot), recordings)
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
     fit, held = split(recordings, _COARSE * dt, options.rate_hz, options.hold_out)
     recordings = [recording for recording in recordings if recording.name not in options.hold_out]
@@ -187,6 +189,7 @@ def identify(
         options = replace(options, most=1) if interrupted else options
     values = swinging(problem((), fit), values)
     linear = solve(problem((), fit), values, options.most, _COMPARED, partial(progress, "linear"))
+    check_numbers(problem((), fit), linear)
     expected = residual_errors(problem((), fit), linear.values)
 
     def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:

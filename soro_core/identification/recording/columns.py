@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
@@ -10,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from soro_core.config import Strict, changed
 from soro_core.errors import ConfigError
 from soro_core.identification.recording.place import Place
-from soro_core.robot import Robot
+from soro_core.robot import Link, Robot
 from soro_core.robot.vectors import Vector2, Vector3
 
 Column: TypeAlias = Annotated[str, Field(min_length=1)]
@@ -18,6 +19,9 @@ Three: TypeAlias = Annotated[tuple[Column, Column, Column], Field(strict=False)]
 Four: TypeAlias = Annotated[tuple[Column, Column, Column, Column], Field(strict=False)]
 Levels: TypeAlias = Annotated[tuple[Vector2, ...], Field(strict=False, min_length=1)]
 Length: TypeAlias = Literal["m", "mm"]
+
+# Of a direction square to the only one in which a link bends, the other component.
+_SQUARE = 1e-3
 
 FACTORS = {
     "s": 1.0,
@@ -166,6 +170,31 @@ class BendColumn(Strict):
     link: int = Field(0, ge=0)
     column: Column
     unit: Literal["rad", "deg"] = "rad"
+    towards: Literal["x", "y"] | None = Field(
+        None,
+        description="axis of the section towards which an angle above 0 bends; default: the one way in which "
+        "the link can bend, y of a link that can bend both ways",
+    )
+    towards_rad: float | None = Field(None, description="the same by its angle from x in the section [rad]")
+    towards_deg: float | None = Field(None, description="the same in degrees")
+
+    @model_validator(mode="after")
+    def _has_one_direction(self) -> BendColumn:
+        if sum(given is not None for given in (self.towards, self.towards_rad, self.towards_deg)) > 1:
+            raise ValueError("one of towards, towards_rad, towards_deg")
+        return self
+
+    def direction(self, link: Link) -> float:
+        """Return the angle [rad] from x towards which the link bends at an angle above 0."""
+        if self.towards_rad is not None:
+            return self.towards_rad
+        if self.towards_deg is not None:
+            return math.radians(self.towards_deg)
+        return 0.0 if (self.towards or self.assumed(link)) == "x" else 0.5 * math.pi
+
+    def assumed(self, link: Link) -> str:
+        """Return the axis that counts where the map names none."""
+        return "x" if "bending_y" not in link.strains else "y"
 
 
 class Columns(Strict):
@@ -271,10 +300,35 @@ def check_columns(columns: Columns, robot: Robot, where: str) -> None:
                 )
     for name, curvature in columns.curvatures.items():
         _check_link(curvature.link, robot, where, f"curvatures.{name}")
+        _check_bends(curvature.link, robot, where, f"curvatures.{name}")
     for name, bend in columns.bends.items():
         _check_link(bend.link, robot, where, f"bends.{name}")
+        _check_bends(bend.link, robot, where, f"bends.{name}")
+        link = robot.links[bend.link]
+        towards = bend.direction(link)
+        if ("bending_x" not in link.strains or abs(math.cos(towards)) < _SQUARE) and (
+            "bending_y" not in link.strains or abs(math.sin(towards)) < _SQUARE
+        ):
+            key = next((k for k in ("towards_rad", "towards_deg") if getattr(bend, k) is not None), "towards")
+            allowed = f"towards {bend.assumed(link)}: link {bend.link} bends in no other way"
+            raise ConfigError(where, f"bends.{name}.{key}", getattr(bend, key), allowed)
+
+
+def assumed_directions(columns: Columns, robot: Robot) -> tuple[str, ...]:
+    """Return a line for each bending angle whose direction the map does not name, of a link that has two."""
+    return tuple(
+        f"{name} is taken to bend towards y: the map has no bends.{name}.towards"
+        for name, bend in columns.bends.items()
+        if not {"towards", "towards_rad", "towards_deg"} & bend.model_fields_set
+        and {"bending_x", "bending_y"} <= set(robot.links[bend.link].strains)
+    )
 
 
 def _check_link(link: int, robot: Robot, where: str, key: str) -> None:
     if link >= len(robot.links):
         raise ConfigError(where, f"{key}.link", link, f"0 to {len(robot.links) - 1}")
+
+
+def _check_bends(link: int, robot: Robot, where: str, key: str) -> None:
+    if not {"bending_x", "bending_y"} & set(robot.links[link].strains):
+        raise ConfigError(where, f"{key}.link", link, "a link that bends: this one has no bending strain")

@@ -17,6 +17,7 @@ from soro_core.identification.recording.columns import (
     Columns,
     PoseColumns,
     PressureColumns,
+    assumed_directions,
     chambers_of,
     check_columns,
     without_shape,
@@ -64,6 +65,7 @@ def read_csv(
     columns = bare
     if robot is not None:
         check_columns(columns, robot, map_file)
+        notes += assumed_directions(columns, robot)
     file = Path(path).stem
     for key, section in (("pressures", columns.pressures), ("commands", columns.commands)):
         if section is not None:
@@ -73,7 +75,9 @@ def read_csv(
     notes += (left_out,) if left_out else ()
     t = table[columns.time.column] * FACTORS[columns.time.unit]
     usual = None if robot is None else pressure_limits(robot)
-    found = [usable(each, str(path)) for each in _raw_streams(columns, chambers, usual, table, t, file)]
+    found = [
+        usable(each, str(path)) for each in _raw_streams(columns, chambers, usual, table, t, file, robot)
+    ]
     driving = ("command", "duty")
     found = without_stale(found, driving if columns.pressures.columns else (*driving, "pressure"), limits)
     if columns.base is not None:
@@ -146,6 +150,7 @@ def _raw_streams(
     table: dict[str, Array],
     t: Array,
     file: str,
+    robot: Robot | None,
 ) -> list[Raw]:
     def stack(names: tuple[str, ...], unit: str = "m") -> Array:
         return np.column_stack([table[name] for name in names]) * FACTORS[unit]
@@ -174,7 +179,9 @@ def _raw_streams(
         limits = None if curvature.range is None else np.array(curvature.range) * FACTORS[curvature.unit]
         found.append(raw(Curvature(name, t, curvature.link, values), None, _outside(values, limits)))
     for name, bend in columns.bends.items():
-        found.append(raw(Bend(name, t, bend.link, stack((bend.column,), bend.unit)[:, 0])))
+        assert robot is not None, "without a robot no shape is read"
+        towards = bend.direction(robot.links[bend.link])
+        found.append(raw(Bend(name, t, bend.link, stack((bend.column,), bend.unit)[:, 0], towards)))
     return found
 
 

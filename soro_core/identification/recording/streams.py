@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeAlias, TypeVar
 
@@ -150,10 +151,13 @@ class Bend(Stream):
         Number of the link.
     angle : array of shape (n,)
         kappa L (1 + eps) [rad].
+    towards : float
+        Direction in the section, from x [rad], towards which the link bends at an angle above 0.
     """
 
     link: int
     angle: Array
+    towards: float = 0.5 * math.pi
 
 
 @dataclass(frozen=True)

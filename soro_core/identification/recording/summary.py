@@ -25,6 +25,8 @@ def line(stream: Stream) -> str:
     place = getattr(stream, "place", None)
     link = getattr(stream, "link", None)
     where = f" ({place})" if place is not None else f" (link {link})" if link is not None else ""
+    if isinstance(stream, Bend):
+        where = f" (link {link}, towards {_axis(stream.towards)})"
     if len(stream.t) < 2:
         return f"{stream.name}{where}: {len(stream.t)} samples"
     duration = float(stream.t[-1] - stream.t[0])
@@ -46,3 +48,9 @@ def _moved(stream: Stream) -> str:
     if isinstance(stream, Imu):
         return f"range {largest:.3g} rad/s"
     return f"range {1e3 * largest:.3g} mm"
+
+
+def _axis(towards: float) -> str:
+    known = {0.0: "x", 90.0: "y"}
+    degrees = round(float(np.degrees(towards)), 3)
+    return known.get(degrees, f"{degrees:g} deg from x")

@@ -7,6 +7,7 @@ page; and only a browser that has opened the address with the token may do more 
 
 from __future__ import annotations
 
+import re
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,6 +15,9 @@ from http import HTTPStatus
 from urllib.parse import parse_qs, urlsplit
 
 HOST = "127.0.0.1"
+# Headers that a browser sends once; of several, this server and the browser could believe different ones.
+_ONCE = ("Host", "Origin", "Upgrade", "Cookie", "Accept-Encoding")
+_PATH = re.compile(r"/(?!/)[!-~]*")
 
 # For every answer: no other page may frame this one, and it may fetch nothing from elsewhere.
 HEADERS = {
@@ -60,10 +64,12 @@ class Access:
         path : str
             Path of the request, with what follows ``?``.
         headers : mapping of str to str
-            Headers of the request; names in any case.
+            Headers of the request; names in any case. `get` raises LookupError for one that is there twice.
         port : int
             Port of the view.
         """
+        if (malformed := _malformed(path, headers)) is not None:
+            return Answer(HTTPStatus.BAD_REQUEST, malformed)
         host = headers.get("Host", "")
         if host not in (f"{HOST}:{port}", f"localhost:{port}"):
             return Answer(HTTPStatus.FORBIDDEN, f"the view is at http://{HOST}:{port}/ alone")
@@ -87,7 +93,20 @@ class Access:
         return any(self._is_token(value) for name, _, value in pairs if name == _cookie(port))
 
     def _is_token(self, given: str) -> bool:
-        return secrets.compare_digest(given.encode(), self._token.encode())
+        return secrets.compare_digest(given.encode(errors="surrogateescape"), self._token.encode())
+
+
+def _malformed(path: str, headers: Mapping[str, str]) -> str | None:
+    """Return why a request cannot be answered; None if it can."""
+    page = path.partition("?")[0]
+    if _PATH.fullmatch(page) is None or "%00" in page:
+        return "the path of the request is none of a page: it begins with one / and is of plain letters"
+    for name in _ONCE:
+        try:
+            headers.get(name)
+        except LookupError:
+            return f"the request has more than one header {name}"
+    return None
 
 
 def _cookie(port: int) -> str:

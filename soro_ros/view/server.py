@@ -8,6 +8,7 @@ import logging
 from collections.abc import Awaitable, Callable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
+from http import HTTPStatus
 from typing import Any
 
 import msgspec.msgpack
@@ -21,6 +22,7 @@ from soro_ros.view.access import HEADERS, HOST, Access, Answer
 
 # What a browser without the token may send: where it looks from.
 _LOOKING = "ViewerCameraMessage"
+NO_PAGE = Answer(HTTPStatus.NOT_FOUND, "the view has no such page")
 ONLOOKER = "You may only look: open the address with the token, from the terminal of the view."
 
 Handler = Callable[[Any], Awaitable[None]]
@@ -120,7 +122,7 @@ class _Guard:
     def _checked(self, process_request: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         def check(connection: Any, request: Any) -> Response | None:
             answer = self._access.answer(request.path, request.headers, _port(connection))
-            response = process_request(connection, request) if answer is None else _response(answer)
+            response = _page(process_request, connection, request) if answer is None else _response(answer)
             if response is not None:
                 for name, value in HEADERS.items():
                     response.headers[name] = value
@@ -138,6 +140,15 @@ class _Guard:
             await handler(onlooker)
 
         return watch
+
+
+def _page(process_request: Callable[[Any, Any], Any], connection: Any, request: Any) -> Response | None:
+    """Return the page that viser has for a request, or a line that there is none."""
+    try:
+        found: Response | None = process_request(connection, request)
+    except OSError:  # a path that cannot be that of a file
+        return _response(NO_PAGE)
+    return _response(NO_PAGE) if found is not None and found.status_code == HTTPStatus.NOT_FOUND else found
 
 
 def _port(connection: Any) -> int:

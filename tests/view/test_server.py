@@ -120,6 +120,54 @@ def test_pages_cannot_be_framed_and_fetch_nothing_from_elsewhere(server):
         assert b"<html" in answer.read()
 
 
+OWN = b"Host: 127.0.0.1:PORT\r\n"
+SOCKET = OWN + b"Origin: http://127.0.0.1:PORT\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+KEY = b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+MALFORMED = {
+    "two hosts": (b"/", OWN * 2),
+    "two other hosts": (b"/", OWN + b"Host: attacker.example\r\n"),
+    "no host": (b"/", b""),
+    "an empty host": (b"/", b"Host:\r\n"),
+    "a host with a port that is none": (b"/", b"Host: 127.0.0.1:http\r\n"),
+    "a host with a port out of range": (b"/", b"Host: 127.0.0.1:99999\r\n"),
+    "another address of this host": (b"/", b"Host: [::1]:PORT\r\n"),
+    "half an address": (b"/", b"Host: [::1\r\n"),
+    "a host that is no text": (b"/", b"Host: 127.0.0.1\xff:PORT\r\n"),
+    "two origins": (b"/", SOCKET + b"Origin: http://attacker.example\r\n" + KEY),
+    "the same origin twice": (b"/", SOCKET + b"Origin: http://127.0.0.1:PORT\r\n" + KEY),
+    "an empty origin": (b"/", SOCKET.replace(b"http://127.0.0.1:PORT", b"") + KEY),
+    "an origin that is no text": (b"/", SOCKET.replace(b"http", b"\xc3\xbc") + KEY),
+    "two upgrades": (b"/", SOCKET + b"Upgrade: websocket\r\n" + KEY),
+    "two cookies": (b"/", SOCKET + b"Cookie: soro_view_PORT=the-token\r\n" * 2 + KEY),
+    "two encodings": (b"/", OWN + b"Accept-Encoding: gzip\r\n" * 2),
+    "a whole address as path": (b"http://127.0.0.1:PORT/", OWN),
+    "another's whole address as path": (b"http://attacker.example/", OWN),
+    "half an address as path": (b"//[::1", OWN),
+    "no path": (b"*", OWN),
+    "a path that is no text": (b"/\xff", OWN),
+    "a path with a NUL": (b"/%00", OWN),
+    "a path longer than a file name": (b"/" + b"a" * 4000, OWN),
+    "a token that is no text": (b"/?token=\xff", OWN),
+    "a token of escaped bytes": (b"/?token=%ff%00", OWN),
+    "two tokens": (b"/?token=a&token=b", OWN),
+}
+
+
+@pytest.mark.parametrize(("path", "headers"), MALFORMED.values(), ids=MALFORMED.keys())
+def test_a_malformed_request_is_refused_in_one_line(server, path, headers):
+    port = server.get_port()
+    request = b"GET %s HTTP/1.1\r\n%s\r\n" % (path, headers)
+    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as browser:
+        browser.sendall(request.replace(b"PORT", str(port).encode()))
+        answer = b"".join(iter(lambda: browser.recv(65536), b""))
+    head, _, body = answer.partition(b"\r\n\r\n")
+    assert head.split()[1] in (b"400", b"403", b"404"), head
+    assert body.count(b"\n") == 1
+    assert b"Set-Cookie" not in head
+    with joined(server, "the-token"):  # it serves on
+        pass
+
+
 def test_a_second_view_takes_the_next_port(server):
     other = ViewServer(Access(), server.get_port())
     try:

@@ -46,6 +46,8 @@ class ChamberInterface:
         Whether commands are followed while two publishers give the same name.
     device : str
         What is driven, for chambers/latch.
+    note : callable
+        Takes an event and its text, for the log that outlives runs.
     """
 
     def __init__(
@@ -60,10 +62,11 @@ class ChamberInterface:
         on_publishers: Callable[[], None] = lambda: None,
         follow_shared_name: bool = False,
         device: str = "",
+        note: Callable[[str, str], None] = lambda event, text: None,
     ) -> None:
         self._node, self._limiter, self._now_ns = node, limiter, now_ns
         self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
-        self._follow_shared_name = follow_shared_name
+        self._follow_shared_name, self._note = follow_shared_name, note
         self._reported: tuple[str | None, str | None] = None, None
         self.seen_ns = -1
         """Stamp of the latest message on chambers/command, accepted or not."""
@@ -90,9 +93,10 @@ class ChamberInterface:
         before, self._reported = self._reported, (self._limiter.cause, self._limiter.not_vented)
         if self._reported == before:
             return
-        for prefix, now, then in zip(("vented: ", "not vented: "), self._reported, before, strict=True):
+        for event, now, then in zip(("vented", "not vented"), self._reported, before, strict=True):
             if now is not None and now != then:
-                self._node.get_logger().error(prefix + now)
+                self._node.get_logger().error(f"{event}: {now}")
+                self._note(event, f"{now} ({self._device or NONE})")
         self._publish_latch()
         self._on_latch()
 
@@ -187,6 +191,7 @@ class ChamberInterface:
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         refusal = self._limiter.reset(self._now_ns)
+        self._note("reset refused" if refusal else "reset", refusal or "")
         self.report_latch()
         response.success, response.message = refusal is None, refusal or "reset"
         return response

@@ -37,6 +37,7 @@ def application() -> typer.Typer:
     from soro_ros.commands.gains import gains
     from soro_ros.commands.identify import identify
     from soro_ros.commands.identify_fem import identify_fem
+    from soro_ros.commands.log import log
     from soro_ros.commands.move import CONTEXT, move
     from soro_ros.commands.new import new
     from soro_ros.commands.place_sensors import place_sensors
@@ -79,6 +80,7 @@ def application() -> typer.Typer:
     app.command(context_settings=CONTEXT)(move)
     for service in (services.vent, services.reset, services.enable, services.fault):
         app.command()(service)
+    app.command()(log)
     app.add_typer(fem.app, name="fem", help="Compute parts by finite elements.")
     app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
     app.add_typer(design.app, name="design", help="Find the shape of soft parts, check it, export it.")

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from pathlib import Path
 
-
-def _folder() -> Path:
-    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(state) / "soro" / "latched"
+from soro_ros.state_folder import state_folder
 
 
 class LatchFile:
@@ -24,7 +20,7 @@ class LatchFile:
     def __init__(self, device: str) -> None:
         place = os.path.abspath(device) if device.startswith(("/", ".")) else device
         name = hashlib.sha256(place.encode()).hexdigest()[:16]
-        self._file = None if place.startswith("/dev/pts/") else _folder() / name
+        self._file = None if place.startswith("/dev/pts/") else state_folder() / "latched" / name
 
     def cause(self) -> str | None:
         """Return why the last driver left the devices vented; None without a note. An empty note counts."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -16,6 +17,7 @@ from soro_core.config import Strict
 from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
 from soro_ros.clock_watch import ClockWatch
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
+from soro_ros.event_log import EventLog
 from soro_ros.handover import NodeWithHandover
 from soro_ros.parameters import NodeWithParameters, declare, overrides, read
 
@@ -42,6 +44,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     def __init__(self) -> None:
         super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
         self._used: Config | None = None  # the configuration in force, of a configured node
+        self.event_log = EventLog(self.get_namespace(), self.get_name(), self.get_logger().warning)
         declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         named = self.get_parameter_or(self.hardware).value
@@ -201,16 +204,32 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
 
     def _changed(self, config: Config) -> None:
         """Take over changed parameters; refuse those that only the next configuration can use."""
+        now = overrides(config)
         if self._used is None:
+            self._log_changes({name: self.get_parameter_or(name).value for name in now}, now)
             return
         before = overrides(self._used)
-        for name, value in overrides(config).items():
+        for name, value in now.items():
             if value != before.get(name) and not name.startswith(self.live):
                 allowed = f"{before.get(name)!r}; another value {NEXT_CONFIGURE}: clean up, set it, configure"
                 raise ConfigError(f"parameters of {self.get_name()}", name, value, allowed)
         if config != self._used:
             self.take(config)
             self._used = config
+            self._log_changes(before, now)
+
+    def _log_changes(self, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+        if self.is_observer:
+            return
+        for name, value in now.items():
+            then = before.get(name)
+            if value != (list(then) if isinstance(then, (tuple, array)) else then) and (then or value):
+                self.event_log.note("parameter", f"{name}: {then!r} -> {value!r}")
+
+    def destroy_node(self) -> None:
+        """Write the last events, and destroy the node."""
+        self.event_log.close()
+        super().destroy_node()
 
     def _interfaces(self) -> set[int]:
         """Return identities only: references would keep handles alive after the end of their node."""

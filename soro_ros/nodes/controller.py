@@ -142,6 +142,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.event_log.note("reset", "estimates and reference start anew")
         self._ticks.forget()
         self._ticks.motions.forget(REPLACED, "estimates and reference start anew")
         response.success, response.message = True, "estimates and reference start anew"

@@ -5,6 +5,7 @@ Services, parameters and keys pause it, seek and change its rate.
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 import traceback
@@ -22,6 +23,7 @@ from soro_core.bag import BagMessage, BagReader, Topic
 from soro_core.bag.config import PlayerConfig
 from soro_core.errors import BagError, ConfigError, SoroError
 from soro_ros import qos
+from soro_ros.claims import Claims, readings, require_free
 from soro_ros.diagnostics import ERROR, OK, WARN
 from soro_ros.interfaces import definition, message_class, offer, topic_pattern
 from soro_ros.lifecycle import SoroNode
@@ -36,6 +38,8 @@ ACKNOWLEDGE_S = 10.0
 _POLL_S = 0.02
 # Topics with these endings drive valves; a bag must not do so by accident.
 COMMANDS = ("/chambers/command", "/chambers/commands")
+# Topics that the nodes of an arm publish, and by which it moves.
+_OF_AN_ARM = re.compile(r"(.*)/(?:chambers/state|sensors/[^/]+|arm/(?!reference/).+)")
 
 
 class Player(SoroNode[PlayerConfig]):
@@ -50,6 +54,7 @@ class Player(SoroNode[PlayerConfig]):
     _thread: threading.Thread | None = None
     _playback: Playback[BagMessage | None] | None = None
     _controls: PlayerControls | None = None
+    _claims: Claims | None = None
 
     def setup(self, config: PlayerConfig) -> None:
         if not config.bag:
@@ -65,6 +70,7 @@ class Player(SoroNode[PlayerConfig]):
         try:
             self._begin_ns, self._end_ns = _span(self._reader, config)
             self._create_publishers()
+            self._claim()
             self._controls = PlayerControls(self, self._new_playback(), config.start_s)
         except BaseException:
             self.teardown()
@@ -104,6 +110,9 @@ class Player(SoroNode[PlayerConfig]):
             self.destroy_publisher(publisher)
         self._published.clear()
         self._clock_out = None
+        if self._claims is not None:
+            self._claims.close()
+            self._claims = None
         self._reader.close()
         self._reader = None
 
@@ -158,6 +167,16 @@ class Player(SoroNode[PlayerConfig]):
             raise BagError(f"{config.bag}: no topic to play; the bag holds {known}")
         if config.clock:
             self._clock_out = self.create_publisher(Clock, "/clock", qos.RELIABLE)
+
+    def _claim(self) -> None:
+        """Claim the readings and the time that are played; refuse to mix with those of a running arm."""
+        names = {publisher.topic_name for publisher in self._published.values()}
+        names |= {self._clock_out.topic_name} if self._clock_out else set()
+        arms = {readings(found[1]) for name in names if (found := _OF_AN_ARM.fullmatch(name))}
+        own = names & {*arms, "/clock"}
+        self._claims = Claims()
+        self._claims.take(self, sorted(own))
+        require_free(self, sorted(arms - own))
 
     def _is_wanted(self, name: str) -> bool:
         if self._config.clock and name == "/clock":

@@ -80,12 +80,16 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self.diagnose,
             config.follow_shared_name,
             self.diagnostics.hardware_id,
+            self.event_log.note,
         )
         if self._lockstep:
             self.create_subscription(Clock, "/clock", self._on_clock, qos.LOCKSTEP)
         if config.keep_latch and not self._lockstep:
             self._latch_file = LatchFile(config.device or str(platform.device))
-            self._left = self._left or (None if config.take_over else self._latch_file.cause())
+            found = self._latch_file.cause()
+            if config.take_over and found:
+                self.event_log.note("reset", f"take_over, in spite of: {found}")
+            self._left = self._left or (None if config.take_over else found)
         self._limited = limited
         if self._left is None:
             self._note(_KILLED.format(os.getpid()))

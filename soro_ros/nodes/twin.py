@@ -83,6 +83,7 @@ class TwinNode(SoroNode[TwinConfig]):
                 self.diagnose,
                 config.follow_shared_name,
                 f"twin of {self.diagnostics.hardware_id}",
+                self.event_log.note,
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)

@@ -1,5 +1,6 @@
 """Starting a scene's processes, with processes that wait in place of the nodes."""
 
+import importlib
 import signal
 import sys
 
@@ -44,6 +45,9 @@ class Ready:
         self.asked.append(list(names))
 
     def listen_to(self, name, pid):
+        pass
+
+    def check_clock(self):
         pass
 
     def look(self):
@@ -182,3 +186,93 @@ def test_a_twin_that_drives_the_chambers_ends_first(start, monkeypatch):
     run.start(Ready())
     run.end()
     assert ended == ["twin", "controller", "estimator", "recorder"]
+
+
+class Saying(Ready):
+    """A supervisor that hears errors and silences of nodes."""
+
+    def __init__(self, errors=(), silent=()):
+        super().__init__()
+        self.errors, self.silent = errors, silent
+
+    def call(self, service):
+        return ""
+
+    def error(self, name):
+        return f"{name}: disk full" if name in self.errors else ""
+
+    def silence(self, name):
+        return f"{name}: no message" if name in self.silent else ""
+
+    def check(self, names):
+        if found := "".join(map(self.error, names)):
+            raise SoroError(found)
+
+    def check_silence(self, names):
+        if found := "".join(map(self.silence, names)):
+            raise SoroError(found)
+
+
+@pytest.fixture
+def begun(start):
+    """A run with an observer of each kind, in control, and the lines that it reports."""
+    run, lines = start({"platform": "", "markers": True, "mode": "lockstep"})
+    run.start(Ready())
+    run.begin(Saying())
+    return run, lines
+
+
+def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_judgement(begun):
+    run, lines = begun
+    for _ in range(2):
+        run.check_nodes(Saying(errors=["markers"], silent=["recorder"]), 1.0)
+    assert run.warnings == {"markers": "markers: disk full", "recorder": "recorder: no message"}
+    assert run.recording_failure == ""
+    run.check_nodes(Saying(errors=["recorder"]), 1.0)
+    assert run.recording_failure == "recorder: disk full"
+    assert sum("the arm goes on" in line for line in lines) == 3
+
+
+def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(begun):
+    run, lines = begun
+    run._children["recorder"].process.kill()
+    run._children["recorder"].process.wait()
+    for _ in range(2):
+        run.check_nodes(Saying(silent=["recorder"]), 1.0)
+    assert sum("status -9" in line for line in lines) == 1
+    assert "recorder" not in run.end()
+    assert "status -9" in run.recording_failure
+    assert "soro bag repair" in run.outcome() or not run.bag.exists()
+
+
+@pytest.mark.parametrize("name", ["twin", "estimator", "controller"])
+@pytest.mark.parametrize("how", ["errors", "silent"])
+def test_the_failure_of_a_node_of_the_loop_ends_the_run(begun, name, how):
+    with pytest.raises(SoroError, match=name):
+        begun[0].check_nodes(Saying(**{how: [name]}), 1.0)
+
+
+def test_an_excitation_ends_with_its_recording(start):
+    run, _ = start({"platform": "", "mode": "lockstep"})
+    run._loop = compose.excitation_loop(run.scene)
+    run.start(Ready())
+    run.begin(Saying())
+    with pytest.raises(SoroError, match="recorder"):
+        run.check_nodes(Saying(errors=["recorder"]), 1.0)
+
+
+def test_the_observers_of_a_run_are_those_of_the_nodes():
+    for name in {*compose.END_ORDER} - {"valves"}:
+        node = importlib.import_module(f"soro_ros.nodes.{name}")
+        (found,) = {one.is_observer for one in vars(node).values() if getattr(one, "node_name", "") == name}
+        assert found == (name in compose.OBSERVERS)
+
+
+def test_a_run_in_real_time_that_stood_still_ends(start):
+    run, _ = start({"platform": "", "mode": "real_time"})
+    run.start(Ready())
+    run.begin(Saying())
+    run.check_nodes(Saying(), 1.0)
+    run._pulse.stood_still_s = 1.2
+    with pytest.raises(SoroError, match=r"stood still for 1\.2 s"):
+        run.check_nodes(Saying(), 1.0)

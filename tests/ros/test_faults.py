@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
 from soro_core.bag.records import MAGIC
+from soro_ros.supervisor import SILENT_S
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
-from tests.ros.running import alive, child, end, only_run, run, start_run, summary, wait_until
+from tests.ros.running import ClockListener, alive, child, end, only_run, run, start_run, summary, wait_until
 
 VENTED_PA = 2e3
 
@@ -98,15 +100,41 @@ def test_a_killed_controller_vents_the_valves_and_ends_the_run_with_its_cause(ru
     assert pressures[-1].max() < VENTED_PA
 
 
-def test_a_killed_recorder_leaves_a_bag_to_repair_and_says_so(running):
-    process, folder = running
-    os.kill(child(process.pid, "nodes.recorder"), signal.SIGKILL)
-    _, err = process.communicate(timeout=2 * LIMIT_S)
+def test_an_arm_goes_on_without_its_recorder_and_is_not_judged(domain, tmp_path):
+    clock = ClockListener()
+    process = start_run(tmp_path, "mode=lockstep", "platform=", "duration_s=6")
+    try:
+        clock.wait(1.0, COMPILED_S)
+        os.kill(child(process.pid, "nodes.recorder"), signal.SIGKILL)
+        clock.wait(6.0)
+        _, err = process.communicate(timeout=2 * LIMIT_S)
+    finally:
+        process.kill()
+        clock.close()
     assert process.returncode == 1
-    assert err.count("status -9") == 1
-    assert "recorder" in summary(only_run(folder))["reason"]
-    assert f"soro bag repair {only_run(folder) / 'bag'}" in err
+    found = summary(only_run(tmp_path))
+    assert (found["verdict"], found["faults"]) == ("lost", [])
+    assert "recorder ended with status -9" in found["reason"]
+    assert f"soro bag repair {only_run(tmp_path) / 'bag'}" in err
     assert "Traceback" not in err
+
+
+@pytest.mark.real_time
+def test_an_arm_goes_on_beside_a_recorder_that_is_starved(domain, tmp_path):
+    ages = ("limits.command_age_s=0.5", "limits.reading_age_s=0.5", "rate_hz=50", "twin.pose.rate_hz=50")
+    process = start_run(tmp_path, "platform=", "duration_s=12", *ages)
+    try:
+        wait_until(lambda: under_control(process, tmp_path), "control of the arm", COMPILED_S, every_s=0.2)
+        recorder = child(process.pid, "nodes.recorder")
+        os.kill(recorder, signal.SIGSTOP)
+        time.sleep(SILENT_S + 1.0)
+        os.kill(recorder, signal.SIGCONT)
+        _, err = process.communicate(timeout=2 * LIMIT_S)
+    finally:
+        process.kill()
+    found = summary(only_run(tmp_path))
+    assert (process.returncode, found["verdict"], found["faults"]) == (0, "good", []), err
+    assert "recorder: no message on /diagnostics" in found["reason"]
 
 
 def test_the_death_of_the_supervisor_vents_and_leaves_nothing_behind(running):

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
+import select
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from soro_core.config import Strict
-from soro_ros import middleware, processes, pulse, qos
+from soro_ros import middleware, pulse, qos
 from soro_ros.pulse import LIMIT_S, Listener, Pulse
-from tests.patience import COMPILED_S, LIMIT_S as PATIENCE_S
+from tests.patience import COMPILED_S
+from tests.patience import LIMIT_S as PATIENCE_S
 from tests.ros.running import SORO, end, only_run, summary, wait_until
 
 
@@ -58,8 +59,6 @@ def test_a_program_that_hangs_gives_no_signs_after_the_end_of_its_run(monkeypatc
 
 
 def readable(pipe: int) -> bool:
-    import select
-
     return bool(select.select([pipe], [], [], 0.0)[0])
 
 
@@ -89,8 +88,6 @@ class ArmListener:
 
     def until(self, condition, what: str, limit_s: float = PATIENCE_S) -> float:
         """Receive messages until a condition holds; return how long it took [s]."""
-        import rclpy
-
         begin = time.monotonic()
 
         def holds() -> bool:
@@ -101,8 +98,6 @@ class ArmListener:
         return time.monotonic() - begin
 
     def close(self) -> None:
-        import rclpy
-
         self._node.destroy_node()
         rclpy.shutdown()
 

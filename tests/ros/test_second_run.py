@@ -47,6 +47,7 @@ def working(tmp_path_factory):
             clock.close()
             if process.poll() is None:
                 end(process)
+    assert summary(only_run(folder))["faults"] == []
 
 
 def node(name: str, *options: str) -> list[str]:
@@ -62,6 +63,8 @@ def node(name: str, *options: str) -> list[str]:
     ]
 
 
+# In the place of the recording of the working run.
+BAG = "BAG"
 NEWCOMERS = {
     "run": [*SORO, "run", "track_circle"],
     "excite": [*SORO, "excite", "track_circle"],
@@ -69,18 +72,21 @@ NEWCOMERS = {
     "twin": node("twin"),
     "arm": node("arm"),
     "regulator": node("regulator", "device:=/nowhere"),
+    "play": [*SORO, "play", BAG],
+    "a part of it": [*SORO, "play", BAG, "--topic", "/track_circle/sensors/*"],
 }
 
 
 @pytest.mark.parametrize("newcomer", NEWCOMERS)
 def test_a_newcomer_is_refused_beside_a_working_arm(working, tmp_path, newcomer):
-    first, _ = working
-    command = [*NEWCOMERS[newcomer]]
+    first, folder = working
+    bag = str(only_run(folder) / "bag")
+    command = [bag if part == BAG else part for part in NEWCOMERS[newcomer]]
     ended = subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_S, check=False
     )
     assert ended.returncode == 2, ended.stderr
-    (line,) = [one for one in ended.stderr.splitlines() if "/track_circle" in one]
+    (line,) = [one for one in ended.stderr.splitlines() if "allowed:" in one]
     assert "ROS_DOMAIN_ID" in line
     assert "namespace" in line
     assert first.poll() is None

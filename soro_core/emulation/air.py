@@ -129,7 +129,9 @@ class Air:
 
     def supply_pa(self, valve: int, supply_pa: float) -> float:
         """Return the supply pressure [Pa gauge] at a valve, with its faults."""
-        return min(supply_pa, self.faults.of(valve).get("supply_drop", supply_pa))
+        faults = self.faults.of(valve)
+        supply_pa = faults.get("supply_rise", supply_pa)
+        return min(supply_pa, faults.get("supply_drop", supply_pa))
 
     def _settle(self) -> bool:
         """Take the pressures of the plant; return False if there is none."""

@@ -10,7 +10,8 @@ import numpy as np
 from soro_core.emulation.vocabulary import CLEAR, KINDS, Injection
 from soro_core.errors import ConfigError
 
-_OPEN = {"burst": KINDS["burst"].default}
+# An open dump valve empties a chamber with a time constant of 5 ms; a regulator feeds it ten times slower.
+_OPEN = {"burst": 200.0}
 
 
 class _Entry(NamedTuple):

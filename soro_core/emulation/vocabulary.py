@@ -57,6 +57,8 @@ KINDS: dict[str, Kind] = {
     "mute": Kind("device", "the device sends nothing; its valve still follows set points"),
     "freeze_tpdo": Kind("device", "the device sends old readings; everything else works"),
     "wrong_node_id": Kind("device", "the device answers under another address", "node", 99.0, 1.0, 127.0),
+    "overheat": Kind("device", "the device reports this temperature", "celsius", 90.0, -40.0, 200.0),
+    "supply_rise": Kind("device", "the device reports this supply", "supply_pa", 1.2e6, 0.0, 5e6),
     "sdo_abort": Kind("device", "the device refuses every access to its parameters"),
     "sdo_timeout": Kind("device", "the device answers no access to its parameters"),
     "set_by_another": Kind(

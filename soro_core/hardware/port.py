@@ -64,6 +64,7 @@ FAULT_CODES = {
     "out_of_sync": "the byte stream of the device was invalid, so the driver connected again",
     "watchdog_vented": "a watchdog has vented because no set point arrived in time",
     "stop_pressed": "the emergency stop is pressed, or the wire of its contact is broken",
+    "over_temperature": "the device reports a temperature above its limit",
     "device_error": "the device reports an error",
     "refused_setpoint": "a set point of the caller is not finite or out of range",
 }

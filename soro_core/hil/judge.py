@@ -33,6 +33,7 @@ _TRIPS = {
     "stuck valve": "check the valve's cable and supply pressure, and the line before the sensor",
     "frozen sensor": "check the sensor; the device sends old values",
     "leak": "look for the leak: fittings first, then the chamber",
+    "supply high": "lower the supply pressure at its reducer, and look at the relief valve",
     "supply low": "raise the supply pressure, or mend its line",
     "spike": "check the sensor's cable and earth",
     "implausible": "check the sensor's zero and scale; a slow valve needs its lag in the platform file",

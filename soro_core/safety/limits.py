@@ -57,7 +57,11 @@ class Monitors(Strict):
     supply_margin_pa: float = Field(
         50e3, ge=0, le=500e3, description="supply above the highest set point, where a device reports it"
     )
-    supply_s: float = Field(0.1, ge=0.01, le=1, description="time that the supply may be lower")
+    # The default suits compressed air up to 10 bar, and set points up to the highest rating.
+    supply_most_pa: float = Field(
+        1.1e6, ge=50e3, le=5e6, description="highest supply, where a device reports it"
+    )
+    supply_s: float = Field(0.1, ge=0.01, le=1, description="time that the supply may be lower or higher")
 
 
 class Limits(Strict):

@@ -204,15 +204,19 @@ def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: Sample) 
 
 
 def _supply(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
-    """Supply that cannot carry the set point, where a device reports it."""
+    """Supply that cannot carry the set point, or is higher than the parts bear, where a device reports it."""
     if now.supply_pa is None:
         return {}, None
-    # A comparison with NaN is false: a chamber without this sensor is never low.
+    # A comparison with NaN is false: a chamber without this sensor is never judged.
     low = now.supply_pa < now.setpoint_pa + m.supply_margin_pa
-    since = _since(s.supply_ns, low, now.fresh, now.now_ns)
+    high = now.supply_pa > m.supply_most_pa
+    since = _since(s.supply_ns, low | high, now.fresh, now.now_ns)
     n = _longest(since, now.now_ns, m.supply_s)
     if n is None:
         return {"supply_ns": since}, None
+    if high[n]:
+        found = f"{now.supply_pa[n] / 1e3:.1f} kPa, allowed {m.supply_most_pa / 1e3:.1f} kPa"
+        return {"supply_ns": since}, f"supply high: {chamber(s.names, n)} has {found}"
     needed = (now.setpoint_pa[n] + m.supply_margin_pa) / 1e3
     text = f"supply low: {chamber(s.names, n)} has {now.supply_pa[n] / 1e3:.1f} kPa, needs {needed:.1f} kPa"
     return {"supply_ns": since}, text

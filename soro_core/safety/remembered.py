@@ -40,7 +40,7 @@ class MonitorState(NamedTuple):
         Since when the set point is constant; filtered reading; what that was when the present window began,
         and when; windows in a row that drifted up (+) or down (-).
     supply_ns
-        Since when the supply has been too low.
+        Since when the supply has been too low or too high.
     now_ns
         Time of the last exchange.
     """

@@ -1,12 +1,14 @@
-"""Supply pressure over CANopen: from the device's TPDO 2 to the monitor that trips by name."""
+"""Supply pressure and temperature over CANopen: from the device's TPDO 2 to a trip with its name."""
 
 import numpy as np
 import pytest
 from hardware_bench import Bench, codes, platform, single
 
 from soro_core.emulation.vocabulary import Injection
+from soro_core.hardware.canopen.frames import emergency_text
 from tests.apparatus.faults.cells import run
 from tests.apparatus.faults.rows import CHAMBER, Row
+from tests.refused import refused
 
 
 def drop(bench, supply_pa, chamber="link0/chamber1"):
@@ -95,3 +97,62 @@ def test_low_supply_trips_by_its_name():
     assert run("canopen_408", low).problems == ()
     just_enough = Row("supply_drop, supply_pa: 142e3", "tolerate")
     assert run("canopen_408", just_enough).problems == ()
+
+
+def test_high_supply_trips_by_its_name():
+    """The default bears compressed air of 10 bar, and a limit says what the parts bear."""
+    high = Row("supply_rise, supply_pa: 1.2e6", "trip", f"supply high: {CHAMBER} has 1200.0 kPa, ", 250.0)
+    assert run("canopen_408", high).problems == ()
+    assert run("canopen_408", Row("supply_rise, supply_pa: 1.0e6", "tolerate")).problems == ()
+
+
+def test_a_temperature_above_its_limit_is_a_fault_of_its_node(bench):
+    bench.run(20, 20e3)
+    heat = {"fault": "overheat", "chamber": "link0/chamber1"}
+    bench.world.faults.add(Injection(value=69.9, **heat))
+    assert bench.run(30, 20e3).faults == ()
+    bench.world.faults.add(Injection(value=70.1, **heat))
+    result = bench.run(30, 20e3)
+    assert codes(result) == {("over_temperature", "link0/chamber1 (node 2)")}
+    assert "70.1 degC, allowed 70 degC" in result.faults[0].message
+    bench.world.faults.clear()
+    bench.driver.configure()
+    assert bench.run(30, 20e3).faults == ()
+
+
+def test_limit_scale_and_zero_of_a_temperature_are_those_of_the_platform():
+    heat = {"index": 0x2100, "sub": 2, "celsius_per_count": 0.5, "zero_count": -100}
+    bench = Bench(single(canopen={"mapping": {"temperature": heat}, "most_celsius": 40.0}))
+    bench.driver.configure()
+    fault = {"fault": "overheat", "chamber": "link0/chamber0"}
+    bench.world.faults.add(Injection(value=39.5, **fault))
+    assert bench.run(30, 20e3).faults == ()
+    assert bench.world.nodes[0].dictionary.get(0x2100, 2) == 39.5 / 0.5 - 100
+    bench.world.faults.add(Injection(value=41.0, **fault))
+    assert {code for code, _ in codes(bench.run(30, 20e3))} == {"over_temperature"}
+
+
+def test_a_temperature_that_no_tpdo_has_is_not_watched():
+    """As in a platform file with TPDOs of its own."""
+    tpdos = [
+        {"number": 1, "entries": ["status", "reading"]},
+        {"number": 2, "entries": [{"index": 0x1001}, "supply"], "transmission": "event"},
+    ]
+    bench = Bench(single(canopen={"mapping": {"tpdos": tpdos}}))
+    bench.driver.configure()
+    bench.world.faults.add(Injection(fault="overheat", chamber="link0/chamber0", value=200.0))
+    assert bench.run(30, 20e3).faults == ()
+
+
+def test_a_tpdo_with_a_temperature_of_no_object_is_refused():
+    with refused("canopen.mapping", names=("rpdos, tpdos",)):
+        single(canopen={"mapping": {"temperature": None}})
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(0x4200, "0x4200 device temperature"), (0x4210, "0x4210 device temperature"),
+     (0x4110, "0x4110 ambient temperature"), (0x3120, "0x3120 supply low"), (0x9042, "0x9042")],
+)  # fmt: skip
+def test_emergencies_in_words(code, words):
+    assert emergency_text(code) == words

@@ -321,6 +321,9 @@ def test_sensor_flags(three):
     assert codes(result) == {("sensor_failed", "link0/chamber0 (unit A on port0)")}
     three.valves[0].flags = {"MOV", "LCK"}
     assert three.run(10, 20e3, 40e3, 60e3).faults == ()
+    three.valves[0].flags = {"TOV"}
+    result = three.run(10, 20e3, 40e3, 60e3)
+    assert codes(result) == {("over_temperature", "link0/chamber0 (unit A on port0)")}
 
 
 def test_refused_set_point():

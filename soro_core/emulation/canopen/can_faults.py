@@ -14,7 +14,17 @@ from soro_core.hardware.transport.frame import Frame
 ON_ADAPTER_LINE = frozenset({"truncate", "garbage_line"})
 ON_FRAMES = ON_BYTES - ON_ADAPTER_LINE | {"bus_off", "ack_missing", "babble"}
 OF_NODES = frozenset(
-    {"reboot", "brownout", "mute", "freeze_tpdo", "wrong_node_id", "sdo_abort", "sdo_timeout"}
+    {
+        "reboot",
+        "brownout",
+        "mute",
+        "freeze_tpdo",
+        "wrong_node_id",
+        "sdo_abort",
+        "sdo_timeout",
+        "overheat",
+        "supply_rise",
+    }
 )
 _TPDO_FIRST, _TPDO_LAST = frames.TPDO_BASES[0], frames.TPDO_BASES[-1] + 0x7F
 
@@ -75,6 +85,10 @@ class NodeFaults:
     def reboot(self, now_ns: int) -> None:
         """Restart the node as after a loss of power."""
         self._node.reset(now_ns)
+
+    def overheat(self, is_on: bool) -> None:
+        """Report the temperature of the fault, or again its own."""
+        self._node.celsius = self._value("overheat") if is_on else None
 
     def power(self, is_on: bool, now_ns: int) -> None:
         """Switch the power of the node."""

@@ -71,6 +71,10 @@ class EmulatedNode:
         if (supply := device.mapping.supply) is not None:
             self._supply, self._supply_pa = supply, supply_pa
             self.dictionary.on_read[supply.index, supply.sub] = self._supply_counts
+        self.celsius: float | None = None  # what it reports; None: the value of its EDS
+        if (heat := device.mapping.temperature) is not None:
+            self._heat = heat
+            self.dictionary.on_read[heat.index, heat.sub] = self._heat_counts
         self.state = NmtState.BOOT_UP
         self._send = send
         self._pdos = Pdos(self.dictionary, send)
@@ -289,6 +293,11 @@ class EmulatedNode:
     @property
     def _heartbeat_period_ns(self) -> int:
         return self.dictionary.values.get((PRODUCER_HEARTBEAT, 0), 0) * MS
+
+    def _heat_counts(self) -> int:
+        if self.celsius is None:
+            return self.dictionary.values[self._heat.index, self._heat.sub]
+        return round(self.celsius / self._heat.celsius_per_count) + self._heat.zero_count
 
     def _supply_counts(self) -> int:
         left_pa = min(valve.supply_pa(self._supply_pa) for valve in self.valves)

@@ -66,6 +66,7 @@ class World(EmulatedDevices):
         faulty = [by_id[valve.node][1] for valve in platform.valves]
         self.on_fault("reboot", lambda place: faulty[place].reboot(self.now_ns))
         self.while_fault("brownout", lambda place, is_on: faulty[place].power(not is_on, self.now_ns))
+        self.while_fault("overheat", lambda place, is_on: faulty[place].overheat(is_on))
         for node in self.nodes:
             node.poll(0)
         self.hub.run(0)

@@ -56,6 +56,10 @@ class EmulatedAlicat(SerialValve):
         """Switch to the analog input as source of the set point, which keeps the last one, or back."""
         self.source = "A" if is_on else "S"
 
+    def overheat(self, is_on: bool) -> None:
+        """Report a temperature out of range, or none."""
+        (self.flags.add if is_on else self.flags.discard)("TOV")
+
     def frame(self) -> bytes:
         """Return a data frame."""
         letter = "@" if self.streaming else self.unit

@@ -106,4 +106,5 @@ class AlicatDevices(SerialDevices):
             for valve, setup in zip(platform.valves, setups, strict=True)
         ]
         line.station = AlicatBus(line, units, self._answer_ns)
+        self.while_fault("overheat", lambda place, is_on: units[place].overheat(is_on))
         return units

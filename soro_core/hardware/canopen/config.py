@@ -46,6 +46,9 @@ class CanopenOptions(Freshness):
         description="period of status words and supply pressure, which a device sends by event",
     )
 
+    most_celsius: float = Field(
+        70.0, gt=0, le=150, description="temperature above which a device trips, where it reports one"
+    )
     sync_period_s: float | None = Field(
         None,
         gt=0,

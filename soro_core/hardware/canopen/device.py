@@ -178,6 +178,8 @@ def describe(mapping: DeviceMapping) -> Device:
         _check(mapping, entries, "guarding", ObjectAddress(index=index), writable=True)
     if mapping.supply is not None:
         _check(mapping, entries, "supply", mapping.supply, writable=False)
+    if mapping.temperature is not None:
+        _check(mapping, entries, "temperature", mapping.temperature, writable=False)
     for setting in mapping.settings:
         for channel in range(mapping.channels):
             _check(mapping, entries, "settings", mapping.of_channel(setting, channel), writable=True)

@@ -44,6 +44,9 @@ class EmcyCode(IntEnum):
     COIL_CURRENT = 0x2320
     SUPPLY_LOW = 0x3120
     COMMUNICATION = 0x8100  # of CANopenNode: SYNC is late
+    TEMPERATURE = 0x4000
+    AMBIENT_TEMPERATURE = 0x4100
+    DEVICE_TEMPERATURE = 0x4200
     CAN_OVERRUN = 0x8110
     ERROR_PASSIVE = 0x8120
     HEARTBEAT_LOST = 0x8130
@@ -51,6 +54,9 @@ class EmcyCode(IntEnum):
     PDO_TOO_SHORT = 0x8210
     RPDO_TIMEOUT = 0x8250
     PRESSURE_MONITORING = 0x8302
+
+
+_EMERGENCIES = {int(one): one.name.lower().replace("_", " ") for one in EmcyCode if one}
 
 
 class Emergency(NamedTuple):
@@ -117,8 +123,6 @@ def parse_emergency(data: bytes) -> Emergency | None:
 
 
 def emergency_text(code: int) -> str:
-    """Emergency code in words."""
-    try:
-        return f"0x{code:04X} {EmcyCode(code).name.lower().replace('_', ' ')}"
-    except ValueError:
-        return f"0x{code:04X}"
+    """Emergency code in words; one that is not known has those of its class, the first two digits."""
+    words = _EMERGENCIES.get(code) or _EMERGENCIES.get(code & 0xFF00, "")
+    return f"0x{code:04X} {words}".rstrip()

@@ -18,7 +18,7 @@ from soro_core.errors import ConfigError
 DEFAULT_DEVICE = "cia408"
 PDO_NUMBERS = 4  # those with predefined identifiers
 
-_ENTRY = re.compile(r"(setpoint|control|reading|status)(?:\.(\d+))?|(supply)")
+_ENTRY = re.compile(r"(setpoint|control|reading|status)(?:\.(\d+))?|(supply|temperature)")
 
 
 class ObjectAddress(Strict):
@@ -41,8 +41,8 @@ class PdoMapping(Strict):
     """One PDO, in the order of its entries.
 
     An entry is ``setpoint``, ``control`` (RPDO), ``reading`` or ``status`` (TPDO), with ``.1`` and so on for
-    further channels; ``supply`` (TPDO), of the whole node; or an object: in an RPDO with a constant value, in
-    a TPDO passed over.
+    further channels; ``supply`` and ``temperature`` (TPDO), of the whole node; or an object: in an RPDO with
+    a constant value, in a TPDO passed over.
     """
 
     number: int = Field(ge=1, le=PDO_NUMBERS, description="number of the predefined PDO")
@@ -59,7 +59,7 @@ class PdoMapping(Strict):
     def _known(self) -> PdoMapping:
         for entry in self.entries:
             if isinstance(entry, str) and not _ENTRY.fullmatch(entry):
-                known = "setpoint, control, reading, status or supply, or setpoint.1"
+                known = "setpoint, control, reading, status, supply or temperature, or setpoint.1"
                 raise ValueError(f"entries: {known}, not {entry}")
         return self
 
@@ -73,6 +73,13 @@ class Linear(Strict):
 
 class SupplyObject(ObjectAddress, Linear):
     """Pressure [Pa gauge] that a node gets from its supply."""
+
+
+class TemperatureObject(ObjectAddress):
+    """Temperature of a node: celsius = (count - zero_count) celsius_per_count."""
+
+    celsius_per_count: float = Field(gt=0, le=100)
+    zero_count: int = Field(0, ge=-(2**31), lt=2**31, description="count at 0 degC")
 
 
 class DeviceScaling(Strict):
@@ -121,6 +128,9 @@ class DeviceMapping(Strict):
     supply: SupplyObject | None = Field(
         None, description="supply pressure; the devices of a node have one supply"
     )
+    temperature: TemperatureObject | None = Field(
+        None, description="temperature of the node, watched if a TPDO has it"
+    )
     settings: Annotated[tuple[Setting, ...], Field(strict=False)] = Field(
         (), description="objects that the driver writes at start-up to every channel with another value"
     )
@@ -139,9 +149,12 @@ class DeviceMapping(Strict):
     def _consistent(self) -> DeviceMapping:
         if (self.control is None) != (self.status is None):
             raise ValueError("control and status: both, or none of them")
+        of_node: dict[str, ObjectAddress | None] = {"supply": self.supply}
+        if any("temperature" in pdo.entries for pdo in self.tpdos):
+            of_node["temperature"] = self.temperature
         for pdos, kinds in (
             (self.rpdos, {"setpoint": self.setpoint, "control": self.control}),
-            (self.tpdos, {"reading": self.reading, "status": self.status, "supply": self.supply}),
+            (self.tpdos, {"reading": self.reading, "status": self.status, **of_node}),
         ):
             numbers = [pdo.number for pdo in pdos]
             if len(set(numbers)) < len(numbers):
@@ -152,7 +165,7 @@ class DeviceMapping(Strict):
                 (kind, channel)
                 for kind, address in kinds.items()
                 if address is not None
-                for channel in range(1 if kind == "supply" else self.channels)
+                for channel in range(1 if kind in of_node else self.channels)
             )
             if given != wanted:
                 names = ", ".join(f"{kind}.{channel}" for kind, channel in wanted)

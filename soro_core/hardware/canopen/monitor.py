@@ -144,7 +144,8 @@ class NodeMonitor:
         self._answer: int | None = None  # last state and toggle
         self.supply_pa = math.nan
         self._supply_ns: int | None = None
-        self._supply = device.mapping.supply
+        self._supply, self._temperature = device.mapping.supply, device.mapping.temperature
+        self.celsius = math.nan
         self._cyclic = frozenset(pdo.number for pdo in device.tpdos if pdo.cyclic)
         self._sent: dict[int, bytes] = {}
 
@@ -156,7 +157,7 @@ class NodeMonitor:
     def restart(self) -> None:
         """Reset everything but counts and the last pressures, before the configuration of the node."""
         self.configured, self._running, self.missed, self.last_seen_ns = False, False, 0, None
-        self.supply_pa, self._supply_ns = math.nan, None
+        self.supply_pa, self._supply_ns, self.celsius = math.nan, None, math.nan
         self._answer = None
         self._sent.clear()
         for channel in self.channels:
@@ -217,6 +218,8 @@ class NodeMonitor:
             if s.kind == "supply" and self._supply is not None:
                 self.supply_pa = (value - self._supply.zero_count) * self._supply.pa_per_count
                 self._supply_ns = now_ns
+            if s.kind == "temperature" and self._temperature is not None:
+                self.celsius = (value - self._temperature.zero_count) * self._temperature.celsius_per_count
             if s.kind not in ("status", "reading"):
                 continue
             channel = self._by_channel.get(s.channel)
@@ -280,6 +283,9 @@ class NodeMonitor:
             self._add("heartbeat_lost", f"no heartbeat for {limit_s * 1e3:.0f} ms")
         elif silent and self.device.is_guarded:
             self._add("guard_lost", f"no answer to node guarding for {limit_s * 1e3:.0f} ms")
+        most = platform.canopen.most_celsius
+        if self.celsius > most:  # a comparison with NaN is false
+            self._add("over_temperature", f"{self.celsius:.1f} degC, allowed {most:g} degC (most_celsius)")
         self.missed = self.missed + 1 if self.awaited else 0
         for channel in self.channels if asked_active else ():
             channel.check_state(now_ns, platform)

@@ -109,7 +109,7 @@ class AlicatChannel(Channel):
         return "mismatch" if is_wrong else outcome
 
     def device_faults(self) -> list[Fault]:
-        """Return faults for a valve on hold, and for a pressure beyond the sensor's range."""
+        """Return faults for a valve on hold, a pressure beyond the sensor's range, and a temperature."""
         faults = []
         if "HLD" in self.flags:
             faults.append(Fault("not_active", self.source, "its valve is on hold (HLD)"))
@@ -118,6 +118,8 @@ class AlicatChannel(Channel):
                 f"its pressure sensor is beyond its range ({' '.join(sorted(self.flags & {'POV', 'ADC'}))})"
             )
             faults.append(Fault("sensor_failed", self.source, text))
+        if "TOV" in self.flags:
+            faults.append(Fault("over_temperature", self.source, "its temperature is out of range (TOV)"))
         return faults
 
     def describe(self, session: Session) -> str:

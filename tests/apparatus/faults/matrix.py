@@ -40,6 +40,19 @@ def _supply(family: str, model_ms: float) -> Row:
     )
 
 
+def _stop(family: str, model_ms: float) -> tuple[Row, ...]:
+    """The dump valve opens all chambers; the regulators feed them, and the monitors see it."""
+    empties = r"(implausible|stuck valve|frozen sensor|spike): link0/chamber\d "
+    pressed = Row("stop_pressed", "trip", empties, model_ms)
+    if family == "soro_board":  # reads the contact
+        pressed = Row("stop_pressed", "trip", "stop_pressed: board: ", FAMILY_MS[family])
+    return (
+        pressed,
+        Row("dump_valve_open", "trip", empties, model_ms),
+        Row("dump_valve_stuck", "tolerate"),
+    )
+
+
 def air(family: str, narrow: float = 20.0, leak: float = 20.0) -> tuple[Row, ...]:
     """Rows of valves, chambers and sensors: the air is the same for every family, and so are the monitors.
 
@@ -70,6 +83,7 @@ def air(family: str, narrow: float = 20.0, leak: float = 20.0) -> tuple[Row, ...
         Row("burst", "trip", WRONG, model),
         Row(f"kinked_line, factor: {narrow:g}", "trip", WRONG, model, slower=narrow),
         _supply(family, model),
+        *_stop(family, model),
         Row("vent_blocked", "trip", WRONG, TOP_MS + model, blocked="chamber"),
         Row("sensor_offset, offset_pa: 15e3", "trip", WRONG, model),
         Row("sensor_offset, offset_pa: 5e3", "tolerate"),
@@ -116,6 +130,14 @@ def _canopen(own: float) -> tuple[Row, ...]:
         Row("babble, can_id: 2047", "tolerate"),
         Row("adapter_unplug", "trip", "gone", AT_ONCE_MS),
         Row("reboot", "trip", f"rebooted: {node}", AT_ONCE_MS),
+        Row(
+            "supply_rise, supply_pa: 1.2e6",
+            "trip",
+            f"supply high: {CHAMBER} has 1200.0 kPa, allowed 1100.0 kPa",
+            SUPPLY_EVENT_MS + SUPPLY_MS + own,
+        ),
+        Row("overheat", "trip", f"over_temperature: {node}", SUPPLY_EVENT_MS + own),
+        Row("overheat, celsius: 60", "tolerate"),
         Row("brownout, duration_s: 0.05", "trip", f"emergency: {node}: emergency 0x3120", AT_ONCE_MS),
         Row("mute", "trip", f"stale_reading: {node}", own),
         Row("freeze_tpdo", "trip", rf"frozen sensor: {CHAMBER} ", MOTION_MS + FROZEN_MS + own),
@@ -188,6 +210,11 @@ def _serial(family: str, own: float) -> tuple[Row, ...]:
     )
 
 
+def _alicat_heat(own: float) -> Row:
+    """A flag in the answers, without a number."""
+    return Row("overheat", "trip", rf"over_temperature: {CHAMBER} ", own)
+
+
 def _itv_wire(own: float) -> tuple[Row, ...]:
     """Ten bits from 0 to full scale: an open wire reads 0 kPa, which nothing but the model contradicts."""
     _, high = _broken_wire(False, own)
@@ -215,6 +242,7 @@ MATRIX: dict[str, tuple[Row, ...]] = {
     ),
     "alicat": (
         *_serial("alicat", _OWN["alicat"]),
+        _alicat_heat(_OWN["alicat"]),
         *air("alicat"),
         *_broken_wire(False, _OWN["alicat"]),
     ),

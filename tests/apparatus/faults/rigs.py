@@ -18,7 +18,7 @@ from soro_core.emulation.families import emulate
 from soro_core.emulation.process import Emulator
 from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
-from soro_core.hardware.board.config import BoardPlatform
+from soro_core.hardware.board.config import BoardPlatform, StopContact
 from soro_core.hardware.board.driver import BoardRegulator
 from soro_core.hardware.canopen.driver import CanopenRegulator
 from soro_core.hardware.limited import LimitedRegulator
@@ -159,7 +159,8 @@ def other(name: str, real: bool) -> Rig:
     """Every other family."""
     platform = load_platform(name)
     if isinstance(platform, BoardPlatform):  # two of its six buses; the other ports feed no chamber
-        platform = platform.model_copy(update={"ports": platform.ports[:4]})
+        options = platform.board.model_copy(update={"stop": StopContact(line=17)})
+        platform = platform.model_copy(update={"ports": platform.ports[:4], "board": options})
     rig = on_a_line(platform) if real else in_process(platform)
     if isinstance(rig.devices, EmulatedVeabServer):
         rig.mend = rig.devices.start  # the published server ends at the first trouble; a person starts it

@@ -112,6 +112,12 @@ class PlatformBase(Strict):
     shutdown_ramp_pa_s: float = Field(
         400e3, gt=0, le=10e6, description="rate at which the driver lowers the pressures at its end"
     )
+    watchdog_test: bool = Field(
+        True,
+        description="at the first start, at 0 Pa, fall silent once and require that the devices, or the "
+        "supervisor beside the driver, vent: 0.1 to 1 s; not in lockstep. Leave it out for devices that need "
+        "a hand after their watchdog has vented",
+    )
     rating: Rating = Rating()
     emulation: EmulationBase = EmulationBase()
 

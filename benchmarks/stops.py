@@ -28,7 +28,7 @@ from soro_core.hardware.port import EMPTY_PA
 TITLE = "Processes that are stopped or killed, in every state"
 STATES = ("starting", "at 0 Pa", "under pressure", "tripped", "closing")
 SIGNALS = (signal.SIGSTOP, signal.SIGKILL)
-STOPPED_S, AFTER_S = 1.0, 0.8  # until a stopped process continues, and until the end
+STOPPED_S, AFTER_S = 0.9, 0.6  # until a stopped process continues, and until the end
 _PATIENCE_S = 30.0
 _HOST = """
 import sys, time
@@ -126,11 +126,12 @@ def run(options: Options) -> str:
     return "\n\n".join(
         [
             f"SIGSTOP lasts {STOPPED_S:g} s, then the process continues. Times count from the signal. "
-            f"'Empty' is below {EMPTY_PA / 1e3:g} kPa for good. The arm is at 40 kPa; 'closing' is in the "
-            "midst of a ramp of 20 kPa/s; a driver that is starting commands 40 kPa afterwards. 'Fault "
-            "after' and 'longest call' are what the driver says, the largest of all states. 'Left' is the highest "
-            f"pressure in the {AFTER_S:g} s after the stop, of all states (starting: in its last 0.3 s). "
-            "Target: nothing left, and no call longer than 50 ms while the supervisor stands still.",
+            f"'Empty' is below {EMPTY_PA / 1e3:g} kPa for good. The arm is at 40 kPa; 'closing' is in "
+            "the midst of a ramp of 20 kPa/s; a driver that is starting commands 40 kPa afterwards. "
+            "'Fault after' and 'longest call' are what the driver says, the largest of all states. "
+            f"'Left' is the highest pressure in the {AFTER_S:g} s after the stop, of all states "
+            "(starting: in its last 0.3 s). Target: nothing left, and no call longer than 50 ms while "
+            "the supervisor stands still.",
             table(head, rows),
         ]
     )

@@ -7,6 +7,7 @@ implements the hooks. The supervisor is the process that vents when the driver d
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import time
 from abc import abstractmethod
@@ -25,6 +26,7 @@ from soro_core.hardware.supervisor_client import Supervisor, TakenOverError, end
 
 P = TypeVar("P", bound=PlatformBase)
 
+_TEST_S = 2.0  # longest time for the vent in the test of the supervisor
 LOST = "supervisor_lost", "supervisor"  # code and source of the fault
 
 
@@ -85,6 +87,7 @@ class Driver(Regulator, Generic[P]):
         self.seen_empty = False
         self._sources: tuple[str, ...] = self._names  # what faults call the chambers
         self._begun = self._configured = self._closed = False
+        self._is_tested = False  # whether the watchdogs have vented in the test of the first start
         self._presses = False  # whether set points other than 0 are on their way
         self._watched_s = 0.0  # time of the last report to the supervisor
         self._cycles = self._now_ns = self.answers_lost = 0
@@ -140,6 +143,26 @@ class Driver(Regulator, Generic[P]):
     def begin_end(self) -> None:
         """Stop the threads of the family, at the begin of `close`."""
 
+    def test_watchdogs(self) -> None:
+        """Fall silent at 0 Pa and require that the devices vent by themselves, then start them again.
+
+        Raises
+        ------
+        HardwareError
+            If a device does not.
+        """
+        self._test_supervisor()
+
+    def share(self) -> None:
+        """Pass the connections to the supervisor, with the messages that vent."""
+
+    def silence(self, duration_s: float) -> None:
+        """Wait in the test of the supervisor, which has the connections meanwhile."""
+        time.sleep(duration_s)
+
+    def after_test(self) -> None:
+        """Drop what the devices have answered to the supervisor."""
+
     def find_empty(self) -> bool:
         """Try again to read every chamber empty, in any state; return whether they were."""
         return False
@@ -175,6 +198,9 @@ class Driver(Regulator, Generic[P]):
             self.latch.clear()
             self._lateness.restart()
             self.start_up()
+            if self.platform.watchdog_test and not (self._is_tested or self.lockstep):
+                self.test_watchdogs()
+                self._is_tested = True
             self._configured = True
 
     def exchange(self, setpoint_pa: Array, now_ns: int) -> Exchange:
@@ -244,6 +270,29 @@ class Driver(Regulator, Generic[P]):
         if self.platform.is_supervised and not self.lockstep:
             self.supervisor = running(self.supervisor)
             self.supervisor.wait_until_ready()  # some devices give a new host little time
+
+    def _test_supervisor(self) -> None:
+        """Let the supervisor vent once, as if the driver hung, and start another one."""
+        if self.supervisor is None:
+            return
+        if not np.all(np.abs(self.pressure_pa) < self.empty_pa):  # the supervisor could not confirm its vent
+            logging.getLogger(__name__).warning(
+                "%s: no test of the supervisor: a chamber reads %.1f kPa at 0 Pa",
+                self.kind,
+                np.max(np.abs(self.pressure_pa)) / 1e3,
+            )
+            return
+        following = Supervisor()  # starts while the other one waits
+        try:
+            self.supervisor.test(_TEST_S, self.silence)
+            following.wait_until_ready()
+        except HardwareError:
+            following.dismiss()
+            raise
+        self.supervisor.dismiss()
+        self.supervisor = following
+        self.after_test()
+        self.share()
 
     def paced(self, setpoint_pa: Array) -> Array:
         """Make a cycle of the start-up or the end; return pressures (n,) [Pa gauge], NaN without a sample."""

@@ -120,6 +120,12 @@ class PlatformBase(Strict):
     stop_timeout_s: float = Field(
         0.5, ge=0.05, le=2, description="silence of that topic that counts as pressed"
     )
+    watchdog_test: bool = Field(
+        True,
+        description="at the first start, at 0 Pa, fall silent once and require that the devices, or the "
+        "supervisor beside the driver, vent: 0.1 to 1 s; not in lockstep. Leave it out for devices that need "
+        "a hand after their watchdog has vented",
+    )
     rating: Rating = Rating()
     emulation: EmulationBase = EmulationBase()
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from soro_core.hardware.supervisor import SIGN, SILENCE_S
 
 SCRIPT = Path(__file__).with_name("supervisor.py")
 START_LIMIT_S = 10.0
-_END_LIMIT_S, _POLL_S = 2.0, 0.002
+_END_LIMIT_S, _POLL_S, _TEST_POLL_S = 2.0, 0.002, 0.02
 _WHO = "the process that vents when the driver dies"
 
 
@@ -113,6 +113,33 @@ class Supervisor:
             self._say(b"+" if pressed else b"-")
         return self.is_alive
 
+    def test(self, longest_s: float, wait: Callable[[float], None]) -> None:
+        """Fall silent as a driver that hangs, and require that the process vents; it then has ended.
+
+        Parameters
+        ----------
+        longest_s : float
+            Longest time [s] for the vent, after the silence.
+        wait : callable
+            Waits for a time [s].
+
+        Raises
+        ------
+        HardwareError
+            If the process does not take over in time, or the devices do not confirm the vent.
+        """
+        self._send(b"?")
+        end_s = time.monotonic() + SILENCE_S + longest_s
+        while self.process.poll() is None and time.monotonic() < end_s:
+            wait(_TEST_POLL_S)
+        self._lose(f"{_WHO} has ended")
+        if status := self.process.poll():
+            text = "the devices did not confirm its vent, see its line above"
+        else:
+            text = f"it has not vented {SILENCE_S + longest_s:g} s after the last message"
+        if status != 0:
+            raise HardwareError(f"test at 0 Pa: {text}", "supervisor", "refused", "start-up")
+
     @property
     def pid(self) -> int:
         """Process id."""
@@ -162,7 +189,9 @@ class Supervisor:
         self._say(b"end" if vented else b"left")
         self.control.close()
         end_s = time.monotonic() + _END_LIMIT_S
-        while self.process.poll() is None and time.monotonic() < min(end_s, self._heard_s + SILENCE_S):
+        if self.lost:  # it vents, or stands still
+            end_s = min(end_s, self._heard_s + SILENCE_S)
+        while self.process.poll() is None and time.monotonic() < end_s:
             time.sleep(_POLL_S)
         if vented and self.process.poll() is None:
             self.process.kill()

@@ -11,8 +11,10 @@ from hardware_bench import cycles_in_real_time, wait_for
 from serial_bench import alicat, itv
 from served_bench import served
 
+from benchmarks.stops import left_after, signalled
 from soro_core.config import changed
 from soro_core.hardware import load_platform, open_regulator
+from soro_core.hardware.port import EMPTY_PA
 from soro_core.hardware.serial_line.driver import SerialRegulator
 from soro_core.hardware.serial_line.setpoint import SlewedSetpoint
 from soro_core.hardware.supervisor import SILENCE_S
@@ -200,3 +202,12 @@ def test_a_supervisor_that_stands_still_makes_the_driver_vent(make):
         )
         regulator.configure()  # a reset starts another one
         assert cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].faults == ()
+
+
+@pytest.mark.parametrize("name", ["emulated_canopen", "soro_board", "veab_tcp"])
+def test_a_driver_that_is_stopped_and_continued_leaves_no_pressure(name):
+    """Vented by what watches it, and not filled again; `benchmarks --only stops` does all."""
+    outcome = signalled(name, "driver", signal.SIGSTOP, "under pressure")
+    assert outcome.left_pa(0.0) > 35e3, "it was there"
+    assert left_after(outcome, "under pressure") < EMPTY_PA
+    assert any(codes for at_s, _, codes in outcome.cycles if at_s > 0), "it is latched"

@@ -68,12 +68,28 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
                     f"port {number} is limited to {welcome.limits_pa[number]} Pa, not {allowed}"
                 )
         self._boot = welcome.boot
+        self._reset()
+
+    def _reset(self) -> None:
+        session = self._session
         session.reset()
         state = self._await(lambda: session.state if session.is_answered else None, "RESET")
         if state.cause:
             raise self._failed(f"{texts.CAUSES[state.cause][1]}{texts.complaints(state)}")
         self._take(state)
         self.sent_pa = np.zeros(self.n_chambers)
+
+    def test_watchdogs(self) -> None:
+        session = self._session
+        self._set(np.zeros(self.n_chambers))
+        watchdog_s = 0.0 if session.welcome is None else session.welcome.watchdog_ms * 1e-3
+        limit_s = watchdog_s + self.platform.host.start_timeout_s
+        end_s = self.clock() + limit_s
+        while session.state is None or not session.state.cause:
+            if (left_s := end_s - self.clock()) <= 0:
+                raise self._failed(f"test at 0 Pa: its watchdog has not vented in {limit_s:g} s of silence")
+            session.receive(left_s)
+        self._reset()
 
     def connected(self) -> None:
         self._session.greet()  # after a lost connection, for the readings: set points need `configure`

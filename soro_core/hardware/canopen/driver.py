@@ -34,6 +34,8 @@ from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.link import CanLink
 from soro_core.hardware.transport.open import open_bus
 
+_TEST_S = 1.0  # time for the reports of devices whose host is lost, in the test of their watchdogs
+
 
 class CanopenRegulator(Driver[CanopenPlatform]):
     """Regulators of one arm on CANopen.
@@ -119,6 +121,19 @@ class CanopenRegulator(Driver[CanopenPlatform]):
             raise HardwareError(first.message + rest, first.source, "refused", "start-up")
         self._forget_setpoints()
         self._watch.configured()
+
+    def test_watchdogs(self) -> None:
+        if not self.device.has_watchdog:
+            return
+        self._send_zeros(*self._bus.signs_of_life())  # the watches start with these messages
+        limit_s = self.platform.canopen.heartbeat_consumer_s + _TEST_S
+        self._bus.wait_for(lambda: all(node.has_lost_host for node in self.nodes), limit_s)
+        for node in self.nodes:
+            if not node.has_lost_host:
+                text = f"test at 0 Pa: the device reports no lost host in {limit_s:g} s of silence"
+                raise HardwareError(text, node.source, "refused", "start-up")
+        self.latch.clear()
+        self.start_up()
 
     def transfer(self, setpoint_pa: Array, is_vent: bool) -> Flags | bool:
         self._bus.now_ns = self._now_ns

@@ -18,6 +18,7 @@ from soro_core.hardware.port import Fault
 from soro_core.hardware.transport.frame import Frame
 
 _SUPPLY_PERIODS = 5
+_COMMUNICATION = range(0x8100, 0x8300)  # emergency codes of communication and protocol (CiA 301)
 _GONE = frozenset({"rebooted", "left_operational", "heartbeat_lost", "guard_lost"})
 
 
@@ -141,6 +142,7 @@ class NodeMonitor:
         self.missed = self.late = self.garbled = self.emergencies = self.boots = 0
         self.state: int | None = None  # communication state as last reported
         self.last_seen_ns: int | None = None
+        self._reports_lost_host = False
         self._answer: int | None = None  # last state and toggle
         self.supply_pa = math.nan
         self._supply_ns: int | None = None
@@ -154,11 +156,16 @@ class NodeMonitor:
         """Whether the node gives no answers until its next configuration."""
         return any(self._latch.has(code, self.source) for code in _GONE)
 
+    @property
+    def has_lost_host(self) -> bool:
+        """Whether the node has reported an error of its communication, or has left OPERATIONAL."""
+        return self._reports_lost_host or self._latch.has("left_operational", self.source)
+
     def restart(self) -> None:
         """Reset everything but counts and the last pressures, before the configuration of the node."""
         self.configured, self._running, self.missed, self.last_seen_ns = False, False, 0, None
         self.supply_pa, self._supply_ns, self.celsius = math.nan, None, math.nan
-        self._answer = None
+        self._answer, self._reports_lost_host = None, False
         self._sent.clear()
         for channel in self.channels:
             channel.restart()
@@ -259,6 +266,7 @@ class NodeMonitor:
             self.garbled += 1
         elif parsed.code != 0:
             self.emergencies += 1
+            self._reports_lost_host |= parsed.code in _COMMUNICATION
             if parsed.code == EmcyCode.BUS_OFF_RECOVERED:
                 for channel in self.channels:
                     channel.after = " after its controller was off the bus"

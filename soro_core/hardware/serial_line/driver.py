@@ -99,7 +99,7 @@ class SerialRegulator(Driver[SerialPlatform]):
         self._close_ports()
         self._ports = [LockstepPort(port) if self.lockstep else port for port in self._open_ports()]
         self.supervise()
-        self._share()  # the former plan, while the devices start again
+        self.share()  # the former plan, while the devices start again
         self._closed_counts += self._counts()
         self._engines = self.make_lines(self._ports)
         by_name = {channel.chamber: channel for engine in self._engines for channel in engine.channels}
@@ -113,7 +113,7 @@ class SerialRegulator(Driver[SerialPlatform]):
             start_all(self._engines, self, self.stop_streaming, self.platform.line)
         finally:  # after a failure too: what has been found so far is vented if this process dies
             self.vent_plans = [plan_of(engine, self.platform) for engine in self._engines]
-            self._share()
+            self.share()
         self._last_ns = now_ns = self.now_ns()
         for channel in self._channels:
             channel.restart(now_ns)
@@ -164,6 +164,10 @@ class SerialRegulator(Driver[SerialPlatform]):
         # Behind a lost port only the last reading is known.
         known = was_empty.intersection(channel.chamber for engine in lost for channel in engine.channels)
         return all(c.is_empty or c.chamber in known for c in self._channels)
+
+    def after_test(self) -> None:
+        for engine in self._engines:
+            engine.discard(self.now_ns())
 
     def disconnect(self) -> None:
         self._close_ports()
@@ -245,10 +249,10 @@ class SerialRegulator(Driver[SerialPlatform]):
                     lost[engine] = error
                     continue
                 with contextlib.suppress(HardwareError):  # the driver reports a lost supervisor elsewhere
-                    self._share()
+                    self.share()
         return lost
 
-    def _share(self) -> None:
+    def share(self) -> None:
         """Share the ports with the supervisor, once the messages for a vent are known."""
         if self.supervisor is not None and self.vent_plans:
             there = [n for n, port in enumerate(self._ports) if port.fileno() >= 0]

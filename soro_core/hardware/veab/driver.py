@@ -125,6 +125,13 @@ class VeabRegulator(LinkDriver[VeabPlatform]):
             raise HardwareError("the connection is gone")
         self._stream.receive(duration_s)
 
+    def silence(self, duration_s: float) -> None:
+        super().silence(duration_s)
+        self._send(self._zeros)  # the server ends after 0.5 s without a message
+
+    def after_test(self) -> None:
+        self._stream.skip()
+
     def begin_end(self) -> None:
         keeper, self._keeper = self._keeper, None  # the ramp to 0 Pa does without it
         if keeper is not None:

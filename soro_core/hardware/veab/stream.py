@@ -74,6 +74,10 @@ class Stream:
         self._decoder.reset()
         self.count = PortCount(self._size, self._push_hz)
 
+    def skip(self) -> None:
+        """Continue at the next reading, because another process has received some."""
+        self._decoder.reset()
+
     def send(self, setpoint_pa: Array) -> bool:
         """Send set points (n,) [Pa gauge], and 0 Pa for unused ports; return False if `count` forbids it.
 

@@ -65,7 +65,7 @@ class VtemRegulator(LinkDriver[VtemPlatform]):
         except HardwareError as error:
             self.give_up()
             raise HardwareError(error.text, error.device, error.code, "start-up") from None
-        self.sent_pa = self._terminal.sent_pa
+        self.sent_pa, self.pressure_pa = self._terminal.sent_pa, self._terminal.pressure_pa
 
     def connected(self) -> None:
         self._client.reset()

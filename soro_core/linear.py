@@ -27,8 +27,8 @@ def inverse(matrix: Array, least: float = LEAST, of: Array | None = None) -> Arr
     least : float
         Reciprocal condition, in the norm of column sums, from which it is regular.
     of : ndarray (m, m), optional
-        What it is a part of, with whose size it is compared; all entries have one unit. By default entries may
-        have several units: the measure is then that of rows and columns divided by their largest entries.
+        What it is a part of, with whose size it is compared, where all entries have one unit. By default they
+        may have several: the measure is that of rows and columns divided by their largest entries.
 
     Raises
     ------

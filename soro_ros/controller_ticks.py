@@ -122,7 +122,7 @@ class ControllerTicks:
         q = np.full(arm.n_q, 1e-3)
         state, _ = self.controller.step(self.state, q, q, 0.0, dt, none)
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
-            reference = references.trajectory(self.controller, message, 0.0)
+            reference = references.trajectory(self.controller, state, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, self._world)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
@@ -173,7 +173,7 @@ class ControllerTicks:
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        make = partial(references.trajectory, self.controller, message)
+        make = partial(references.trajectory, self.controller, self.state, message)
         self._follow(_TRAJECTORY, message.header, make)
 
     def _on_tip(self, message: PoseStamped) -> None:

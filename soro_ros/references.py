@@ -15,12 +15,16 @@ from soro_ros import messages
 _ROWS = ("positions", "velocities", "accelerations")
 
 
-def trajectory(controller: Controller, message: JointTrajectory, t: float) -> Reference:
+def trajectory(
+    controller: Controller, state: ControllerState, message: JointTrajectory, t: float
+) -> Reference:
     """Return the reference of a trajectory.
 
     Parameters
     ----------
     controller : Controller
+    state : ControllerState
+        After the last tick.
     message : JointTrajectory
     t : float
         Time of the controller at the arrival [s].
@@ -44,6 +48,7 @@ def trajectory(controller: Controller, message: JointTrajectory, t: float) -> Re
         table("velocities"),
         table("accelerations"),
         messages.to_ns(message.header.stamp),
+        state,
     )
 
 

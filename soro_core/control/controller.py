@@ -26,6 +26,7 @@ from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview,
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.laws.trial import refuse_lost_arm
 from soro_core.control.motion import Planner
+from soro_core.control.obstacles import obstacles_of
 from soro_core.control.references import bounds_of, check_configured, configured_reference
 from soro_core.control.setpoints import SetpointMaker
 from soro_core.control.trajectory import Point, Reference
@@ -103,6 +104,8 @@ class Controller(GivenReferences):
         )
         known = self.pressures
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
+        self.obstacles = obstacles_of(self.arm, model.links)
+        self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
         refuse_lost_arm(self)
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
@@ -296,4 +299,5 @@ class Controller(GivenReferences):
 
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
-        return Planner(supply_of(self, state), self.bounds, self.config, dt)
+        lookout = partial(self.lookout, state.law)
+        return Planner(supply_of(self, state), self.bounds, self.config, dt, lookout)

@@ -6,6 +6,7 @@ about as long as one search of the inverse kinematics. docs/motion.md describes 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
 from soro_core.control.demand import Supply, shortage
+from soro_core.control.lookout import Lookout, line, ways_along
 from soro_core.control.motion_error import MotionError
 from soro_core.control.motion_parts import AlongPath, Motion, Part, Slower, ToRest
 from soro_core.control.motion_time import ON_THE_WAY, Timing
@@ -73,12 +75,16 @@ class Planner:
         Its sections `motion` and `reference`.
     dt : float
         Period of the loop [s].
+    lookout : callable
+        Gives what looks out for the obstacles that the robot file knows, for coordinates (n_q,) at the begin;
+        it gives None where the file knows none.
     """
 
     supply: Supply
     bounds: Bounds
     config: ControllerConfig
     dt: float
+    lookout: Callable[[Array], Lookout | None]
 
     def plan(
         self, begin: Point, positions: Array, orientations: Array | None, start_s: float
@@ -149,7 +155,7 @@ class Planner:
         legs = legs_of(positions, orientations)
         kinematics = PathCoordinates(self.supply.arm, self.supply.fields, self.bounds.strain, self.config)
         away = np.linalg.norm(self.supply.arm.pose(q, self.supply.arm.length)[:3, 3] - positions[0])
-        first = q
+        near = first = q
         if orientations is not None or away > SAME_M:
             turn = None if orientations is None else orientations[0]
             first = yield from kinematics.first(q, positions[0], turn)
@@ -166,6 +172,7 @@ class Planner:
                 yield
             passed += leg.length_m
         path = [self._timed(leg, curve) for leg, curve in zip(legs, curves, strict=True)]
+        yield from self._keep_clear(near, first, path)
         factor = yield from self._timing.factor(path)
         slower = tuple(Slower(part, factor) if factor > 1.0 else part for part in path)
         return Route(first, slower, factor, note)
@@ -188,6 +195,7 @@ class Planner:
             If the pressures cannot do it.
         """
         approach = yield from self._approach(begin, route.first)
+        yield from self._keep_clear(begin.q, begin.q, approach)
         parts: list[Part] = [*approach, *route.parts]
         if not parts:  # it is there already
             parts = [ToRest(begin, begin.q, _SHORTEST_S)]
@@ -196,6 +204,15 @@ class Planner:
     @property
     def _timing(self) -> Timing:
         return Timing(self.supply, self.bounds, self.config, self.dt)
+
+    def _keep_clear(self, begin: Array, first: Array, parts: Sequence[Part]) -> Planning[None]:
+        """Refuse parts on which an arm, which begins elsewhere perhaps, meets an obstacle."""
+        lookout = self.lookout(begin)
+        if lookout is None:
+            return
+        yield from lookout.follow(line(first, first, ON_THE_WAY))
+        for way in ways_along(parts):
+            yield from lookout.follow(way)
 
     def _check_rest(self, q: Array, where: str, tolerance_m: float = 0.0) -> None:
         """Refuse coordinates that the pressures cannot hold at rest, by more than a distance of the tip."""

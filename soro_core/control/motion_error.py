@@ -6,16 +6,16 @@ from typing import Literal, TypeAlias
 
 from soro_core.errors import ConfigError
 
-Reason: TypeAlias = Literal["reach", "pressure", "rate"]
+Reason: TypeAlias = Literal["reach", "pressure", "rate", "contact"]
 
 
 class MotionError(ConfigError):
-    """The tip, the pressures or their rates do not allow a motion.
+    """The tip, the pressures, their rates or obstacles do not allow a motion.
 
     Parameters
     ----------
     reason : str
-        reach, pressure or rate.
+        reach, pressure, rate or contact.
     key, got, allowed : str
         Parts of the line, as in `ConfigError`.
     nearest_m : tuple of float or None

@@ -11,6 +11,7 @@ from soro_core.control.allocation import balanced_weight
 from soro_core.control.config import ReferenceConfig
 from soro_core.control.controller import Controller
 from soro_core.control.motion_parts import Motion
+from soro_core.control.references import key_of
 from soro_core.control.trajectory import Circle, Reference
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
@@ -45,7 +46,7 @@ def check_reach(controller: Controller, part: float) -> None:
     reference, settings = controller.configured, controller.config.reference
     if reference is None:  # hold: the arm stays where it is
         return
-    key, times = _checked(reference, settings)
+    key, times = key_of(reference), _checked(reference, settings)
     length = controller.robot.length
     distance = max(tip_distance(controller, reference.sample(float(t)).q) for t in times)
     if distance > part * length:
@@ -60,13 +61,11 @@ def check_reach(controller: Controller, part: float) -> None:
         )
 
 
-def _checked(reference: Reference, settings: ReferenceConfig) -> tuple[str, Array]:
-    """Return the key of a reference, and the times [s] at which it is checked."""
+def _checked(reference: Reference, settings: ReferenceConfig) -> Array:
+    """Return the times [s] at which a reference is checked."""
     if isinstance(reference, Circle):
-        return "curvature_per_m", np.arange(POINTS) / POINTS * settings.period_s
-    if isinstance(reference, Motion):
-        return "path_m", reference.times(PATH_POINTS)
-    return "set_point", np.zeros(1)
+        return np.arange(POINTS) / POINTS * settings.period_s
+    return reference.times(PATH_POINTS) if isinstance(reference, Motion) else np.zeros(1)
 
 
 def tip_distance(controller: Controller, q: Array) -> float:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.configured_path import configured_path
 from soro_core.control.kinematics import elongation_for_pressure, inverse_kinematics
+from soro_core.control.motion_parts import Motion
 from soro_core.control.passage import Bounds
 from soro_core.control.spread import per_coordinate
 from soro_core.control.trajectory import Circle, Hold, Reference, Waypoints
@@ -104,6 +105,13 @@ def configured_reference(arm: SoftArm, bounds: Bounds, config: ControllerConfig)
         bent = settings.curvature_per_m * across
         elongation = elongation_for_pressure(arm, fields, bent, stretch, settings.mean_pressure_pa, low, high)
     return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, 0.0)
+
+
+def key_of(reference: Reference) -> str:
+    """Return the key of a configured reference in the section `reference`."""
+    if isinstance(reference, Circle):
+        return "curvature_per_m"
+    return "path_m" if isinstance(reference, Motion) else "set_point"
 
 
 def check_configured(bounds: Bounds, reference: Reference | None) -> None:

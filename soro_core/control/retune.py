@@ -11,11 +11,14 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from soro_core.config import Strict, changed
 from soro_core.control.actuation import complete_pressures
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
+from soro_core.control.following import reference_ahead
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.registry import options_of
 from soro_core.control.reach import check_reach
@@ -85,8 +88,12 @@ def retune(
     """
     new = _with_keys(controller, config)
     moves = _moves_otherwise(controller.config, new.config)
-    if moves and reach > 0.0:
-        check_reach(new, reach)
+    if moves:
+        following = state.following
+        start = np.zeros(new.arm.n_q) if following is None else reference_ahead(new.bounds, following, 0.0).q
+        new.check_way(state.law, start)
+        if reach > 0.0:
+            check_reach(new, reach)
     after = replace(state, transfer=state.transfer.begun())
     return Retuned(new, after, moves, _from_now(new, state, t) if moves else None)
 

@@ -227,6 +227,11 @@ class Waypoints(Reference):
             return False
         return all(map(np.array_equal, self._given, other._given))
 
+    @property
+    def times_s(self) -> Array:
+        """Times (n_t,) of the points [s]."""
+        return np.array([self._first]) if self._curves is None else np.asarray(self._curves[0].x)
+
     def between(self) -> tuple[Array, Array]:
         """Return coordinates and rates at the points and at samples between them, (n, n_q) each."""
         if self._curves is None:

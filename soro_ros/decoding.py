@@ -15,15 +15,15 @@ from soro_ros.interfaces import definition, message_class, type_name
 
 Read = Callable[[bytes], Any]
 
-# Types of numbers that hold every value of another one.
-_WIDER = {
-    "float": ("double",),
-    "int8": ("int16", "int32", "int64"),
-    "int16": ("int32", "int64"),
-    "int32": ("int64",),
-    "uint8": ("uint16", "uint32", "uint64", "int16", "int32", "int64"),
-    "uint16": ("uint32", "uint64", "int32", "int64"),
-    "uint32": ("uint64", "int64"),
+# Types of numbers of which every value is one of another type.
+_NARROWER = {
+    "double": ("float",),
+    "int16": ("int8", "uint8"),
+    "int32": ("int8", "uint8", "int16", "uint16"),
+    "int64": ("int8", "uint8", "int16", "uint16", "int32", "uint32"),
+    "uint16": ("uint8",),
+    "uint32": ("uint8", "uint16"),
+    "uint64": ("uint8", "uint16", "uint32"),
 }
 
 
@@ -46,7 +46,7 @@ class Messages:
     def __init__(self, reader: BagReader, kinds: Mapping[str, type[Any] | None]) -> None:
         self._reader = reader
         self._read: dict[tuple[str, str], Read] = {}
-        self._left_out: dict[str, tuple[int, str]] = {}
+        self._left_out: dict[str, tuple[int, BagError]] = {}
         self.refused: dict[str, BagError] = {}
         for topic in reader.topics:
             if topic.name not in kinds:
@@ -70,7 +70,7 @@ class Messages:
         try:
             return None if read is None else read(item.data)
         except BagError as error:
-            count, first = self._left_out.get(item.topic, (0, str(error)))
+            count, first = self._left_out.get(item.topic, (0, error))
             self._left_out[item.topic] = count + 1, first
             return None
 
@@ -89,9 +89,13 @@ class Messages:
         return [*(f"the bag is damaged: {line}" for line in self._reader.problems), *refused, *self.left_out]
 
     def need(self, topics: Iterable[str]) -> None:
-        """Raise the BagError of the first of some topics that is refused."""
-        for topic in sorted(self.refused.keys() & set(topics)):
-            raise self.refused[topic]
+        """Raise the BagError of the first of some topics of which nothing can be read."""
+        for topic in sorted(topics):
+            count, error = self._left_out.get(topic, (0, None))
+            if topic in self.refused:
+                raise self.refused[topic]
+            if error is not None and count == self._reader.count(topic):
+                raise error
 
 
 def reading(topic: Topic, kind: type[Any] | None, bag: Path) -> Read:
@@ -214,7 +218,9 @@ def _difference(recorded: Fields, installed: Fields) -> str:
         before, now = dict(recorded[name]), dict(fields)
         for field in [*now, *before]:
             old, new = before.get(field, "missing"), now.get(field, "missing")
-            if old != new and new not in _WIDER.get(old, ()):
+            element = _element(new)
+            narrower = (new.replace(element, other) for other in _NARROWER.get(element, ()))
+            if old != new and old not in narrower:
                 return f"{name}.{field} was {old}, and is {new}"
     return ""
 

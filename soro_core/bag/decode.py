@@ -107,7 +107,7 @@ def _read(name: str, text: str, encoding: str) -> tuple[Typestore, Fields]:
             types |= get_types_from_msg(text, name)
         # Constants are no part of a message.
         found = _with_parts(name, {kind: ([], fields) for kind, (_, fields) in types.items()})
-        store = get_typestore(Stores.EMPTY)
+        store = Typestore()
         store.register(found)
     fields = {
         _short(kind): tuple((field, _text(desc)) for field, desc in listed)
@@ -120,8 +120,8 @@ def _with_parts(name: str, types: Mapping[str, Any], within: tuple[str, ...] = (
     """Return the definition of a type, and of the types in it."""
     if name not in types:
         raise KeyError(f"no definition of {name}")
-    if name in within or len(within) > _DEEPEST:
-        raise ValueError(f"{name} within itself, or {_DEEPEST} types within each other")
+    if len(within) > _DEEPEST:
+        raise ValueError(f"more than {_DEEPEST} types within each other")
     found = {name: types[name]}
     for _, desc in types[name][1]:
         kind, content = desc
@@ -129,6 +129,8 @@ def _with_parts(name: str, types: Mapping[str, Any], within: tuple[str, ...] = (
             (kind, content), size = content
             if size > _LARGEST:
                 raise ValueError(f"an array of {size}; allowed: up to {_LARGEST}")
+        if kind == Nodetype.NAME and content in (*within, name):
+            raise ValueError(f"{content} within itself")
         if kind == Nodetype.NAME and content not in found:
             found |= _with_parts(content, types, (*within, name))
     return found

@@ -82,20 +82,23 @@ def read_bag(
         decoders = {}
         for topic in (topic for topic in reader.topics if topic.name in wanted):
             decoders[topic.name] = Decoder(topic, folder)
-            known = Decoder(replace(topic, definition=""), folder)
-            _check_fields(topic, decoders[topic.name].fields, known.fields, folder)
+            expected = Decoder(replace(topic, definition=""), folder)
+            _check_fields(topic, decoders[topic.name].fields, expected.fields, folder)
         messages: dict[str, list[Any]] = {name: [] for name in sorted(wanted)}
-        unread: dict[str, tuple[int, str]] = {}
+        unread: dict[str, tuple[int, BagError]] = {}
         for item in reader.messages(wanted):
             try:
                 messages[item.topic].append(decoders[item.topic](item.data))
             except BagError as error:
-                count, first = unread.get(item.topic, (0, error.text))
+                count, first = unread.get(item.topic, (0, error))
                 unread[item.topic] = count + 1, first
+        for name, (_, first) in unread.items():
+            if not messages[name]:
+                raise first
         notes = (
             *reader.problems,
             *(
-                f"{name}: {count} of {reader.count(name)} messages left out, which cannot be read: {first}"
+                f"{name}: {count} of {reader.count(name)} messages left out: {first.text}"
                 for name, (count, first) in unread.items()
             ),
         )
@@ -109,10 +112,6 @@ def read_bag(
     frames = set()
     for name in sensors:
         samples = messages[prefix + name]
-        if not samples:
-            raise ConfigError(
-                where, name, "no message that can be read", f"a {_TYPES['pose' if 'pose' in name else 'imu']}"
-            )
         frames |= {sample.header.frame_id for sample in samples if "pose" in name}
         found.append(raw(_sensor(name, samples, known[name][0], start_ns)))
     cleaned = without_stale([usable(each, where) for each in found], ("command",), limits)

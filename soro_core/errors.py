@@ -118,7 +118,7 @@ class BagError(SoroError):
     """
 
     def __init__(self, text: str, file: Path | str = "", code: str = "", place: str = "") -> None:
-        self.file, self.code, self.place = str(file), code, place
+        self.text, self.file, self.code, self.place = text, str(file), code, place
         super().__init__(": ".join(part for part in (self.file, place, text) if part))
 
 

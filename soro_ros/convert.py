@@ -20,8 +20,9 @@ from soro_core.bag.topics import qos_from
 from soro_core.config import Strict, parse, read_yaml
 from soro_core.csv_rows import CsvRows
 from soro_core.errors import BagError, ConfigError
-from soro_ros.fields import Value, built
-from soro_ros.interfaces import definition, deserialised, message_class
+from soro_ros.decoding import Messages
+from soro_ros.fields import NAMED, Value, built
+from soro_ros.interfaces import definition, message_class
 from soro_ros.tables import LOG_TIME, Table
 from soro_ros.units import column_of, path_of
 
@@ -72,9 +73,15 @@ def to_tables(
     rows: dict[str, int] = {}
     with BagReader(bag) as reader, ExitStack() as open_files:
         chosen = wanted(reader, topics)
-        for problem in reader.problems:
-            say(f"the bag is damaged: {problem}")
-        tables = [table for topic in chosen if (table := _table(reader, topic, say)) is not None]
+        messages = Messages(reader, {topic.name: None for topic in chosen})
+        left_out: list[str] = []
+        tables = list(_tables(messages, chosen, left_out.append))
+        if not tables and len(messages.refused) == 1:
+            messages.need(messages.refused)
+        for line in (*(f"the bag is damaged: {problem}" for problem in reader.problems), *left_out):
+            say(line)
+        if not tables:
+            raise BagError("no topic can be read", bag, "format")
         _make(folder)
         entries: dict[str, Any] = {}
         for table in tables:
@@ -89,9 +96,8 @@ def to_tables(
                 qos=yaml.safe_dump([one.as_map() for one in topic.qos], default_flow_style=True).strip(),
             ).model_dump(exclude_defaults=True, mode="json")
             rows[file] = 0
-            for message in reader.messages([table.topic]):
-                found = deserialised(message.data, table.kind, bag, table.topic)
-                writer.write({LOG_TIME: message.log_time_ns, **table.row(found)})
+            for item, message in messages([table.topic]):
+                writer.write({LOG_TIME: item.log_time_ns, **table.row(message)})
                 rows[file] += 1
         (folder / TOPICS).write_text(yaml.safe_dump(entries, sort_keys=False), encoding="utf-8")
     return rows
@@ -147,21 +153,21 @@ def wanted(reader: BagReader, patterns: Sequence[str]) -> list[Topic]:
     ]
 
 
-def _table(reader: BagReader, topic: Topic, say: Callable[[str], None]) -> Table | None:
-    """Return the table of a topic with its columns; None of one that has none."""
-    kind = message_class(topic.type)
-    if kind is None or topic.serialization_format != "cdr":
-        say(f"left out: {topic.name}: type {topic.type} is not installed")
-        return None
-    table = Table(topic.name, kind)
-    try:
-        table.learn(
-            deserialised(item.data, kind, reader.path, topic.name) for item in reader.messages([topic.name])
-        )
-    except ValueError as error:
-        say(f"left out: {topic.name}: {error}")
-        return None
-    return table
+def _tables(messages: Messages, topics: Sequence[Topic], say: Callable[[str], None]) -> Iterator[Table]:
+    """Yield the table of each topic with its columns; say which topics or messages are left out."""
+    for error in messages.refused.values():
+        say(f"left out: {error}")
+    for name in dict.fromkeys(topic.name for topic in topics if topic.name not in messages.refused):
+        table = Table(name)
+        try:
+            table.learn(message for _, message in messages([name]))
+        except ValueError as error:
+            say(f"left out: {name}: {error}")
+            continue
+        for line in messages.left_out:
+            say(line)
+        if table.columns or not messages.left_out:
+            yield table
 
 
 def _make(folder: Path) -> None:
@@ -236,14 +242,10 @@ def _message(
     if not time_text.isdigit() or int(time_text) >= 2**63:
         raise ConfigError(where, LOG_TIME, time_text, "nanoseconds, 0 to 2^63 - 1")
     given = {path: text for path, text in values.items() if text != ""}
-    names = entry.names if any(path.partition(".")[0] in _NAMED for path in given) else ()
+    names = entry.names if any(path.partition(".")[0] in NAMED for path in given) else ()
     try:
         return int(time_text), topic, bytes(serialize_message(built(kind, given, names, delimiter)))
     except (ValueError, AssertionError, OverflowError) as error:  # a number outside its type
         raise ConfigError(where, "", str(error).splitlines()[0], f"a value of {entry.type}") from None
     except KeyError as error:
         raise ConfigError(where, str(error.args[0]), "", f"a value of {entry.type}") from None
-
-
-# Sequences of a JointState whose elements have the names of its joints.
-_NAMED = ("position", "velocity", "effort")

@@ -134,8 +134,8 @@ def stamp_of(message: Any) -> int:
     """Return the time of a message [ns]; of one without a stamp 0: such messages pair in their order."""
     if isinstance(message, Float64MultiArray):
         return learning.stamp_ns(message)
-    header = getattr(message, "header", None)
-    return 0 if header is None else messages.to_ns(header.stamp)
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return messages.to_ns(stamp) if hasattr(stamp, "nanosec") else 0
 
 
 def _both_nan(old: object, new: object) -> bool:

@@ -16,7 +16,9 @@ Value: TypeAlias = float | int | str
 
 _VARIABLE = re.compile(r"sequence<(.+?)(?:, \d+)?>")
 _FIXED = re.compile(r"(.+)\[\d+\]")
-_TIMES = ("builtin_interfaces/Time", "builtin_interfaces/Duration")
+_TIME_TYPES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+# Sequences of a JointState whose elements have the names of its joints.
+NAMED = ("position", "velocity", "effort")
 
 
 def flat(message: Any, by_name: bool = True) -> dict[str, Value]:
@@ -31,15 +33,28 @@ def flat(message: Any, by_name: bool = True) -> dict[str, Value]:
     by_name : bool
         False: numbers in a JointState too.
     """
-    names = list(message.name) if by_name and isinstance(message, JointState) else []
+    names = list(message.name) if by_name and is_joint_state(message) else []
     return dict(_leaves(message, "", names))
 
 
+def is_joint_state(message: Any) -> bool:
+    """Whether the elements of a message's sequences have the names in its field `name`."""
+    return isinstance(message, JointState) or (
+        _type_of(message) == "sensor_msgs/msg/JointState"
+        and all(hasattr(getattr(message, field, None), "__len__") for field in ("name", *NAMED))
+    )
+
+
+def _type_of(message: Any) -> str:
+    """Return the type of a message that was read by the definition in its bag; "" of others."""
+    return str(getattr(message, "__msgtype__", ""))
+
+
 def _leaves(value: Any, path: str, names: list[str]) -> Iterator[tuple[str, Value]]:
-    if isinstance(value, Time | Duration):
+    if isinstance(value, Time | Duration) or _type_of(value) in _TIME_TYPES:
         yield f"{path}_ns", value.sec * 10**9 + value.nanosec
-    elif hasattr(value, "get_fields_and_field_types"):
-        for field in value.get_fields_and_field_types():
+    elif hasattr(value, "get_fields_and_field_types") or _type_of(value):
+        for field in value.get_fields_and_field_types() if not _type_of(value) else vars(value):
             yield from _leaves(getattr(value, field), f"{path}.{field}" if path else field, names)
     elif isinstance(value, str):
         yield path, value

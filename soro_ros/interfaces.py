@@ -17,11 +17,10 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from rclpy.serialization import deserialize_message
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from soro_core.bag import INFINITE_NS, Definition, Qos, Span, find_definition
-from soro_core.errors import BagError, ConfigError
+from soro_core.errors import ConfigError
 
 
 def topic_pattern(node: Node, entry: str, key: str) -> str:
@@ -65,32 +64,6 @@ def message_class(type_name: str) -> type[Any] | None:
         return None
     # A bag may name any class of any package.
     return found if isinstance(found, type) and hasattr(found, "get_fields_and_field_types") else None
-
-
-def deserialised(data: bytes, kind: type[Any], bag: Path, topic: str) -> Any:
-    """Return a recorded message.
-
-    Parameters
-    ----------
-    data : bytes
-        Its serialised form.
-    kind : type
-        Its class.
-    bag : Path
-        Where it is recorded, for errors.
-    topic : str
-        Its topic, for errors.
-
-    Raises
-    ------
-    BagError
-        If the bytes are no such message.
-    """
-    try:
-        return deserialize_message(data, kind)
-    except Exception as error:  # of the middleware
-        text = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise BagError(text, bag, "damaged", topic) from None
 
 
 def type_name(kind: type[Any]) -> str:

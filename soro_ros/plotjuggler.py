@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
 from soro_core.errors import BagError
-from soro_ros.interfaces import deserialised
+from soro_ros.decoding import Messages
 from soro_ros.panels import is_weight
 
 # What /diagnostics has of each node, as far as it is a number.
@@ -107,16 +107,16 @@ def _joints(reader: BagReader, topic: str) -> list[str]:
     """Names of a JointState, of the first message that has some; none if there is no such message."""
     if not reader.count(topic) or reader.topic(topic).type != "sensor_msgs/msg/JointState":
         return []
-    for item in reader.messages([topic]):
-        if names := deserialised(item.data, JointState, reader.path, topic).name:
-            return list(names)
+    for _, message in Messages(reader, {topic: JointState})():
+        if message.name:
+            return list(message.name)
     return []
 
 
 def _diagnostics(reader: BagReader) -> list[str]:
     found: dict[str, None] = {}
-    for item in reader.messages(["/diagnostics"]):
-        for status in deserialised(item.data, DiagnosticArray, reader.path, item.topic).status:
+    for _, message in Messages(reader, {"/diagnostics": DiagnosticArray})():
+        for status in message.status:
             begin = "/".join(part for part in ("/diagnostics", status.hardware_id, status.name) if part)
             for pair in status.values:
                 if pair.key in _KEYS:

@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 
 from soro_core.bag import BagReader
 from soro_ros import messages
+from soro_ros.decoding import Messages
 from soro_ros.events import Event, Said, clock, events_of
-from soro_ros.interfaces import deserialised
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,8 @@ class Recording:
 
     Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
     one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
-    are the coordinates of the plant and those of the estimator.
+    are the coordinates of the plant and those of the estimator. `problems` are lines on what is damaged, or
+    cannot be read and is left out.
     """
 
     true_tip: Series
@@ -82,6 +83,7 @@ class Recording:
     true_state: Series = EMPTY
     estimated_state: Series = EMPTY
     events: tuple[Event, ...] = ()
+    problems: tuple[str, ...] = ()
 
 
 def read(bag: Path, namespace: str) -> Recording:
@@ -108,8 +110,9 @@ def read(bag: Path, namespace: str) -> Recording:
             if topic.type in _TYPES
             and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
         }
-        for item in reader.messages(wanted):
-            message = deserialised(item.data, _TYPES[item.type], bag, item.topic)
+        kinds = {topic.name: _TYPES[topic.type] for topic in reader.topics if topic.name in wanted}
+        recorded = Messages(reader, kinds)
+        for item, message in recorded():
             name = item.topic.removeprefix(prefix)
             if isinstance(message, DiagnosticArray):
                 said += [Said(item.log_time_ns, *words) for words in _levels(message, prefix)]
@@ -135,6 +138,9 @@ def read(bag: Path, namespace: str) -> Recording:
             rows.setdefault(name, []).append((messages.to_ns(message.header.stamp), values))
             logged.setdefault(name, []).append(item.log_time_ns)
         first_ns = reader.start_ns
+        if not rows:
+            recorded.need(kinds)
+        problems = tuple(recorded.problems)
     if "arm/desired/tip" in rows:
         start = rows["arm/desired/tip"][0][0]
     else:
@@ -164,6 +170,7 @@ def read(bag: Path, namespace: str) -> Recording:
         true_state=series("truth/state"),
         estimated_state=series("arm/state"),
         events=events,
+        problems=problems,
     )
 
 

@@ -7,8 +7,8 @@ a difference of the estimator does not become one of the controller.
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import defaultdict, deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -19,10 +19,11 @@ from soro_core.config import changed
 from soro_core.errors import BagError, ConfigError
 from soro_core.scene import Scene
 from soro_ros.controller_ticks import ControllerTicks
+from soro_ros.decoding import Messages
 from soro_ros.differences import TopicDifferences, stamp_of
 from soro_ros.estimator_ticks import EstimatorTicks
 from soro_ros.fields import flat
-from soro_ros.interfaces import deserialised, type_name
+from soro_ros.interfaces import type_name
 from soro_ros.ports import Inputs, Ports
 
 # Above the difference that other processors make, whose linear algebra rounds otherwise (docs/replay.md).
@@ -68,7 +69,7 @@ class Replayed:
     without : tuple of str
         Inputs of the loop that it does not hold: a tick that waits for one is not computed.
     problems : tuple of str
-        What is damaged in the bag.
+        What is damaged in the bag, or cannot be read and is left out.
     """
 
     topics: tuple[TopicDifferences, ...]
@@ -125,7 +126,7 @@ def replay(
         compared = {topic: kind for topic, kind in outputs.items() if topic in there}
         if not any(reader.count(topic) for topic in compared):
             raise BagError(f"no message of {', '.join(sorted(outputs))}", bag, "missing")
-        largest = _largest(reader, compared)
+        largest = _largest(Messages(reader, compared))
         found = {
             topic: TopicDifferences(topic, largest[topic], tolerance, _Ignored(topic, prefix, ignore))
             for topic in compared
@@ -134,12 +135,14 @@ def replay(
         fed = [_Fed(name, scene, prefix, found) for name in nodes]
         kinds = compared | {topic: one.kind for node in fed for topic, one in node.inputs.items()}
         _check(bag, there, kinds, prefix, fed)
-        for topic, message in _messages(reader, kinds):
-            if topic in found:
-                found[topic].take_recorded(message)
+        recorded = Messages(reader, kinds)
+        recorded.need(kinds)
+        for item, message in recorded():
+            if item.topic in found:
+                found[item.topic].take_recorded(message)
             for node in fed:
-                node.take(topic, message)
-        problems = reader.problems
+                node.take(item.topic, message)
+        problems = tuple(recorded.problems)
     for one in found.values():
         one.finish()
     inputs = {
@@ -191,16 +194,11 @@ def _check(
         raise BagError(f"no {', '.join(missing)}, which the nodes need", bag, "missing")
 
 
-def _messages(reader: BagReader, kinds: Mapping[str, type[Any]]) -> Iterator[tuple[str, Any]]:
-    for item in reader.messages(kinds.keys()):
-        yield item.topic, deserialised(item.data, kinds[item.topic], reader.path, item.topic)
-
-
-def _largest(reader: BagReader, kinds: Mapping[str, type[Any]]) -> dict[str, dict[str, float]]:
+def _largest(messages: Messages) -> dict[str, dict[str, float]]:
     """Return the largest magnitude of every recorded number, by topic and field."""
-    largest: dict[str, dict[str, float]] = {topic: {} for topic in kinds}
-    for topic, message in _messages(reader, kinds):
-        known = largest[topic]
+    largest: dict[str, dict[str, float]] = defaultdict(dict)
+    for item, message in messages():
+        known = largest[item.topic]
         for field, value in flat(message).items():
             if isinstance(value, float) and math.isfinite(value):
                 known[field] = max(known.get(field, 0.0), abs(value))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from soro_core.bag import BagReader
 from soro_core.errors import BagError, ConfigError
 from soro_core.scene import Scene, load_scene
 from soro_ros import report
@@ -71,13 +70,12 @@ def open_run(
     """
     bag = bag_of(run)
     scene, found = _scene(run, scene_file, say)
-    with BagReader(bag) as reader:
-        for problem in reader.problems:
-            say(f"the bag is damaged: {problem}")
     chosen = _arm(bag, arm, scene)
     if scene is not None and scene.name != chosen:
         scene = None  # of another arm
     recording = read(bag, chosen)
+    for problem in recording.problems:
+        say(problem)
     kind = "true" if scene is None or scene.arm == "simulated" else "measured"
     if kind == "measured" or not recording.true_tip.t.size:
         recording, kind = replace(recording, true_tip=recording.measured_tip), "measured"

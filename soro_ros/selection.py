@@ -11,12 +11,12 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 
 from soro_core.bag import BagReader, Topic
-from soro_core.errors import ConfigError
+from soro_core.errors import BagError, ConfigError
 from soro_ros.convert import wanted
+from soro_ros.decoding import Messages
 from soro_ros.differences import stamp_of
 from soro_ros.events import clock
 from soro_ros.fields import flat
-from soro_ros.interfaces import deserialised, message_class
 from soro_ros.report import Array
 from soro_ros.units import unit_of
 
@@ -65,20 +65,22 @@ def fields_of(
     """
     found: list[Field] = []
     with BagReader(bag) as reader:
-        start_ns, time_of = _clock(reader)
+        chosen = wanted(reader, topics)
+        messages = Messages(reader, {topic.name: None for topic in reader.topics})
+        for error in (messages.refused[topic.name] for topic in chosen if topic.name in messages.refused):
+            if len(chosen) == 1:
+                raise error
+            say(f"left out: {error}")
+        start_ns, time_of = _clock(reader, messages)
         seen: dict[str, None] = {}
-        for topic in wanted(reader, topics):
-            kind = message_class(topic.type)
-            if kind is None or topic.serialization_format != "cdr":
-                say(f"left out: {topic.name}: type {topic.type} is not installed")
-                continue
+        for topic in chosen:
             rows: dict[str, tuple[list[float], list[float]]] = {}
-            for item in reader.messages([topic.name]):
-                message = deserialised(item.data, kind, bag, topic.name)
+            path = ""
+            for item, message in messages([topic.name]):
                 stamp = stamp_of(message)
                 # Of simulated time 0 is a stamp; /diagnostics has the time of the wall always.
                 is_stamped = hasattr(message, "header") and (stamp or start_ns < _SIMULATED_NS)
-                if kind is not DiagnosticArray and (is_stamped or stamp):
+                if not isinstance(message, DiagnosticArray) and (is_stamped or stamp):
                     at = (stamp - start_ns) * 1e-9
                 else:
                     at = time_of(item.log_time_ns)
@@ -93,6 +95,12 @@ def fields_of(
                     allowed = f"--topic and --field that choose at most {MOST_LINES} numbers"
                     raise ConfigError("soro plot", "--field", f"more, as {topic.name} {path}", allowed)
             found += _found(topic, rows)
+            for line in messages.left_out:
+                say(line)
+        for problem in reader.problems:
+            say(f"the bag is damaged: {problem}")
+        if not found and len(messages.refused) == len(reader.topics):
+            raise BagError("no topic can be read", bag, "format")
     if not found:
         more = f", and {len(seen) - _NAMED} more" if len(seen) > _NAMED else ""
         known = ", ".join(list(seen)[:_NAMED]) + more or "none in these topics"
@@ -126,18 +134,14 @@ def _numbers(message: Any) -> Iterator[tuple[str, float]]:
             yield path, float(value)
 
 
-def _clock(reader: BagReader) -> tuple[int, Callable[[int], float]]:
+def _clock(reader: BagReader, messages: Messages) -> tuple[int, Callable[[int], float]]:
     """Return the stamp at which time is 0, and the function from log times to times [s]."""
-    counts = dict(zip((topic.name for topic in reader.topics), reader.counts, strict=True))
     for end in ("/arm/desired/tip", "/chambers/state", "/arm/tip", "/arm/state", "/sensors/pose0"):
         for topic in reader.topics:
-            kind = message_class(topic.type)
-            if not topic.name.endswith(end) or not counts[topic.name] or kind is None:
+            if not topic.name.endswith(end):
                 continue
-            items = [
-                (item.log_time_ns, stamp_of(deserialised(item.data, kind, reader.path, topic.name)))
-                for item in reader.messages([topic.name])
-            ]
-            start_ns = items[0][1]
-            return start_ns, clock([log for log, _ in items], [stamp for _, stamp in items], start_ns)
+            times = [(item.log_time_ns, stamp_of(message)) for item, message in messages([topic.name])]
+            if times:
+                logged, stamps = zip(*times, strict=True)
+                return stamps[0], clock(list(logged), list(stamps), stamps[0])
     return reader.start_ns, clock([], [], reader.start_ns)

@@ -6,9 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from sensor_msgs.msg import JointState
-
-from soro_ros.fields import Value, flat
+from soro_ros.fields import Value, flat, is_joint_state
 from soro_ros.units import column_of
 
 LOG_TIME = "log_time_ns"
@@ -23,8 +21,6 @@ class Table:
     Attributes
     ----------
     topic : str
-    kind : type
-        Class of its messages.
     columns : dict of str to type
         Type of each path, in the order of the columns.
     names : list of str or None
@@ -32,7 +28,6 @@ class Table:
     """
 
     topic: str
-    kind: type[Any]
     columns: dict[str, type[Value]] = field(default_factory=dict)
     names: list[str] | None = None
 
@@ -46,8 +41,9 @@ class Table:
         """
         by_number: dict[str, type[Value]] = {}
         by_name: dict[str, type[Value]] = {}
-        same = issubclass(self.kind, JointState)
+        same = True
         for message in messages:
+            same = same and is_joint_state(message)
             for path, value in flat(message, by_name=False).items():
                 by_number.setdefault(path, type(value))
             if len(by_number) > MOST_COLUMNS:
@@ -70,7 +66,7 @@ class Table:
         """Return the names of the columns with their types."""
         return {column_of(self.topic, path): kind for path, kind in self.columns.items()}
 
-    def _same_names(self, message: JointState) -> bool:
+    def _same_names(self, message: Any) -> bool:
         """Whether names can be left to the headings: the same in all messages that have values."""
         lengths = {len(message.position), len(message.velocity), len(message.effort)} - {0}
         if not message.name:

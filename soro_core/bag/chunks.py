@@ -61,7 +61,7 @@ def unpack_cut(body: memoryview) -> memoryview:
     )
     last = 0
     try:
-        for opcode, start, stop in inner(content):
+        for opcode, _, stop in inner(content):
             if opcode not in _KINDS:
                 break
             last = stop

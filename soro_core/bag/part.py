@@ -20,7 +20,7 @@ from soro_core.bag.records import PREFIX, Damage, Source
 from soro_core.errors import BagError
 
 _STEP = 1 << 20
-# Most bytes of definitions, and of texts that describe topics or the file; each of the latter counts four times.
+# Most bytes of definitions, and of texts that describe topics or the file, which count four times.
 _MOST_DESCRIBED = 1 << 24
 # Most metadata records, and most attachments.
 _MOST_NAMED = 10_000
@@ -173,7 +173,11 @@ class Part:
         """Log times of the first and the last message; None without messages."""
         # A chunk without messages has the times 0.
         blocks = [block for block in self.blocks if block.end_ns] or self.blocks
-        return (min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)) if blocks else None
+        return (
+            (min(block.start_ns for block in blocks), max(block.end_ns for block in blocks))
+            if blocks
+            else None
+        )
 
     def messages(self, block: Block) -> Iterator[Message]:
         """Yield the messages of a block in the order of the file; raise Damage if it is damaged."""

@@ -159,10 +159,10 @@ class Source:
 
 def length_of(record: kinds.McapRecord) -> int:
     """Return the length of a record's fields, with its prefix [B]."""
-    if isinstance(record, kinds.Chunk | kinds.Attachment):
-        is_chunk = isinstance(record, kinds.Chunk)
-        texts = record.compression if is_chunk else record.name + record.media_type
-        return PREFIX.size + (40 if is_chunk else 36) + len(texts.encode()) + len(record.data)
+    if isinstance(record, kinds.Chunk):
+        return PREFIX.size + 40 + len(record.compression.encode()) + len(record.data)
+    if isinstance(record, kinds.Attachment):
+        return PREFIX.size + 36 + len((record.name + record.media_type).encode()) + len(record.data)
     builder = RecordBuilder()
     record.write(builder)
     return builder.count

@@ -164,8 +164,8 @@ class _Summary:
         """Yield position and length [B] of what the index names; of a chunk with its message indexes."""
         for block in self.part.blocks:
             yield block.offset, block.length + block.indexes
-        for item in (*self.part.attachments, *self._metadata):
-            yield item.offset, item.length
+        yield from ((item.offset, item.length) for item in self.part.attachments)
+        yield from ((item.offset, item.length) for item in self._metadata)
 
     def _all_messages_are_in_chunks(self) -> bool:
         """Whether the rest of the file consists of whole records without messages."""
@@ -202,7 +202,12 @@ def _read_summary(part: Part) -> _Summary | None:
         return None
     tail = part.source.bytes(part.size - _TAIL, part.size)
     opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
-    if not tail.endswith(MAGIC) or opcode != Opcode.FOOTER or length != _FOOTER.size - PREFIX.size or start == 0:
+    if (
+        not tail.endswith(MAGIC)
+        or opcode != Opcode.FOOTER
+        or length != _FOOTER.size - PREFIX.size
+        or start == 0
+    ):
         return None
     end = part.size - _TAIL
     try:

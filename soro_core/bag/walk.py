@@ -36,9 +36,7 @@ _WINDOW, _LARGEST_WINDOW, _OVERLAP = 1 << 16, 1 << 22, 80
 _MOST_SEARCHES, _MOST_TRIES, _MOST_DOUBTED = 500, 500_000, 1 << 28
 
 
-def walk(
-    part: Part, places: Sequence[int] = (), has_chunks: bool = False, proven: bool = False
-) -> None:
+def walk(part: Part, places: Sequence[int] = (), has_chunks: bool = False, proven: bool = False) -> None:
     """Fill a Part from the records of its file.
 
     Whatever is damaged is left out, and noted as a problem of the part: of a wrong kind or length that
@@ -72,7 +70,9 @@ class _Walk:
         # None where that chunk is lost.
         self._index: dict[int, tuple[int, int]] | None = {}
         self._unknown: set[int] = set()
-        self._unknown_count = self._unpacked = self._records = self._searches = self._tries = self._doubted = 0
+        self._unknown_count = self._unpacked = self._records = self._searches = self._tries = (
+            self._doubted
+        ) = 0
         self._has_chunks, self._has_index = has_chunks, bool(places)
         self._data_ended = self._is_cut = False
 
@@ -97,8 +97,8 @@ class _Walk:
         right, damage = prefix, Damage(f"a record of the unknown kind {prefix.opcode}")
         try:
             if prefix.opcode == Opcode.MESSAGE:
-                if (end := self._take_messages(position)) > position:
-                    return end
+                if (behind := self._take_messages(position)) > position:
+                    return behind
                 damage = Damage("a message that is none")
             elif follows_on and prefix.opcode >= PRIVATE:
                 self._records += 1
@@ -168,7 +168,9 @@ class _Walk:
         is_chunk = prefix is not None and prefix.opcode == Opcode.CHUNK
         saved = self._take_cut_chunk(position) if is_chunk else 0
         kept = f"; {saved} messages of the last chunk were saved" if saved else ""
-        part.remarks.append(f"the end is missing: no whole record from byte {position} of {part.size} on{kept}")
+        part.remarks.append(
+            f"the end is missing: no whole record from byte {position} of {part.size} on{kept}"
+        )
         return part.size
 
     def _next(self, position: int) -> int | None:
@@ -217,7 +219,7 @@ class _Walk:
     def _head(self, position: int) -> tuple[int, int]:
         """Return channel and log time of a message at a position."""
         raw = self._source.bytes(position, min(position + _MESSAGE.size, self._part.size))
-        return _MESSAGE.unpack(raw.ljust(_MESSAGE.size, b"\0"))[2::2]  # type: ignore[return-value]
+        return _MESSAGE.unpack(raw.ljust(_MESSAGE.size, b"\0"))[2::2]
 
     # Records -----------------------------------------------------------------------------------
     def _take(self, prefix: Prefix, record: kinds.McapRecord) -> None:
@@ -285,8 +287,10 @@ class _Walk:
         if channel is not None and text and window[begin + 8 : begin + 8 + text] == channel.topic.encode():
             return True
         count, _ = (self._index or {}).get(channel_id, (0, 0))
-        return count > 0 and length == 6 + 16 * count and window[begin + 2 : begin + 6] == struct.pack(
-            "<I", 16 * count
+        return (
+            count > 0
+            and length == 6 + 16 * count
+            and window[begin + 2 : begin + 6] == struct.pack("<I", 16 * count)
         )
 
     def _take_chunk(self, prefix: Prefix, chunk: Chunk) -> None:
@@ -295,7 +299,9 @@ class _Walk:
         block = Block(0, 0, prefix.start, prefix.end - prefix.start, len(content))
         index, start, end = self._add_content(content, block.offset)
         if (chunk.message_start_time, chunk.message_end_time) != (start, end):
-            self._part.note(block.offset, "the times of a chunk are not those of its messages", left_out=False)
+            self._part.note(
+                block.offset, "the times of a chunk are not those of its messages", left_out=False
+            )
         self._index = index
         self._part.compression = chunk.compression
         packed = hash((chunk.compression, len(chunk.data)))

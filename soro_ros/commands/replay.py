@@ -92,7 +92,7 @@ def _print(result: Replayed) -> None:
     for topic in result.without:
         console.print(f"{topic}: not recorded; a tick that waits for it is not computed", soft_wrap=True)
     for problem in result.problems:
-        console.print(f"the bag is damaged: {problem}", style="yellow", soft_wrap=True)
+        console.print(problem, style="yellow", soft_wrap=True)
     firsts = sorted(topic.first for topic in result.topics if topic.first is not None)
     if firsts:
         console.print(f"first difference: {firsts[0]}", soft_wrap=True)

@@ -121,7 +121,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
             shape = shape_of(load_robot(find_config(robot, "robots")), scene.discretisation)
     shown = load_robot(find_config(robot, "robots"))
     with signals.noted() as ended:
-        recorded = read(folder, namespace, shape, rate)
+        recorded = read(folder, namespace, shape, rate, lambda line: typer.echo(line, err=True))
         access = Access()
         server = ViewServer(access, port)
         try:

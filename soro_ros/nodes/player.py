@@ -1,5 +1,7 @@
 """The player node: it publishes a bag again, byte for byte, in recorded time or as fast as possible.
 
+Messages of a type that was defined otherwise when it was recorded are converted field by field, or left out.
+
 Services, parameters and keys pause it, seek and change its rate.
 """
 
@@ -9,7 +11,7 @@ import re
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fnmatch import fnmatchcase
 
 from rclpy.duration import Duration
@@ -24,8 +26,9 @@ from soro_core.bag.config import PlayerConfig
 from soro_core.errors import BagError, ConfigError, SoroError
 from soro_ros import qos
 from soro_ros.claims import Claims, readings, require_free
+from soro_ros.decoding import playing
 from soro_ros.diagnostics import ERROR, OK, WARN
-from soro_ros.interfaces import definition, message_class, offer, topic_pattern
+from soro_ros.interfaces import message_class, offer, topic_pattern
 from soro_ros.lifecycle import SoroNode
 from soro_ros.node_process import run_node
 from soro_ros.playback import Playback
@@ -64,6 +67,8 @@ class Player(SoroNode[PlayerConfig]):
         self._config = config
         self._reader = BagReader(config.bag)
         self._published: dict[str, Publisher] = {}
+        self._played: dict[str, Callable[[bytes], bytes]] = {}
+        self._left_out: dict[str, int] = {}
         self._clock_out: Publisher | None = None
         self._count = 0
         self._phase = "ready"
@@ -75,6 +80,7 @@ class Player(SoroNode[PlayerConfig]):
         except BaseException:
             self.teardown()
             raise
+        self._said = set(self._reader.problems)
         for problem in self._reader.problems:
             self.get_logger().warning(f"{config.bag}: {problem}")
 
@@ -155,12 +161,14 @@ class Player(SoroNode[PlayerConfig]):
             names = ", ".join(sorted({topic.name for topic in commands}))
             self.get_logger().warning(f"left out: {names} (would drive valves; played when named in topics)")
         for topic in wanted:
-            if topic in commands or not self._is_playable(topic):
+            played = None if topic in commands else self._player_of(topic)
+            if played is None:
                 continue
             if topic.name in self._published:
                 raise BagError(f"{config.bag}: topic {topic.name} has several types; exclude it")
             profile = offer(topic.qos, DEPTH, keep_all=config.rate == 0)
             name = renamed.get(topic.name, topic.name)
+            self._played[topic.name] = played
             self._published[topic.name] = self.create_publisher(message_class(topic.type), name, profile)
         if not self._published:
             known = ", ".join(f"{topic.name} ({topic.type})" for topic in self._reader.topics) or "nothing"
@@ -191,21 +199,20 @@ class Player(SoroNode[PlayerConfig]):
             raise ConfigError("parameters of player", "remap", rule, "OLD:=NEW")
         return topic_pattern(self, old, "remap"), topic_pattern(self, new, "remap")
 
-    def _is_playable(self, topic: Topic) -> bool:
-        """Whether the installed type is the recorded one."""
+    def _player_of(self, topic: Topic) -> Callable[[bytes], bytes] | None:
+        """Return what makes the bytes to publish of recorded ones; None if the topic cannot be played."""
+        kind = message_class(topic.type)
         if not _is_name(topic.name):
-            self.get_logger().warning(f"{topic.name!r}: not played: no name of a topic")
-            return False
-        if topic.serialization_format != "cdr":
-            reason = f"serialised as {topic.serialization_format}, not cdr"
-        elif message_class(topic.type) is None:
+            reason = "no name of a topic"
+        elif kind is None and topic.serialization_format == "cdr":
             reason = f"type {topic.type} is not installed"
-        elif topic.type_hash and definition(topic.type).type_hash not in ("", topic.type_hash):
-            reason = f"type {topic.type} was defined otherwise when it was recorded"
         else:
-            return True
-        self.get_logger().warning(f"{topic.name}: not played: {reason}")
-        return False
+            try:
+                return playing(topic, kind, self._reader.path)
+            except BagError as error:
+                reason = error.text
+        self.get_logger().warning(f"{topic.name!r}: not played: {reason}")
+        return None
 
     # Playing -------------------------------------------------------------------------------------
     def _run(self) -> None:
@@ -219,6 +226,10 @@ class Player(SoroNode[PlayerConfig]):
             self._playback.run(self._emit)
             if not self._playback.stopped:
                 self._await_acknowledgement()
+                for name, count in self._left_out.items():
+                    self.get_logger().warning(f"left out: {name}: {count} messages, which cannot be read")
+                for problem in set(self._reader.problems) - self._said:
+                    self.get_logger().warning(f"{self._config.bag}: {problem}")
                 self.get_logger().info(f"played {self._count} messages")
         except Exception as error:
             # Report an error, which ends only this thread, so that the process ends as well.
@@ -244,9 +255,16 @@ class Player(SoroNode[PlayerConfig]):
     def _emit(self, stamp_ns: int, message: BagMessage | None) -> None:
         if message is None:
             self._clock_out.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
-        else:
-            self._send(self._published[message.topic], message.data)
-            self._count += 1
+            return
+        try:
+            data = self._played[message.topic](message.data)
+        except BagError as error:
+            if message.topic not in self._left_out:
+                self.get_logger().warning(f"left out: {error}")
+            self._left_out[message.topic] = self._left_out.get(message.topic, 0) + 1
+            return
+        self._send(self._published[message.topic], data)
+        self._count += 1
 
     def _events(self, begin_ns: int) -> Iterator[tuple[int, BagMessage | None]]:
         """Yield messages by time, and None for a tick of /clock, before the messages of that tick."""

@@ -7,17 +7,16 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import viser
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagReader
+from soro_core.bag import BagMessage, BagReader
 from soro_core.errors import BagError
 from soro_core.robot import Robot
-from soro_ros.interfaces import deserialised
+from soro_ros.decoding import Messages
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import Page
 
@@ -49,7 +48,13 @@ def namespace_of(reader: BagReader, wanted: str) -> str:
     raise BagError(f"which arm? --namespace {wanted or 'NAME'}; recorded: {known}", reader.path, "missing")
 
 
-def moments(reader: BagReader, namespace: str, shape: Shape | None, rate_hz: float) -> list[Moment]:
+def moments(
+    reader: BagReader,
+    namespace: str,
+    shape: Shape | None,
+    rate_hz: float,
+    say: Callable[[str], None] = lambda line: None,
+) -> list[Moment]:
     """Return the moments of a recorded run at a rate of the recorded time.
 
     Parameters
@@ -60,6 +65,8 @@ def moments(reader: BagReader, namespace: str, shape: Shape | None, rate_hz: flo
     shape : callable or None
         Gives the backbone (n, 4, 4) of recorded coordinates (n_q,); None: arm/backbone is drawn.
     rate_hz : float
+    say : callable
+        Takes a line on what is damaged, or cannot be read and is left out.
 
     Raises
     ------
@@ -73,30 +80,36 @@ def moments(reader: BagReader, namespace: str, shape: Shape | None, rate_hz: flo
         del kinds[f"{namespace}/{BACKBONE}"]
         kinds[f"{namespace}/{_STATE}"] = _STATE
 
-    def message(name: str, data: bytes) -> Any:
-        return deserialised(data, TOPICS.get(name, JointState), reader.path, name)
-
+    recorded = Messages(reader, {topic: TOPICS.get(name, JointState) for topic, name in kinds.items()})
+    recorded.need([f"{namespace}/{PRESSURES}"])
     found: list[Moment] = []
-    newest: dict[str, bytes] = {}
+    newest: dict[str, BagMessage] = {}
     due_s, state, state_s = 0.0, None, -np.inf
     for item in reader.messages({topic.name for topic in reader.topics} & kinds.keys()):
         name = kinds[item.topic]
         if name not in (PRESSURES, DIAGNOSTICS):
-            newest[name] = item.data  # only the last before a moment is read
+            newest[name] = item  # only the last before a moment is read
             continue
-        received.take(name, message(name, item.data), received.t_s)
+        if (message := recorded.read(item)) is None:
+            continue
+        received.take(name, message, received.t_s)
         if name == DIAGNOSTICS or received.t_s < due_s:
             continue
         due_s = received.t_s + 1.0 / rate_hz - 1e-6
-        if _STATE in newest:
-            state, state_s = np.array(message(_STATE, newest.pop(_STATE)).position), received.t_s
-        for other, data in newest.items():
-            received.take(other, message(other, data), received.t_s)
+        for other, last in newest.items():
+            if (message := recorded.read(last)) is None:
+                continue
+            if other == _STATE:
+                state, state_s = np.array(message.position), received.t_s
+            else:
+                received.take(other, message, received.t_s)
         newest.clear()
         moment = received.moment(received.t_s)
         if shape is not None and state is not None and state.size and received.t_s - state_s <= STALE_S:
             moment = replace(moment, backbone=shape(state))
         found.append(moment)
+    for problem in recorded.problems:
+        say(problem)
     if not found:
         raise BagError(f"no message on {namespace}/{PRESSURES}", reader.path, "missing")
     return found
@@ -181,7 +194,13 @@ def shape_of(robot: Robot, discretisation: object) -> Shape:
     return lambda q: np.array([arm.pose(q, s) for s in places])
 
 
-def read(bag: Path, namespace: str, shape: Shape | None, rate_hz: float) -> list[Moment]:
+def read(
+    bag: Path,
+    namespace: str,
+    shape: Shape | None,
+    rate_hz: float,
+    say: Callable[[str], None] = lambda line: None,
+) -> list[Moment]:
     """Read a bag, see `moments`.
 
     Parameters
@@ -191,6 +210,7 @@ def read(bag: Path, namespace: str, shape: Shape | None, rate_hz: float) -> list
         Of the arm's nodes; empty: of the only arm.
     shape : callable or None
     rate_hz : float
+    say : callable
     """
     with BagReader(bag) as reader:
-        return moments(reader, namespace_of(reader, namespace), shape, rate_hz)
+        return moments(reader, namespace_of(reader, namespace), shape, rate_hz, say)

@@ -72,7 +72,10 @@ HOSTILE = {
         "byte 25 of 133",
     ),
     "huge_attachment": (file_of(PREFIX.pack(Opcode.ATTACHMENT, 1 << 63)), "9 bytes cannot be read"),
-    "huge_text": (file_of(record(Opcode.CHANNEL, struct.pack("<HHIQ", 1, 1, 1 << 31, 0))), "ends before its fields"),
+    "huge_text": (
+        file_of(record(Opcode.CHANNEL, struct.pack("<HHIQ", 1, 1, 1 << 31, 0))),
+        "ends before its fields",
+    ),
     "zeros_behind_the_header": (file_of(bytes(1 << 21)), "bytes cannot be read"),
     "noise": (file_of(b"\xff" * (1 << 20)), "bytes cannot be read"),
     "lengths_only": (file_of((b"\x05" + struct.pack("<Q", 30)) * 5_000), "bytes cannot be read"),

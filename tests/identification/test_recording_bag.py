@@ -1,6 +1,7 @@
 """Bags as recordings: what is read from them, where sensors sit, and one line for what is wrong."""
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,12 @@ from made_recordings import (
     write_bag,
 )
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.store import Typestore
 
+from soro_core.bag import BagReader, BagWriter
 from soro_core.errors import BagError, ConfigError
-from soro_core.identification.recording import Place, cdr, read_bag, summary
+from soro_core.identification.recording import Place, read_bag, summary
 from soro_core.robot import load_robot
 from tests.refused import fails, refused
 
@@ -210,44 +214,82 @@ def test_what_is_no_bag_is_refused(tmp_path):
         read_bag(tmp_path / "absent", robot())
 
 
-@pytest.mark.parametrize("text", ["", "a", "abc", "abcd", "link0/chamber0"])
-def test_messages_of_any_alignment_are_read(text):
-    """Against the encoder of rosbags: the padding before numbers depends on the texts before them."""
-    ns = 5 * 10**9 + 7
-    found = cdr.joint_state(pressures(ns, [text, "b" * len(text)], [1.5, -2.5]))
-    assert (found.stamp_ns, found.names) == (ns, (text, "b" * len(text)))
-    np.testing.assert_array_equal(found.efforts, [1.5, -2.5])
-    stamped = cdr.pose_stamped(pose(ns, (1, 2, 3), (0.1, 0.2, 0.3, 0.4), text))
-    assert (stamped.stamp_ns, stamped.frame) == (ns, text)
-    np.testing.assert_array_equal(stamped.values, [1, 2, 3, 0.1, 0.2, 0.3, 0.4])
-    nothing = cdr.joint_state(pressures(ns, [], []))
-    assert (nothing.names, nothing.efforts.size) == ((), 0)
-
-
-def test_big_endian_messages_are_read():
-    body = struct.pack(">iI", 3, 4) + struct.pack(">I", 2) + b"w\0" + b"\0\0" + struct.pack(">7d", *range(7))
-    found = cdr.pose_stamped(b"\x00\x00\x00\x00" + body)
-    assert (found.stamp_ns, found.frame) == (3 * 10**9 + 4, "w")
-    np.testing.assert_array_equal(found.values, range(7))
-
-
-def test_damaged_messages_are_refused():
-    """No prefix of a message, no length beyond its end, no other encoding."""
-    whole = pressures(START_NS, CHAMBERS, (1.0, 2.0))
-    for end in range(len(whole)):
-        with fails(BagError, code="damaged"):
-            cdr.joint_state(whole[:end])
-    huge = whole[:20] + struct.pack("<I", 2**31) + whole[24:]  # the number of names
-    with fails(BagError, code="damaged"):
-        cdr.joint_state(huge)
-    with fails(BagError, code="damaged"):
-        cdr.joint_state(b"\x00\x03" + whole[2:])
-
-
-def test_a_damaged_message_is_named_by_its_topic(tmp_path):
+def test_damaged_messages_are_left_out_and_counted(tmp_path):
+    """A short pose, one with a huge number of names, one of another encoding: each costs itself."""
     topics = arm_topics()
-    rows = topics["/arm/sensors/pose0"][1]
-    rows[5] = rows[5][0], rows[5][1][:-8]
-    bag = write_bag(tmp_path / "bag", topics)
-    with fails(BagError, "/arm/sensors/pose0", file=str(bag), code="damaged"):
+    _, poses = topics["/arm/sensors/pose0"]
+    _, states = topics["/arm/chambers/state"]
+    poses[5] = poses[5][0], poses[5][1][:-8]
+    states[7] = states[7][0], states[7][1][:20] + struct.pack("<I", 2**31) + states[7][1][24:]
+    states[9] = states[9][0], b"\0\3" + states[9][1][2:]
+    recording = read_bag(write_bag(tmp_path / "bag", topics), robot())
+    samples = {each.stream: each.samples for each in recording.faults}
+    assert (samples["sensors/pose0"], samples["pressure"], samples["command"]) == (39, 38, 40)
+    told = summary(recording)
+    assert "/arm/sensors/pose0: 1 of 40 messages left out" in told
+    assert "/arm/chambers/state: 2 of 40 messages" in told
+    none = {**topics, "/arm/sensors/pose0": (POSE, [(ns, data[:-8]) for ns, data in poses])}
+    with fails(BagError, "/arm/sensors/pose0", file=str(tmp_path / "none"), code="damaged"):
+        read_bag(write_bag(tmp_path / "none", none), robot())
+
+
+STAMPED = """
+================================================================================
+MSG: std_msgs/Header
+string frame_id
+builtin_interfaces/Time stamp
+================================================================================
+MSG: builtin_interfaces/Time
+uint32 nanosec
+int32 sec
+"""
+
+
+def redefined(folder: Path, definition: str, serialise) -> Path:
+    """The bag of an arm whose pressures were recorded with another definition."""
+    plain = write_bag(folder / "plain", arm_topics())
+    with BagReader(plain) as reader, BagWriter(folder / "bag") as writer:
+        for topic in reader.topics:
+            own = topic.name == "/arm/chambers/state"
+            writer.add_topic(replace(topic, definition=definition, type_hash="") if own else topic)
+        for item in reader.messages():
+            own = item.topic == "/arm/chambers/state"
+            data = serialise(STORE.deserialize_cdr(item.data, JOINT)) if own else item.data
+            writer.write(item.topic, data, item.log_time_ns)
+    return folder / "bag"
+
+
+def test_fields_in_another_order_are_read_by_the_definition_in_the_bag(tmp_path):
+    text = "float64[] effort\nfloat64[] position\nfloat64[] velocity\nstring[] name\nstd_msgs/Header header\n"
+    store = Typestore()
+    store.register(get_types_from_msg(text + STAMPED, JOINT))
+
+    def serialise(state):
+        at = state.header.stamp
+        stamp = store.types["builtin_interfaces/msg/Time"](at.nanosec, at.sec)
+        header = store.types["std_msgs/msg/Header"](state.header.frame_id, stamp)
+        message = store.types[JOINT](state.effort, state.position, state.velocity, state.name, header)
+        return bytes(store.serialize_cdr(message, JOINT))
+
+    recording = read_bag(redefined(tmp_path, text + STAMPED, serialise), robot())
+    plain = read_bag(tmp_path / "plain", robot())
+    np.testing.assert_array_equal(recording.pressure.values, plain.pressure.values)
+    np.testing.assert_array_equal(recording.pressure.t, plain.pressure.t)
+
+
+@pytest.mark.parametrize(
+    ("definition", "words"),
+    [
+        ("std_msgs/Header header\nstring[] name\n" + STAMPED, "JointState.position is missing"),
+        ("float64 effort\nstring[] name\n", "std_msgs/Header"),
+        ("what is this", "cannot be read"),
+        ("Missing part\n", "no definition of sensor_msgs/msg/Missing"),
+        ("sensor_msgs/JointState again\n", "within itself"),
+        ("string[4000000000] name\n", "an array of 4000000000"),
+        ("float64 x\n" * 30_000, "characters; allowed"),
+    ],
+)
+def test_a_definition_that_does_not_fit_is_refused_by_name(tmp_path, definition, words):
+    bag = redefined(tmp_path, definition, lambda state: b"\0\1\0\0")
+    with fails(BagError, "/arm/chambers/state", words, file=str(bag)):
         read_bag(bag, robot())

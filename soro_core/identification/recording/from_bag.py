@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.config import read_yaml
 from soro_core.errors import BagError, ConfigError
-from soro_core.identification.recording import cdr
 from soro_core.identification.recording.clean import Raw, raw, usable, without_stale
 from soro_core.identification.recording.from_csv import pressure_limits
 from soro_core.identification.recording.place import Place, place_of_part
@@ -21,11 +21,16 @@ from soro_core.identification.recording.stale import StaleLimits
 from soro_core.identification.recording.streams import Imu, Plate, Series, Stream
 from soro_core.robot import Robot
 
+if TYPE_CHECKING:
+    from soro_core.bag import Topic
+    from soro_core.bag.decode import Fields
+
 Array: TypeAlias = NDArray[np.float64]
 
 _STATE, _COMMAND = "chambers/state", "chambers/command"
 _SENSOR = re.compile(r"sensors/(pose|imu)(\d+)")
-_TYPES = {"pose": cdr.POSE, "imu": cdr.IMU}
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_TYPES = {"pose": "geometry_msgs/msg/PoseStamped", "imu": "sensor_msgs/msg/Imu"}
 _SCENES = ("scene_used.yaml", "scene.yaml")
 
 
@@ -61,6 +66,7 @@ def read_bag(
         If the bag cannot be read.
     """
     from soro_core.bag import BagReader  # its packages are those of the extra `ros`
+    from soro_core.bag.decode import Decoder
 
     folder = Path(path)
     folder = folder / "bag" if (folder / "bag").is_dir() else folder
@@ -73,15 +79,29 @@ def read_bag(
         sensors = _sensors(types, prefix, where)
         known = _places(folder, robot, places or {}, sensors)
         wanted = {prefix + name for name in (_STATE, _COMMAND, *sensors) if prefix + name in types}
-        readers: dict[str, Callable[[bytes], cdr.Values | cdr.Efforts]]
-        readers = {cdr.JOINT_STATE: cdr.joint_state, cdr.POSE: cdr.pose_stamped, cdr.IMU: cdr.imu}
-        messages: dict[str, list[cdr.Values | cdr.Efforts]] = {name: [] for name in sorted(wanted)}
+        decoders = {}
+        for topic in (topic for topic in reader.topics if topic.name in wanted):
+            decoders[topic.name] = Decoder(topic, folder)
+            expected = Decoder(replace(topic, definition=""), folder)
+            _check_fields(topic, decoders[topic.name].fields, expected.fields, folder)
+        messages: dict[str, list[Any]] = {name: [] for name in sorted(wanted)}
+        unread: dict[str, tuple[int, BagError]] = {}
         for item in reader.messages(wanted):
             try:
-                messages[item.topic].append(readers[types[item.topic]](item.data))
+                messages[item.topic].append(decoders[item.topic](item.data))
             except BagError as error:
-                raise BagError(str(error), where, error.code, item.topic) from None
-        notes = reader.problems
+                count, first = unread.get(item.topic, (0, error))
+                unread[item.topic] = count + 1, first
+        for name, (_, first) in unread.items():
+            if not messages[name]:
+                raise first
+        notes = (
+            *reader.problems,
+            *(
+                f"{name}: {count} of {reader.count(name)} messages left out: {first.text}"
+                for name, (count, first) in unread.items()
+            ),
+        )
     efforts = {
         stream: _efforts(messages[prefix + name], robot, where, prefix + name)
         for stream, name in (("pressure", _STATE), ("command", _COMMAND))
@@ -91,8 +111,8 @@ def read_bag(
     found = [_pressures(stream, *rows, robot, start_ns) for stream, rows in efforts.items()]
     frames = set()
     for name in sensors:
-        samples = [each for each in messages[prefix + name] if isinstance(each, cdr.Values)]
-        frames |= {sample.frame for sample in samples if "pose" in name}
+        samples = messages[prefix + name]
+        frames |= {sample.header.frame_id for sample in samples if "pose" in name}
         found.append(raw(_sensor(name, samples, known[name][0], start_ns)))
     cleaned = without_stale([usable(each, where) for each in found], ("command",), limits)
     streams = [stream for stream, _ in cleaned]
@@ -110,6 +130,16 @@ def read_bag(
     )
     _check_clocks(recording, where)
     return recording
+
+
+def _check_fields(topic: Topic, fields: Fields, known: Fields, bag: Path) -> None:
+    """Refuse a type that was recorded with a definition without the fields that are read."""
+    for name, listed in known.items():
+        recorded = dict(fields.get(name, ()))
+        for field, text in listed:
+            if recorded.get(field) != text:
+                got = f"{name}.{field} is {recorded.get(field, 'missing')} in its definition"
+                raise BagError(f"{got}; allowed: {text}", bag, "value", topic.name)
 
 
 def _check_clocks(recording: Recording, where: str) -> None:
@@ -138,8 +168,8 @@ def _prefix(types: Mapping[str, str], namespace: str | None, where: str) -> str:
     if len(found) > 1:
         names = ", ".join(prefix.strip("/") or "/" for prefix in found)
         raise ConfigError(where, "namespace", f"pressures of {len(found)} arms", f"one of {names}")
-    if types[found[0] + _STATE] != cdr.JOINT_STATE:
-        raise ConfigError(where, found[0] + _STATE, types[found[0] + _STATE], cdr.JOINT_STATE)
+    if types[found[0] + _STATE] != _JOINT_STATE:
+        raise ConfigError(where, found[0] + _STATE, types[found[0] + _STATE], _JOINT_STATE)
     return found[0]
 
 
@@ -191,22 +221,20 @@ def _locations(twin: object, kind: str) -> tuple[float, ...]:
     return tuple(float(n) for n in numbers if isinstance(n, int | float) and 0.0 <= n <= 1.0)
 
 
-def _efforts(
-    messages: list[cdr.Values | cdr.Efforts], robot: Robot, where: str, topic: str
-) -> tuple[list[int], Array]:
+def _efforts(messages: list[Any], robot: Robot, where: str, topic: str) -> tuple[list[int], Array]:
     """Return stamps [ns] and pressures (n, n_u) [Pa] in the robot's order."""
     chambers = robot.chamber_names
     rows, stamps = [], []
     for message in messages:
         # In lockstep an empty message says that there is no command at this tick.
-        if not isinstance(message, cdr.Efforts) or (not message.names and not message.efforts.size):
+        if not message.name and not message.effort.size:
             continue
-        given = dict(zip(message.names, message.efforts, strict=False))
-        if set(given) != set(chambers) or len(message.efforts) != len(chambers):
-            got = f"{', '.join(message.names) or 'no names'} with {len(message.efforts)} efforts"
+        given = dict(zip(message.name, message.effort, strict=False))
+        if set(given) != set(chambers) or len(message.effort) != len(chambers):
+            got = f"{', '.join(message.name) or 'no names'} with {len(message.effort)} efforts"
             raise ConfigError(where, topic, got, f"one effort each of {', '.join(chambers)}")
         rows.append([given[chamber] for chamber in chambers])
-        stamps.append(message.stamp_ns)
+        stamps.append(_stamp_ns(message))
     if not rows:
         raise ConfigError(where, topic, "no pressures", f"pressures of {', '.join(chambers)}")
     return stamps, np.array(rows, dtype=np.float64)
@@ -218,13 +246,28 @@ def _pressures(name: str, stamps: list[int], values: Array, robot: Robot, start_
     return raw(Series(name, _seconds(stamps, start_ns), values), None, outside)
 
 
-def _sensor(name: str, samples: list[cdr.Values], place: Place, start_ns: int) -> Stream:
-    t = _seconds([sample.stamp_ns for sample in samples], start_ns)
-    values = np.array([sample.values for sample in samples])
+def _sensor(name: str, samples: list[Any], place: Place, start_ns: int) -> Stream:
+    t = _seconds([_stamp_ns(sample) for sample in samples], start_ns)
     if "pose" in name:
-        return Plate(name, t, place, values[:, :3], values[:, 3:])
-    known = values[0, 4] >= 0.0  # REP 145: the first number of the covariance is -1 without an orientation
-    return Imu(name, t, place, values[:, 5:8], values[:, 8:11], values[:, :4] if known else None)
+        poses = [sample.pose for sample in samples]
+        positions = np.array([[getattr(pose.position, axis) for axis in "xyz"] for pose in poses])
+        return Plate(name, t, place, positions, _turns(poses))
+    gyro, accel = (
+        np.array([[getattr(getattr(sample, field), axis) for axis in "xyz"] for sample in samples])
+        for field in ("angular_velocity", "linear_acceleration")
+    )
+    # REP 145: the first number of the covariance is -1 without an orientation.
+    known = samples[0].orientation_covariance[0] >= 0.0
+    return Imu(name, t, place, gyro, accel, _turns(samples) if known else None)
+
+
+def _turns(oriented: list[Any]) -> Array:
+    """Return the quaternions x, y, z, w of poses or IMUs, (n, 4)."""
+    return np.array([[getattr(each.orientation, axis) for axis in "xyzw"] for each in oriented])
+
+
+def _stamp_ns(message: Any) -> int:
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
 def _seconds(stamps_ns: list[int], start_ns: int) -> Array:

@@ -200,7 +200,7 @@ def run(options: Options) -> str:
         f"{total} single-bit flips, seeded. Each damaged file is read, then repaired, and what repair leaves "
         "is read by the `mcap` package through the index and record by record, with all checksums. "
         "*Not read before*: the reader names the damage in one line and refers to repair. *Spared, lost*: "
-        "messages that are missing after repair though the bit is neither in their chunk or record, its kind "
+        "messages that are missing after repair though the bit is neither in their chunk or record, kind "
         "and length included, nor in the only description of their topic. Without checksums, the message that "
         "the bit is in may come out altered. Met: no exception but a refusal in one line, no "
         "spared message lost, none lost without a word, none altered.\n\n" + table(head, rows)

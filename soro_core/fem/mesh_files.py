@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
+from soro_core.fem.foreign_mesh import read_foreign
 from soro_core.fem.mesh import Mesh, Space, make_mesh
 from soro_core.fem.response import Array, Indices
 from soro_core.fem.simplices import split
@@ -19,6 +20,8 @@ from soro_core.fem.simplices import split
 # Kinds of meshio by ours, the best first; simplices are split.
 _KINDS = {"hex20": "hexahedron20", "hex8": "hexahedron", "quad8": "quad8", "quad4": "quad"}
 _SIMPLICES = {"tetra": "hex8", "triangle": "quad4"}
+# Of a flat mesh, its extent in z over that in x or y.
+_FLAT = 1e-6
 _SOLID = ("hexahedron20", "hexahedron", "tetra")
 
 
@@ -44,7 +47,7 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     Parameters
     ----------
     path : str or Path
-        File, whose ending states its format.
+        File; what is in it states its format, else its ending.
     space : str
         plane_strain, axisymmetric (x is the radius) or solid.
     unit_m : float
@@ -57,25 +60,22 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     MissingPackageError
         If meshio is not installed.
     """
-    with named_packages():
-        import meshio
-    if not Path(path).is_file():
-        raise ModelError(f"path {path}: no such file; allowed: a mesh", "path")
-    try:
-        found = meshio.read(path)
-    # meshio ends the process where it cannot read a format.
-    except (Exception, SystemExit) as error:
-        line = " ".join(str(error).split())
-        raise ModelError(f"path {path}: {line}; allowed: a mesh that meshio reads", "path") from None
+    found = read_foreign(Path(path))
     known = (*_KINDS.values(), *_SIMPLICES)
     fitting = [kind for kind in known if (kind in _SOLID) == (space == "solid")]
     wanted = [kind for kind in fitting if found.get_cells_type(kind).size]
     if not wanted:
-        held = ", ".join(sorted({block.type for block in found.cells}))
+        held = ", ".join(sorted({block.type for block in found.cells if len(block.data)})) or "none"
         raise ModelError(f"path {path}: elements {held}; allowed: {', '.join(fitting)} ({space})", "path")
+    if len(wanted) > 1:
+        raise ModelError(f"path {path}: elements {' and '.join(wanted)}; allowed: one kind of them", "path")
     d = 3 if space == "solid" else 2
-    points = np.asarray(found.points, dtype=float)[:, :d] * unit_m
+    places = np.asarray(found.points, dtype=float)
     cells = np.asarray(found.get_cells_type(wanted[0]), dtype=np.int64)
+    spans = np.ptp(places[np.unique(cells)], axis=0)
+    if d == 2 and (spans[2:] > _FLAT * spans[:2].max()).any():
+        raise ModelError(f"path {path}: points off a plane of z; allowed: a flat mesh ({space})", "path")
+    points = places[:, :d] * unit_m
     return _file(points, cells, wanted[0], space, _groups(found))
 
 

@@ -142,12 +142,13 @@ def flat_wrench(robot: Robot, wrench: ArrayLike | None) -> Array:
     Raises
     ------
     ModelError
-        If the shape is not (6,) or, with `wrench_places`, (n_wrenches, 6).
+        If the shape is not (6,), of the tip or of one place, or (n_wrenches, 6) of `wrench_places`.
     """
     n = len(robot.wrench_places)
     flat = np.zeros(6 * (1 + n))
     if wrench is not None:
-        flat[6 if n else 0 :] = shaped(wrench, (n, 6) if n else (6,), "wrench", robot.name).ravel()
+        is_one = n == 0 or (n == 1 and np.shape(wrench) == (6,))
+        flat[6 if n else 0 :] = shaped(wrench, (6,) if is_one else (n, 6), "wrench", robot.name).ravel()
     return flat
 
 

@@ -9,6 +9,7 @@ from soro_core.errors import ConfigError
 from soro_core.hardware import PlatformBase
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.discretisation import EXPLICIT
+from soro_core.scene.limits import unused_range
 from soro_core.scene.scene import Scene
 from soro_core.twin.config import check_volumes, described_plant
 
@@ -26,7 +27,8 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     Returns
     -------
     list of str
-        Lines for the user: faults after the end of the run, keys that limits or regulators contradict.
+        Lines for the user: ranges that are not used, faults after the end of the run, keys that limits or
+        regulators contradict.
 
     Raises
     ------
@@ -36,6 +38,7 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     check_plant(scene, where)
     late = [fault for fault in scene.faults if fault.at >= scene.duration_s]
     return [
+        *unused_range(scene),
         *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
         *(f"controller.{line}" for line in scene.controller_node().known_control(scene.loaded_platform)[1]),
     ]

@@ -8,6 +8,7 @@ from typing import Any
 from soro_core.config import find_config, parse, read_yaml
 from soro_core.errors import ConfigError
 from soro_core.safety import Rating, check_rating
+from soro_core.scene.limits import default_limits
 from soro_core.scene.scene import Scene
 
 # Keys of a scene that name files.
@@ -36,6 +37,7 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     data.setdefault("name", path.stem)
     scene = parse(data, Scene, where=str(path))
     platform = scene.loaded_platform
+    scene = scene.with_limits(default_limits(scene, str(path)))
     check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
     for number, fault in enumerate(scene.faults):
         if platform and fault.chamber and fault.chamber not in platform.chamber_names:

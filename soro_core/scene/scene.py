@@ -18,6 +18,7 @@ from soro_core.excitation.config import ExciteConfig
 from soro_core.hardware import PlatformBase, load_platform
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
+from soro_core.safety import Limits
 from soro_core.scene.model import ModelSection
 from soro_core.scene.nodes import (
     ControllerNodeConfig,
@@ -147,6 +148,10 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     def with_duration(self, duration_s: float) -> Scene:
         """Return the scene with another duration [s]; it keeps the loaded robot and platform."""
         return self._with(duration_s=duration_s)
+
+    def with_limits(self, limits: Limits) -> Scene:
+        """Return the scene with other limits; it keeps the loaded robot and platform."""
+        return self._with(limits=limits)
 
     def _with(self, **values: Any) -> Scene:
         other = changed(self, **values)

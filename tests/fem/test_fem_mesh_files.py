@@ -1,6 +1,7 @@
 """Meshes of files: there and back by meshio, triangles and tetrahedra split, STEP by netgen."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from soro_core.fem.surface import is_closed, solid_surface, volume
 from tests.fem.moving_parts import SOFT
 from tests.refused import fails
 
+CASES = Path(__file__).parents[3] / "shared/data/outside_cases/mesh_named_wrongly"
 # Two triangles of a unit square, its left edge named "held", in millimetres.
 MSH = """$MeshFormat
 2.2 0 8
@@ -143,6 +145,122 @@ def test_what_is_refused(meshio, tmp_path):
         read_mesh(tmp_path / "part.msh", "solid")
     with fails(ModelError, "part.odd", key="path"):
         write_mesh(tmp_path / "part.odd", block("quad4", "plane_strain", (1, 1), (1.0, 1.0)))
+
+
+TETRA = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+PLAIN = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+$EndNodes
+$Elements
+1
+1 4 2 1 1 1 2 3 4
+$EndElements
+"""
+
+
+@pytest.mark.parametrize("ending", ["vtu", "vtk", "msh", "inp", "mesh", "su2", "bdf"])
+@pytest.mark.parametrize("name", ["part.vtk", "part.msh", "part.obj", "PART.MSH", "part"])
+def test_a_mesh_under_another_name_is_read(meshio, tmp_path, ending, name):
+    right = tmp_path / f"right.{ending}"
+    form = "gmsh" if ending == "msh" else None
+    meshio.Mesh(np.array(TETRA), [("tetra", np.array([[0, 1, 2, 3]]))]).write(right, form)
+    expected = read_mesh(right, "solid").mesh
+    right.rename(tmp_path / name)
+    found = read_mesh(tmp_path / name, "solid").mesh
+    np.testing.assert_array_equal(found.points, expected.points)
+    np.testing.assert_array_equal(found.cells, expected.cells)
+    assert volume(*solid_surface(found)) == pytest.approx(1.0 / 6.0)
+
+
+COMMENTED = {
+    "between": PLAIN.replace("$Nodes", "//+\n$Nodes"),
+    "before": "// of a program\n  # and another\n" + PLAIN,
+    "within": PLAIN.replace("2 1 0 0", "// second\n2 1 0 0"),
+    "windows": PLAIN.replace("$Nodes", "//+\n$Nodes").replace("\n", "\r\n"),
+    "mark": "\N{BYTE ORDER MARK}" + PLAIN,
+    "empty lines": PLAIN.replace("$Nodes", "\n\n$Nodes"),
+    "no last end": PLAIN[:-1],
+}
+
+
+@pytest.mark.parametrize("name", COMMENTED)
+def test_comments_in_a_file_of_gmsh_are_skipped(meshio, tmp_path, name):
+    (tmp_path / "part.msh").write_bytes(COMMENTED[name].encode())
+    mesh = read_mesh(tmp_path / "part.msh", "solid").mesh
+    assert volume(*solid_surface(mesh)) == pytest.approx(1.0 / 6.0)
+
+
+OBJ = "# of a program\no part\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+STRANGE = {
+    "empty": ("part.msh", b"", "an empty file"),
+    "spaces": ("part.vtk", b"  \n\n", "an empty file"),
+    "garbage": ("part.msh", bytes(range(256)) * 8, "by its ending .msh, and damaged"),
+    "garbage in vtk": ("part.vtk", bytes(range(255, 0, -1)) * 8, "by its ending .vtk, and damaged"),
+    "garbage in vtu": ("part.vtu", bytes(range(255, 0, -1)) * 8, "by its ending .vtu, and damaged"),
+    "zeros": ("part.stl", bytes(500), "part.stl"),
+    "cut": ("part.msh", PLAIN[:90].encode(), "by its content gmsh, and damaged"),
+    "cut xml": ("part.vtu", b"<VTKFile type='UnstructuredGrid'><Unst", "by its content vtu, and damaged"),
+    "surface of xml": ("part.vtu", b"<?xml?><VTKFile type='PolyData'>", "another kind than UnstructuredGrid"),
+    "step": ("part.msh", b"ISO-10303-21;\nHEADER;", "a STEP file"),
+    "archive": ("part.msh", b"PK\x03\x04" + bytes(99), "an archive"),
+    "pointer": ("part.msh", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+    "page": ("part.msh", b"<!DOCTYPE html><html>404", "a web page"),
+    "unknown": ("part.odd", b"no mesh\n", "nor by the ending '.odd'"),
+    "surface": ("part.obj", OBJ.encode(), "elements triangle"),
+    "surface under another name": ("part.msh", OBJ.encode(), "elements triangle"),
+    "cut in its elements": ("part.msh", PLAIN.replace("$EndElements", "")[:-4].encode(), "and damaged"),
+    "no elements": ("part.msh", PLAIN.replace("1\n1 4 2 1 1 1 2 3 4\n", "0\n").encode(), "part.msh"),
+    "point that is none": ("part.msh", PLAIN.replace("1 2 3 4\n", "1 2 3 9\n").encode(), "part.msh"),
+    "not finite": ("part.msh", PLAIN.replace("2 1 0 0", "2 nan 0 0").encode(), "points that are not finite"),
+    "too many": ("part.msh", PLAIN.replace("$Nodes\n4", "$Nodes\n4000000000000").encode(), "damaged"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_a_file_that_is_no_solid_mesh_says_what_it_is(meshio, tmp_path, capfd, name):
+    file, content, words = STRANGE[name]
+    (tmp_path / file).write_bytes(content)
+    with pytest.raises(ModelError) as caught:
+        read_mesh(tmp_path / file, "solid")
+    assert caught.value.key == "path"
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+    assert str(tmp_path) not in str(caught.value).replace(f"path {tmp_path / file}", "")
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_surface_with_textures_is_read(meshio, tmp_path):
+    text = OBJ.replace("f 1 2 3", "vt 0 0\nvn 0 0 1\nvn 1 0 0\nf 1/1/1 2/1/2 3//1")
+    (tmp_path / "part.obj").write_text(text)
+    assert read_mesh(tmp_path / "part.obj", "plane_strain").mesh.kind == "quad4"
+
+
+def test_nothing_of_a_mesh_is_dropped(meshio, tmp_path):
+    """Elements of a second kind, and heights of a mesh that is read as flat."""
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.5, 0.0]])
+    mixed = [("quad", np.array([[0, 1, 2, 3]])), ("triangle", np.array([[1, 4, 2]]))]
+    meshio.Mesh(points, mixed).write(tmp_path / "mixed.vtu")
+    with fails(ModelError, "quad and triangle", key="path"):
+        read_mesh(tmp_path / "mixed.vtu", "plane_strain")
+    meshio.Mesh(points + np.array([0.0, 0.0, 2.0]), mixed[:1]).write(tmp_path / "flat.vtu")
+    assert read_mesh(tmp_path / "flat.vtu", "plane_strain").mesh.kind == "quad4"
+    points[3, 2] = 0.1
+    meshio.Mesh(points, mixed[:1]).write(tmp_path / "bent.vtu")
+    with fails(ModelError, "off a plane", key="path"):
+        read_mesh(tmp_path / "bent.vtu", "plane_strain")
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the shared outside cases are not here")
+@pytest.mark.parametrize("name", ["mesh.vtk", "bad.msh"])
+def test_outside_cases(meshio, name):
+    assert volume(*solid_surface(read_mesh(CASES / name, "solid").mesh)) == pytest.approx(1.0 / 6.0)
 
 
 def test_files_without_their_packages_are_one_line(monkeypatch, tmp_path):

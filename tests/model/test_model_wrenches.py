@@ -81,6 +81,18 @@ def test_bad_wrenches(places, wrench, names):
         simulate(arm, t_end=0.01, dt=1e-3, wrench=wrench)
 
 
+def test_one_place_takes_one_wrench_alone():
+    arm = arm_of(1, "constant", wrench_places=[0.05])
+    q, qd = state_of(arm)
+    wrench = np.array([0.01, -0.02, 0.0, 0.1, 0.2, -0.1])
+    rows = arm.forward_dynamics(q, qd, [], wrench[None, :])
+    np.testing.assert_array_equal(arm.forward_dynamics(q, qd, [], wrench), rows)
+    np.testing.assert_array_equal(arm.forward_dynamics(q, qd, [], wrench.tolist()), rows)
+    assert not np.array_equal(arm.forward_dynamics(q, qd, []), rows)
+    alone, row = (arm.external_forces(q, qd, each).generalised for each in (wrench, wrench[None, :]))
+    np.testing.assert_array_equal(alone, row)
+
+
 @pytest.mark.parametrize("places", [[-0.01], [0.05, 0.2001]])
 def test_bad_places(places):
     with refused("wrench_places", names=("0.2 m",)):

@@ -104,6 +104,8 @@ BAD = [
     (("tip_mass",), -0.01, "tip_mass", "-0.01", "greater than or equal to 0"),
     (("gravity",), [0.0, 9.81], "gravity", "[0.0, 9.81]", "3 numbers"),
     (("base_quaternion",), [0.0, 0.0, 0.0, 2.0], "base_quaternion", "2.0", "unit quaternion"),
+    (("base_quaternion",), [0.0, 0.0, 0.0, 0.9989], "base_quaternion", "0.9989", "here 0.9989"),
+    (("base_quaternion",), [0.0, 0.0, 0.0, 0.0], "base_quaternion", "0.0", "here 0"),
     (("base_position",), [0.0, "up", 0.0], "base_position[1]", "up", "number"),
     (("bend_angle",), "bent", "bend_angle", "bent", "'deformed' or 'geometric'"),
     (("pressure_range_pa",), [9e4, 0.0], "pressure_range_pa", "[90000.0, 0.0]", "lowest < highest"),

@@ -42,6 +42,19 @@ def test_defaults():
     assert arm.forward_dynamics(np.zeros(3), np.zeros(3), []).shape == (3,)
 
 
+def test_a_quaternion_of_a_few_decimals_gets_length_1():
+    """Everywhere that a file holds one; one of length 1 stays to the bit."""
+    short, whole = [0.0, 0.7071, 0.0, 0.7071], [0.0, 0.7071067811865476, 0.0, 0.7071067811865476]
+    body = {"at": 1.0, "quaternion": [0.5, 0.5, 0.5, 0.501]}
+    calibration = {"tracker_quaternion": short, "bodies": [body]}
+    robot = robot_from_dict({"links": [PLAIN], "base_quaternion": short, "calibration": calibration})
+    seen = robot.base_quaternion, robot.calibration.tracker_quaternion, robot.calibration.bodies[0].quaternion
+    for found in seen:
+        assert abs(math.hypot(*found) - 1.0) < 1e-15
+    assert robot.base_quaternion == pytest.approx(whole, abs=1e-15)
+    assert robot.replace(base_quaternion=whole).base_quaternion == tuple(whole)
+
+
 def test_changed_copies_are_checked():
     robot = robot_from_dict({"links": [ROD], "tip_mass": 0.01})
     heavier = robot.replace(tip_mass=0.02)

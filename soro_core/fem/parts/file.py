@@ -14,6 +14,7 @@ from soro_core.fem.parts.contact import ContactKeys
 from soro_core.fem.parts.geometry import Geometry
 from soro_core.fem.parts.mesh_geometry import MeshGeometry
 from soro_core.fem.parts.tendons import Tendon
+from soro_core.robot.vectors import Quaternion
 
 
 class Sweep(Strict):
@@ -58,9 +59,12 @@ class PartFile(Strict):
     gravity: Annotated[
         tuple[float, float, float], Field(strict=False, description="of the robot file alone")
     ] = (0.0, 0.0, -9.81)
-    base_quaternion: Annotated[
-        tuple[float, float, float, float], Field(strict=False, description="of the robot file alone")
-    ] = (0.0, 0.0, 0.0, 1.0)
+    base_quaternion: Annotated[Quaternion, Field(description="of the robot file alone")] = (
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+    )
     contact: Annotated[
         ContactKeys | None, Field(description="of surfaces with each other and with planes; default: none")
     ] = None

@@ -1,0 +1,105 @@
+"""Meshes of other programs by what is in their files: meshio goes by the ending of the name alone."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from soro_core.errors import ModelError
+from soro_core.extras import named_packages
+
+# How files begin, or what stands at the beginning of a line near there, and meshio's name of the format.
+_FORMATS = (
+    (rb"^\$MeshFormat", "gmsh"),
+    (rb"\A# vtk DataFile", "vtk"),
+    (rb"<VTKFile[^>]*UnstructuredGrid", "vtu"),
+    (rb"<Xdmf", "xdmf"),
+    (rb"<dolfin", "dolfin-xml"),
+    (rb"^\s*MeshVersionFormatted", "medit"),
+    (rb"(?i)^\*(heading|node|part)\b", "abaqus"),
+    (rb"^NDIME\s*=", "su2"),
+    (rb"\A(#.*\n)*OFF\b", "off"),
+    (rb"\Aply\b", "ply"),
+    (rb"\Amesh3d\b", "netgen"),
+    (rb"(?i)^(begin bulk|grid[ ,*])", "nastran"),
+    (rb"\Asolid\b", "stl"),
+    (rb"^v\s+[-+0-9.]+\s+[-+0-9.]+\s", "obj"),
+)
+_NO_MESHES = (
+    (rb"<VTKFile", "a VTK file of another kind than UnstructuredGrid"),
+    (rb"\AISO-10303-21", "a STEP file, whose name ends in .step or .stp"),
+    (rb"\APK\x03\x04|\A\x1f\x8b|\A7z", "an archive, to be unpacked first"),
+    (rb"\Aversion https://git-lfs", "a pointer of git-lfs in place of the file: git lfs pull"),
+    (rb"(?i)\A(<!doctype )?html|\A<html", "a web page"),
+)
+_HEAD = 8192
+_COMMENT = re.compile(rb"(?m)^[ \t]*(//|#).*\n")
+
+
+def read_foreign(path: Path) -> Any:
+    """Return the mesh of meshio of a file, in the format of its content, else in that of its ending.
+
+    Comment lines of a text file of Gmsh are skipped.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read: what it is, and the cause.
+    MissingPackageError
+        If meshio is not installed.
+    """
+    with named_packages():
+        import meshio
+    if not path.is_file():
+        raise ModelError(f"path {path}: no such file; allowed: a mesh", "path")
+    with path.open("rb") as file:
+        head = file.read(_HEAD).removeprefix(b"\xef\xbb\xbf").lstrip()
+    if not head:
+        raise _refused(path, "an empty file")
+    form = next((name for sign, name in _FORMATS if re.search(sign, head, re.MULTILINE)), None)
+    words = next((words for sign, words in _NO_MESHES if re.search(sign, head, re.MULTILINE)), None)
+    if form is None and words is not None:
+        raise _refused(path, words)
+    if form is None and path.suffix.lower() not in meshio.extension_to_filetypes:
+        raise _refused(path, f"no mesh that is known by its content, nor by the ending {path.suffix!r}")
+    data = path.read_bytes() if form in ("gmsh", "obj") else b""
+    if form == "gmsh" and not (b"$EndNodes" in data and b"$EndElements" in data):
+        raise _refused(path, "by its content gmsh, and damaged: $EndNodes or $EndElements is missing")
+    with tempfile.TemporaryDirectory(prefix="soro-") as folder:
+        plain = path
+        if form == "gmsh" and re.search(rb"\$MeshFormat\s+\S+\s+0\s", head):
+            plain = Path(folder) / "plain.msh"
+            plain.write_bytes(_COMMENT.sub(b"", data.removeprefix(b"\xef\xbb\xbf")))
+        if form == "obj":  # meshio stumbles over textures and normals, of which there may be any number
+            plain = Path(folder) / "plain.obj"
+            plain.write_bytes(re.sub(rb"(?m)^v[tnp]\s.*\n?|(?<=\d)/\S*", b"", data))
+        said = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(io.StringIO()):
+                found = meshio.read(plain, form)
+        # meshio prints the cause and ends the process where it cannot read a format.
+        except (Exception, SystemExit) as error:
+            cause = said.getvalue() if isinstance(error, SystemExit) else f"{type(error).__name__} {error}"
+            text = " ".join(cause.replace(str(plain), path.name).split()) or "unreadable"
+            begins = f"by its content {form}" if form else f"by its ending {path.suffix}"
+            raise _refused(path, f"{begins}, and damaged: {text}") from None
+    if not np.isfinite(found.points).all():
+        raise _refused(path, "points that are not finite")
+    for block in found.cells:
+        if len(block.data) and isinstance(block.data, np.ndarray):
+            low, high = int(block.data.min()), int(block.data.max())
+            if low < 0 or high >= len(found.points):
+                raise _refused(
+                    path, f"an element of point {high if low >= 0 else low} of {len(found.points)}"
+                )
+    return found
+
+
+def _refused(path: Path, got: str) -> ModelError:
+    return ModelError(f"path {path}: {got}; allowed: a mesh that meshio reads", "path")

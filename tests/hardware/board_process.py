@@ -1,6 +1,6 @@
 """`soro board` on emulated chips as a process; every change of a DAC goes to a log with the time of it.
 
-Usage: board_process.py PLATFORM LOG
+Usage: board_process.py PLATFORM LOG; the file LOG.pressed presses the emergency stop.
 """
 
 import os
@@ -53,10 +53,22 @@ def main(config, log_path):
                 chips[port.adc] = EmulatedAds1015(lambda dac=dac: 2.0 * dac.fraction)
         return Bus(chips)
 
+    class Contact:
+        """Contact of the emergency stop: open while a file is there."""
+
+        def __init__(self, _):
+            self._pressed = f"{log_path}.pressed"
+
+        def is_open(self):
+            return os.path.exists(self._pressed)
+
+        def close(self):
+            pass
+
     def announce(line):
         print(line, flush=True)
 
-    return run_board(config, "127.0.0.1:0", announce, open_bus=open_bus)
+    return run_board(config, "127.0.0.1:0", announce, open_bus=open_bus, open_contact=Contact)
 
 
 if __name__ == "__main__":

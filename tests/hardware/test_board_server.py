@@ -230,6 +230,34 @@ def test_guard_stands_still(served):
     regulator.close()
 
 
+def test_a_pressed_stop_vents_and_the_driver_is_told(tmp_path):
+    with serving(tmp_path, board={"stop": {"line": 17}, **PATIENT["board"]}, host=PATIENT["host"]) as served:
+        regulator = served.connect()
+        regulator.exchange(TARGET, time.monotonic_ns())
+        assert served.vented_ns() is None
+        pressed = served.log.with_name(f"{served.log.name}.pressed")
+        pressed.touch()
+        assert wait_for(served.vented_ns), "vented without a word of the host"
+        faults = regulator.exchange(TARGET, time.monotonic_ns()).faults
+        assert [fault.code for fault in faults] == ["stop_pressed"]
+        with fails(HardwareError, "contact of the emergency stop is open"):
+            regulator.configure()
+        pressed.unlink()
+        wait_for(lambda: started(regulator))
+        regulator.exchange(TARGET, time.monotonic_ns())
+        assert wait_for(lambda: served.vented_ns() is None)
+        regulator.close()
+
+
+def started(regulator):
+    """Whether the start-up succeeds."""
+    try:
+        regulator.configure()
+    except HardwareError:
+        return False
+    return True
+
+
 def test_terminated(served):
     regulator = served.connect()
     cycles(regulator, 20)

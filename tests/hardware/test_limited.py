@@ -57,6 +57,22 @@ def test_a_reset_takes_devices_with_any_fault_through_their_start_up_or_says_why
     np.testing.assert_allclose(it.bus.world.pressure_pa, 40e3, atol=2e3)
 
 
+def test_a_pressed_stop_is_the_reason_of_a_refused_reset_before_the_devices_are():
+    """The stop may have taken the power of the devices: their start-up would fail, and say that."""
+    it = Guarded()
+    it.run(0.3, 20e3)
+    it.inject("reboot, chamber: link0/chamber1")
+    it.run(0.05, 20e3)
+    it.inject("mute, chamber: link0/chamber1")
+    it.loop.why_stopped = lambda: "stop pressed: /safety/stop says so"
+    it.run(0.1, 0.0)
+    assert it.loop.cause.startswith("rebooted"), "the first cause stays"
+    assert it.reset() == "stop pressed: /safety/stop says so"
+    it.bus.world.faults.clear()
+    it.loop.why_stopped = lambda: None
+    assert it.reset() is None
+
+
 def test_a_start_up_that_takes_long_loses_no_command():
     """Nobody could command while the reset waited for the devices."""
     it = Guarded()

@@ -91,8 +91,9 @@ class Outcome:
     cycles: list[tuple[float, float, str]] = field(default_factory=list)
 
     def left_pa(self, from_s: float, to_s: float = math.inf) -> float:
-        """Return the highest pressure [Pa gauge] between two times [s]."""
-        return max(pressure for at_s, pressure in self.pressures if from_s < at_s <= to_s)
+        """Return the highest pressure [Pa gauge] between two times [s], with the last one before."""
+        before = [pressure for at_s, pressure in self.pressures if at_s <= from_s]
+        return max(before[-1:] + [pressure for at_s, pressure in self.pressures if from_s < at_s <= to_s])
 
     @property
     def empty_s(self) -> float:

@@ -26,7 +26,7 @@ from soro_core.hardware.supervisor_client import Supervisor, TakenOverError, end
 
 P = TypeVar("P", bound=PlatformBase)
 
-_TEST_S = 2.0  # longest time for the vent in the test of the supervisor
+_TEST_S = 5.0  # longest time for the vent in the test of the supervisor
 LOST = "supervisor_lost", "supervisor"  # code and source of the fault
 
 

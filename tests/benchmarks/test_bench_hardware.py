@@ -27,6 +27,13 @@ def test_rates_of_boards(tmp_path):
         assert int(row["without fresh reading"]) < int(row["cycles"]), row
 
 
+def test_a_driver_that_is_stopped_and_continued_leaves_no_pressure(tmp_path):
+    ((row,),) = section(tmp_path, "stops")
+    assert (row["platform"], row["process"], row["signal"]) == ("emulated_canopen", "driver", "SIGSTOP")
+    assert 0.0 < float(row["under pressure: empty after, ms"]) < 1e3
+    assert float(row["left, kPa"]) < 2.0
+
+
 def test_after_a_kill_only_a_reset_brings_pressure_back(tmp_path):
     drivers, devices = section(tmp_path, "kills")
     assert [row["platform"] for row in (*drivers, *devices)] == 2 * list(CASES)[:1]

@@ -145,7 +145,7 @@ def slow_start_up(platform, watch):
 
 def test_the_hosts_heartbeat_comes_throughout_the_start_up():
     """Three slow nodes take seconds, and none of them misses the host for its 100 ms."""
-    bus, regulator = slow_start_up(platform(), {(0x1016, 1): 127 << 16 | 100})
+    bus, regulator = slow_start_up(platform(watchdog_test=False), {(0x1016, 1): 127 << 16 | 100})
     assert bus.now_s > 2.0
     assert max(np.diff(bus.heard[0x77F])) < 0.05
     assert bus.now_s - bus.heard[0x77F][-1] < 0.1, "only the watches are armed after the last one"
@@ -157,7 +157,7 @@ def test_the_hosts_heartbeat_comes_throughout_the_start_up():
 
 
 def test_limited_nodes_are_asked_throughout_the_start_up():
-    bus, regulator = slow_start_up(platform(**GUARDED), {(0x100C, 0): 25, (0x100D, 0): 4})
+    bus, regulator = slow_start_up(platform(**GUARDED, watchdog_test=False), {(0x100C, 0): 25, (0x100D, 0): 4})
     assert max(np.diff(bus.heard[0x701])) < 0.05
     assert not [line for line in bus.log if line.startswith("< 08")]
     bus.pass_time(5.0)

@@ -204,7 +204,7 @@ def test_a_supervisor_that_stands_still_makes_the_driver_vent(make):
         assert cycles_in_real_time(regulator, 0.1, [0.0] * 3)[-1].faults == ()
 
 
-@pytest.mark.parametrize("name", ["emulated_canopen", "soro_board", "veab_tcp"])
+@pytest.mark.parametrize("name", ["soro_board", "veab_tcp"])
 def test_a_driver_that_is_stopped_and_continued_leaves_no_pressure(name):
     """Vented by what watches it, and not filled again; `benchmarks --only stops` does all."""
     outcome = signalled(name, "driver", signal.SIGSTOP, "under pressure")

@@ -33,6 +33,7 @@ PACKAGES = {
         "mcap",
         "lz4",
         "zstandard",
+        "rosbags",
     ),
     "board": ("smbus2",),
     "dask": ("distributed",),

@@ -15,13 +15,19 @@ from mcap.records import Chunk, Message
 from soro_core.bag.records import PREFIX, Damage
 
 # Content that a chunk of any size may have [B]; a larger one must be at most this often its packed size.
-ALWAYS = 1 << 26
+_ALWAYS = 1 << 26
 _RATIO = 4
+_LARGEST = 1 << 30
 # Largest history that zstd data may refer to [B]: that of level 19.
 _WINDOW = 1 << 27
 _HEAD = struct.Struct("<QQQI")
 _MESSAGE = struct.Struct("<HIQQ")
 _KINDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+
+
+def most(packed: int) -> int:
+    """Return the largest content of a chunk [B] of a packed size [B]."""
+    return min(max(_ALWAYS, _RATIO * packed), _LARGEST)
 
 
 def unpack(chunk: Chunk) -> memoryview:
@@ -33,7 +39,7 @@ def unpack(chunk: Chunk) -> memoryview:
         If the data, its size or its checksum is wrong, or it claims too much.
     """
     size, packed = chunk.uncompressed_size, len(chunk.data)
-    if size > (limit := max(ALWAYS, _RATIO * packed)):
+    if size > (limit := most(packed)):
         raise Damage(f"a chunk of {packed} bytes claims {size}; allowed: up to {limit}")
     content, is_whole = _unpacked(memoryview(chunk.data), chunk.compression, size)
     if not is_whole:
@@ -57,7 +63,7 @@ def unpack_cut(body: memoryview) -> memoryview:
     begin = _HEAD.size + 4
     end = begin + int.from_bytes(body[_HEAD.size : begin], "little")
     content, _ = _unpacked(
-        body[end + 8 :], str(bytes(body[begin:end]), "latin-1"), min(size, max(ALWAYS, _RATIO * len(body)))
+        body[end + 8 :], str(bytes(body[begin:end]), "latin-1"), min(size, most(len(body)))
     )
     last = 0
     try:

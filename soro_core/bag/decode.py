@@ -70,6 +70,8 @@ class Decoder:
             If the bytes are no such message.
         """
         try:
+            if len(data) < 4 or data[0] != 0 or data[1] not in (0, 1):
+                raise ValueError(f"bytes {data[:4].hex(' ')}; allowed is plain CDR")
             if is_empty_message(data, not self.fields[_short(self._type)]):
                 data = data + b"\0"
             return self._store.deserialize_cdr(data, self._type)

@@ -13,7 +13,7 @@ from mcap import records as kinds
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Chunk
 
-from soro_core.bag.chunks import inner, message_key, unpack
+from soro_core.bag.chunks import inner, message_key, most, unpack
 from soro_core.bag.part import CUT, OUTSIDE, Block, Part
 from soro_core.bag.records import MAGIC, PREFIX, PRIVATE, Damage, Prefix, Source, length_of
 from soro_core.errors import BagError
@@ -70,9 +70,9 @@ class _Walk:
         # None where that chunk is lost.
         self._index: dict[int, tuple[int, int]] | None = {}
         self._unknown: set[int] = set()
-        self._unknown_count = self._unpacked = self._records = self._searches = self._tries = (
-            self._doubted
-        ) = 0
+        # Of the work that a file may ask for.
+        self._unknown_count = self._unpacked = self._records = self._indexes = 0
+        self._searches = self._tries = self._doubted = 0
         self._has_chunks, self._has_index = has_chunks, bool(places)
         self._data_ended = self._is_cut = False
 
@@ -94,12 +94,12 @@ class _Walk:
             return self._behind(position, None)
         fits = prefix.end <= part.size
         follows_on = fits and source.begins_record(prefix.end)
-        right, damage = prefix, Damage(f"a record of the unknown kind {prefix.opcode}")
+        right, damage = prefix, f"a record of the unknown kind {prefix.opcode}"
         try:
             if prefix.opcode == Opcode.MESSAGE:
                 if (behind := self._take_messages(position)) > position:
                     return behind
-                damage = Damage("a message that is none")
+                damage = "a message that is none"
             elif follows_on and prefix.opcode >= PRIVATE:
                 self._records += 1
                 part.private_count += 1
@@ -115,7 +115,7 @@ class _Walk:
                 self._take(right, record)
                 return right.end
         except Damage as error:
-            damage = error
+            damage = str(error)  # the error would keep the content of a chunk
         if follows_on:
             part.note(position, damage)
             if prefix.opcode == Opcode.CHUNK:
@@ -295,6 +295,8 @@ class _Walk:
 
     def _take_chunk(self, prefix: Prefix, chunk: Chunk) -> None:
         self._index = None
+        if chunk.uncompressed_size <= most(len(chunk.data)):
+            self._unpacked += chunk.uncompressed_size
         content = unpack(chunk)
         block = Block(0, 0, prefix.start, prefix.end - prefix.start, len(content))
         index, start, end = self._add_content(content, block.offset)
@@ -347,12 +349,12 @@ class _Walk:
             else:
                 self._unknown.add(channel_id)
                 self._unknown_count += count
-        self._unpacked += len(content)
         return index, (low if index else 0), high
 
     def _take_index(self, prefix: Prefix) -> None:
         """Compare the index of the last chunk's messages of one channel."""
         part = self._part
+        self._indexes += 1
         body = self._source.bytes(prefix.start + PREFIX.size, prefix.end)
         length = int.from_bytes(body[2:6], "little")
         if len(body) < 6 + length or length % 16:
@@ -377,8 +379,9 @@ class _Walk:
         part = self._part
         limits = {
             "bytes in chunks": (self._unpacked, max(1 << 28, 32 * part.size)),
-            "messages": (part.message_count if self._unpacked else 0, 1_000_000 + part.size // 16),
-            "records": (self._records, 100_000 + part.size // 200),
+            "messages": (part.message_count + self._unknown_count, 1_000_000 + part.size // 16),
+            "indexes": (self._indexes, 100_000 + part.size // 50),
+            "records": (self._records, 100_000 + part.size // 160),
         }
         for name, (found, limit) in limits.items():
             if found > limit:

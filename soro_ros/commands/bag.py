@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 BAG_HELP = "Folder of a bag (rosbag2, storage mcap), or a single .mcap file."
+# Most topics, attachments and metadata records that are shown.
+_MOST_ROWS = 1000
 Bag = Annotated[Path, typer.Argument(help=BAG_HELP, exists=True, show_default=False)]
 
 
@@ -119,11 +121,12 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
         for key, value in reader.metadata.custom_data.items():
             about.add_row(_plain(key), _plain(value))
     for part in reader.parts:
-        for item in part.attachments:
+        for item in part.attachments[:_MOST_ROWS]:
             about.add_row(
                 "attachment", f"{_plain(item.name)}: {_size(item.data_size)}, {_plain(item.media_type)}"
             )
-        for name in dict.fromkeys(name for name, _ in part.metadata if name != "rosbag2"):
+        names = list(dict.fromkeys(name for name, _ in part.metadata if name != "rosbag2"))
+        for name in names[:_MOST_ROWS]:
             about.add_row("metadata", _plain(name))
     console.print(about, soft_wrap=True)
     table = Table(box=None, header_style="bold", pad_edge=False)
@@ -131,12 +134,14 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
         table.add_column(heading, overflow="fold")
     table.add_column("messages", justify="right")
     table.add_column("Hz", justify="right")
-    for topic, count in zip(reader.topics, reader.counts, strict=True):
+    for topic, count in list(zip(reader.topics, reader.counts, strict=True))[:_MOST_ROWS]:
         rate = f"{(count - 1) / seconds:.1f}" if count > 1 and seconds > 0 else ""
         type_hash = [_plain(topic.type_hash)] if full else []
         offers = ", ".join(map(_qos, topic.qos))
         table.add_row(_plain(topic.name), _plain(topic.type), offers, *type_hash, str(count), rate)
     console.print(table)
+    if len(reader.topics) > _MOST_ROWS:
+        console.print(f"and {len(reader.topics) - _MOST_ROWS} more topics", highlight=False)
     for problem in reader.problems:
         console.print(_plain(problem), style="yellow", highlight=False, soft_wrap=True)
     if reader.problems:

@@ -203,15 +203,16 @@ class Player(SoroNode[PlayerConfig]):
         """Return what makes the bytes to publish of recorded ones; None if the topic cannot be played."""
         kind = message_class(topic.type)
         if not _is_name(topic.name):
-            reason = "no name of a topic"
-        elif kind is None and topic.serialization_format == "cdr":
+            self.get_logger().warning(f"{topic.name!r}: not played: no name of a topic")
+            return None
+        if kind is None and topic.serialization_format == "cdr":
             reason = f"type {topic.type} is not installed"
         else:
             try:
                 return playing(topic, kind, self._reader.path)
             except BagError as error:
                 reason = error.text
-        self.get_logger().warning(f"{topic.name!r}: not played: {reason}")
+        self.get_logger().warning(f"{topic.name}: not played: {reason}")
         return None
 
     # Playing -------------------------------------------------------------------------------------

@@ -88,8 +88,7 @@ def test_a_sqlite_bag_is_read_and_not_repaired(data):
     for path in (folder, folder / "rosbag2_test_0.db3"):
         with BagReader(path) as reader:
             assert reader.problems == ()
-            counts = {topic.name: reader.count(topic.name) for topic in reader.topics if topic.name[1] != "r"}
-            assert counts == {"/battery": 1565, "/imu": 1565, "/parameter_events": 0, "/pose": 1565}
+            assert [reader.count(name) for name in ("/battery", "/imu", "/pose")] == 3 * [1565]
             assert reader.topic("/pose").type == "geometry_msgs/msg/PoseStamped"
             ours = [(item.topic, item.log_time_ns, item.data) for item in reader.messages()]
             late = list(reader.messages(["/imu"], start_ns=reader.end_ns - 10**9))

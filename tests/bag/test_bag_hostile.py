@@ -1,6 +1,7 @@
 """Files that want to exhaust or end a reader: one line, in bounded time and memory."""
 
 import os
+import random
 import resource
 import struct
 import subprocess
@@ -97,13 +98,152 @@ def test_a_hostile_file_is_named_in_one_line(tmp_path, name):
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 700_000
 
 
-def test_many_records_of_private_kinds_take_little_time(tmp_path):
+def test_some_records_of_private_kinds_are_left_out_by_repair_alone(tmp_path):
     file = tmp_path / "bag.mcap"
     file.write_bytes(file_of(record(0x90, b"") * 5_000))
     with BagReader(file) as reader:
         assert reader.problems == ()
     (part,) = repair(file)
     assert "5000 records of private kinds; left out" in part.problems[-1]
+
+
+# Bombs: files of 20 MB at most, in a process of its own ---------------------------------------------
+SIZE, MOST_KB, MOST_S = 20_000_000, 256_000, 10.0
+MANY_MS = 1 << 26
+# Peak of this program alone: that of `getrusage` begins with its parent's.
+RUN = """
+import sys, time
+from soro_ros.cli import main
+sys.argv = ["soro", "bag", *sys.argv[1:]]
+try:
+    main()
+except SystemExit as ended:
+    status = ended.code
+peak = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print("measured", status, peak, time.process_time())
+"""
+
+
+def message(size: int = 0) -> bytes:
+    return record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 1, 1) + bytes(size))
+
+
+def many(part: bytes) -> bytes:
+    return part * (SIZE // len(part))
+
+
+def packed(content: bytes, compression: str) -> bytes:
+    data = zstandard.compress(content, 1) if compression == "zstd" else lz4.frame.compress(content)
+    return chunk(compression, data, len(content))
+
+
+def with_index(*records: bytes) -> bytes:
+    data = MAGIC + record(Opcode.HEADER, bytes(8)) + channel() + record(Opcode.DATA_END, bytes(4))
+    foot = struct.pack("<QQI", len(data), 0, 0)
+    return data + b"".join(records) + record(Opcode.FOOTER, foot) + MAGIC
+
+
+def named_channel(number: int, qos: str) -> bytes:
+    notes = text("offered_qos_profiles") + text(qos)
+    body = struct.pack("<HH", number, 1) + text(f"/{number}") + text("cdr")
+    return record(Opcode.CHANNEL, body + struct.pack("<I", len(notes)) + notes)
+
+
+def schema_of(size: int, number: int = 1) -> bytes:
+    head = struct.pack("<H", number) + text("a/msg/B") + text("ros2msg")
+    return record(Opcode.SCHEMA, head + text("x" * size))
+
+
+NUMBERS = range(65_536)
+CHUNK_INDEX = struct.pack("<QQQQIQ", 0, 0, 8, 57, 0, 0) + text("") + bytes(16)
+BOMBS = {
+    "zeros in zstd": lambda: file_of(channel(), packed(bytes(MANY_MS), "zstd") * 2000),
+    "zeros in lz4": lambda: file_of(channel(), packed(bytes(MANY_MS), "lz4") * 70),
+    "large messages in zstd": lambda: file_of(channel(), packed(message(1 << 20) * 63, "zstd") * 1500),
+    "large messages in lz4": lambda: file_of(channel(), packed(message(1 << 20) * 63, "lz4") * 70),
+    "small messages in zstd": lambda: file_of(channel(), packed(message() * 2_000_000, "zstd") * 400),
+    "one chunk of lz4 that claims all": lambda: file_of(channel(), chunk("lz4", LZ4 * 32, 1 << 32)),
+    "a window of a gigabyte": lambda: file_of(channel(), chunk("zstd", LONG_WINDOW, MANY_MS)),
+    "small chunks": lambda: file_of(channel(), many(chunk("", b"", 0))),
+    "small messages": lambda: file_of(channel(), many(message())),
+    "small metadata": lambda: file_of(many(record(Opcode.METADATA, text("a") + bytes(4)))),
+    "small attachments": lambda: file_of(many(record(Opcode.ATTACHMENT, bytes(36)))),
+    "private records": lambda: file_of(many(record(0x90, b""))),
+    "empty indexes": lambda: file_of(channel(), chunk("", message(), 31), many(record(7, bytes(6)))),
+    "an index of millions": lambda: file_of(
+        channel(), chunk("", message(), 31), record(7, struct.pack("<HI", 1, SIZE) + bytes(SIZE))
+    ),
+    "a map of millions": lambda: file_of(
+        record(
+            Opcode.CHANNEL,
+            struct.pack("<HH", 1, 1)
+            + text("/a")
+            + text("cdr")
+            + struct.pack("<I", SIZE)
+            + b"".join(text(f"{number:07d}") + bytes(4) for number in range(SIZE // 15)),
+        )
+    ),
+    "a schema of 20 MB": lambda: file_of(schema_of(SIZE), channel()),
+    "schemas of 60 MB in zstd": lambda: file_of(
+        *(packed(schema_of(60_000_000, number), "zstd") for number in range(10)), many(b"\x90" + bytes(8))
+    ),
+    "channels of one schema": lambda: file_of(
+        schema_of(10_000_000), *(named_channel(number, "") for number in NUMBERS)
+    ),
+    "channels with YAML": lambda: file_of(
+        schema_of(1),
+        *(named_channel(number, f"- {{depth: {number}, a: [{'1, ' * 40}1]}}") for number in NUMBERS),
+    ),
+    "indexes of chunks": lambda: with_index(many(record(Opcode.CHUNK_INDEX, CHUNK_INDEX))),
+    "counts of millions": lambda: with_index(
+        record(Opcode.STATISTICS, bytes(42) + struct.pack("<I", 10 * (SIZE // 10)) + bytes(10 * (SIZE // 10)))
+    ),
+    "lengths within lengths": lambda: file_of(
+        channel(), b"".join(PREFIX.pack(Opcode.CHUNK, SIZE - 9 * k) for k in range(SIZE // 9))
+    ),
+    "heads of chunks": lambda: file_of(
+        (PREFIX.pack(Opcode.CHUNK, 1 << 30) + bytes(28) + text("zstd") + struct.pack("<Q", 1 << 29))
+        * (SIZE // 57)
+    ),
+    "chunks within chunks": lambda: file_of(
+        b"".join(
+            PREFIX.pack(Opcode.CHUNK, SIZE - 53 * k)
+            + struct.pack("<QQQI", 0, 0, 99, 0)
+            + text("zstd")
+            + struct.pack("<Q", max(0, SIZE - 53 * k - 44))
+            for k in range(SIZE // 53)
+        )
+    ),
+    "lengths that lie": lambda: file_of(
+        (PREFIX.pack(Opcode.SCHEMA, 1 << 40) + bytes(2) + text("a") + text("b") + text("c")) * (SIZE // 26)
+    ),
+    "messages that are none": lambda: file_of(channel(), many(PREFIX.pack(Opcode.MESSAGE, 30))),
+    "noise": lambda: file_of(channel(), random.Random(5).randbytes(SIZE)),
+}
+LONG_WINDOW = zstandard.ZstdCompressor(
+    compression_params=zstandard.ZstdCompressionParameters(window_log=30, compression_level=1)
+).compress(bytes(MANY_MS))
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_bomb_takes_little_time_and_memory(tmp_path, name):
+    file = tmp_path / "bag.mcap"
+    content = BOMBS[name]()
+    file.write_bytes(content)
+    assert len(content) < 1.1 * SIZE
+    del content
+    for command in ("info", "repair"):
+        done = subprocess.run(
+            [sys.executable, "-c", RUN, command, str(file)], capture_output=True, text=True, check=False
+        )
+        assert "Traceback" not in done.stderr, done.stderr[-500:]
+        *lines, (_, status, peak_kb, seconds) = (line.split() for line in done.stdout.splitlines())
+        assert int(peak_kb) < MOST_KB, command
+        assert float(seconds) < MOST_S, command  # of the processor: others may use the machine
+        assert int(status) in (0, 2)
+        if status == "2":
+            assert len(done.stderr.splitlines()) == 1
+        assert len(lines) < 1100
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ class Found:
     flips, refused, sound, rewritten : int
         Files; those that repair refused in one line, left as they were, and wrote anew.
     unread : int
-        Files of which the reader, before repair, named the damage in one line and gave no more.
+        As `spared_lost`, of what the reader gives before repair.
     spared_lost : int
         Messages that are missing after repair though the bit was not in their chunk or record.
     unnamed : int
@@ -64,7 +64,7 @@ class Found:
 
     def is_good(self) -> bool:
         """Whether nothing was lost that was not hit, nor without a word."""
-        return self.spared_lost == self.unnamed == self.altered == 0
+        return self.spared_lost == self.unread == self.unnamed == self.altered == 0
 
 
 @dataclass
@@ -121,12 +121,14 @@ def flip_one(recording: Recording, place: int, bit: int) -> Found:
     with tempfile.TemporaryDirectory() as folder, mock.patch.object(os, "fsync"):
         file = Path(folder, "bag.mcap")
         file.write_bytes(damaged)
+        read: Counter[Told] = Counter()
         try:
             with BagReader(file) as reader:
-                for _ in reader.messages():
-                    pass
+                for item in reader.messages():
+                    times = item.log_time_ns, item.publish_time_ns
+                    read[item.topic, item.sequence, *times, item.data] += 1
         except BagError as error:
-            found.unread += _is_one_line(error)
+            _is_one_line(error)
         try:
             (part,) = repair(file)
         except BagError as error:
@@ -139,6 +141,7 @@ def flip_one(recording: Recording, place: int, bit: int) -> Found:
     names_hit = place in recording.only_names
     hit = Counter(told for start, end, told in recording.messages if names_hit or start <= place < end)
     found.spared_lost += (whole - hit - after).total()
+    found.unread += (whole - hit - read).total()
     # Without a checksum the hit message cannot be known.
     unknowable = 0 if recording.has_checksums else hit.total()
     found.altered += max(0, (after - whole).total() - unknowable)
@@ -190,7 +193,7 @@ def run(options: Options) -> str:
         "refused",
         "left as it is",
         "rewritten",
-        "not read before",
+        "spared, not read",
         "spared, lost",
         "lost unnamed",
         "altered",
@@ -199,10 +202,11 @@ def run(options: Options) -> str:
     return (
         f"{total} single-bit flips, seeded. Each damaged file is read, then repaired, and what repair leaves "
         "is read by the `mcap` package through the index and record by record, with all checksums. "
-        "*Not read before*: the reader names the damage in one line and refers to repair. *Spared, lost*: "
+        "*Spared, lost*: "
         "messages that are missing after repair though the bit is neither in their chunk or record, kind "
-        "and length included, nor in the only description of their topic. Without checksums, the message that "
-        "the bit is in may come out altered. Met: no exception but a refusal in one line, no "
+        "and length included, nor in the only description of their topic. Without checksums, the message "
+        "that the bit is in may come out altered. *Spared, not read*: the same of what is read before "
+        "repair. Met: no exception but a refusal in one line, no "
         "spared message lost, none lost without a word, none altered.\n\n" + table(head, rows)
     )
 

@@ -68,7 +68,17 @@ def require_free(node: Node, names: Iterable[str]) -> None:
 
 
 def taken(node: Node, name: str, by: str) -> ConfigError:
-    """Return the error for a name that a program has in the domain of a node."""
+    """Return the error for a name that a program has.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the domain.
+    name : str
+        The name.
+    by : str
+        Which program has it.
+    """
     return ConfigError(services.domain(node), name, f"{by} has this name", _ALLOWED)
 
 

@@ -6,6 +6,7 @@ import os
 import select
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -14,7 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from soro_ros import middleware, pulse, qos
+from soro_ros import middleware, processes, pulse, qos
 from soro_ros.pulse import LIMIT_S, Listener, Pulse
 from tests.patience import COMPILED_S
 from tests.patience import LIMIT_S as PATIENCE_S
@@ -143,3 +144,29 @@ def test_a_stopped_run_is_vented_and_says_so_when_it_goes_on(moving, number):
     assert found["verdict"] == "vented"
     assert "stopped or hangs" in found["reason"]
     assert "Traceback" not in err
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("how", ["stopped or hangs", "has ended"])
+def test_the_nodes_of_one_process_vent_without_the_program_that_started_it(domain, tmp_path, how):
+    settings = ("rate_hz:=50.0", "controller:platform:=''", "controller:enabled:=true")
+    settings += ("controller:control.reference.kind:=circle", "twin:pose.rate_hz:=50.0")
+    kept = ("twin:limits.command_age_s:=0.5", "twin:limits.reading_age_s:=0.5")
+    options = [part for one in (*settings, *kept) for part in ("-p", one)]
+    command = [sys.executable, "-m", "soro_ros.nodes.arm", "--ros-args", "-r", "__ns:=/one", *options]
+    given = Pulse()
+    process = processes.start("arm", command, tmp_path, pipe=given.pipe)
+    arm = ArmListener("one")
+    try:
+        given.begin(longest_s=600.0)
+        arm.until(lambda: arm.latch == "open" and arm.pressure_pa > 1e3, "control", COMPILED_S)
+        assert process.process.poll() is None
+        if how == "has ended":
+            given.close()
+        else:
+            given.renew(0.0)
+        arm.until(lambda: how in arm.latch, "vent")
+    finally:
+        arm.close()
+        given.close()
+        assert processes.stop(process, PATIENCE_S) == (0, False), process.log.read_text()

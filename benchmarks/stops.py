@@ -131,8 +131,8 @@ def run(options: Options) -> str:
             "the midst of a ramp of 20 kPa/s; a driver that is starting commands 40 kPa afterwards. "
             "'Fault after' and 'longest call' are what the driver says, the largest of all states. "
             f"'Left' is the highest pressure in the {AFTER_S:g} s after the stop, of all states "
-            "(starting: in its last 0.3 s). Target: nothing left, and no call longer than 50 ms while "
-            "the supervisor stands still.",
+            "(starting: in its last 0.3 s). Target: nothing left, and no call longer than 50 ms after "
+            "a signal to the supervisor.",
             table(head, rows),
         ]
     )

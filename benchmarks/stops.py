@@ -131,11 +131,23 @@ def run(options: Options) -> str:
             "the midst of a ramp of 20 kPa/s; a driver that is starting commands 40 kPa afterwards. "
             "'Fault after' and 'longest call' are what the driver says, the largest of all states. "
             f"'Left' is the highest pressure in the {AFTER_S:g} s after the stop, of all states "
-            "(starting: in its last 0.3 s). Target: nothing left, and no call longer than 50 ms while "
-            "the supervisor stands still.",
+            "(starting: in its last 0.3 s). Target: nothing left, and no call longer than 50 ms after "
+            "a signal to the supervisor.",
             table(head, rows),
+            *two_faults(options),
         ]
     )
+
+
+def two_faults(options: Options) -> list[str]:
+    """Kill driver and supervisor at once, under pressure: what relief valve and dump valve are for."""
+    rows = []
+    for name in filter(is_supervised, CASES if not options.quick else ()):
+        options.say(f"{name}: driver and supervisor, SIGKILL")
+        outcome = signalled(name, "both", signal.SIGKILL, "under pressure")
+        rows.append([name, f"{left_after(outcome, 'under pressure') / 1e3:.1f}"])
+    text = f"Driver and supervisor killed at once under pressure: what is left after {STOPPED_S:g} s."
+    return [text, table(("platform", "left, kPa"), rows)] if rows else []
 
 
 def left_after(outcome: Outcome, state: str) -> float:
@@ -154,20 +166,23 @@ def is_supervised(name: str) -> bool:
 
 
 def signalled(name: str, process: str, number: signal.Signals, state: str) -> Outcome:
-    """Send a signal to the driver or its supervisor in a state; `name` is that of a platform."""
+    """Send a signal to the driver, its supervisor or both in a state; `name` is that of a platform."""
     with served(name) as emulator, _host(name, emulator.device, state) as host:
         _await_now(host)
         link = PlantLinkClient(emulator.plant)  # not before: old frames would wait to be read
         try:
-            pid = host.pid if process == "driver" else _supervisor_of(host)
+            pids = [] if process == "driver" else [_supervisor_of(host)]
+            pids += [] if process == "supervisor" else [host.pid]
             if process == "driver" and state in ("starting", "closing"):
                 time.sleep(0.05)  # in its midst
             began_s, outcome = time.monotonic(), Outcome()
-            os.kill(pid, number)
+            for pid in pids:
+                os.kill(pid, number)
             _watch(link, began_s, STOPPED_S, outcome)
             if number == signal.SIGSTOP:
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGCONT)
+                for pid in pids:
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(pid, signal.SIGCONT)
             _watch(link, began_s, STOPPED_S + AFTER_S, outcome)
             outcome.cycles = _said(host, began_s)
         finally:

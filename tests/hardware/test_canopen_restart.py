@@ -157,7 +157,9 @@ def test_the_hosts_heartbeat_comes_throughout_the_start_up():
 
 
 def test_limited_nodes_are_asked_throughout_the_start_up():
-    bus, regulator = slow_start_up(platform(**GUARDED, watchdog_test=False), {(0x100C, 0): 25, (0x100D, 0): 4})
+    bus, regulator = slow_start_up(
+        platform(**GUARDED, watchdog_test=False), {(0x100C, 0): 25, (0x100D, 0): 4}
+    )
     assert max(np.diff(bus.heard[0x701])) < 0.05
     assert not [line for line in bus.log if line.startswith("< 08")]
     bus.pass_time(5.0)

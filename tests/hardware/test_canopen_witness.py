@@ -254,6 +254,7 @@ def test_the_driver_starts_and_drives_a_stock_node(segmented, monkeypatch):
         valves=ONE_VALVE,
         cycle_hz=50.0,
         cycle_budget_s=0.1,
+        watchdog_test=False,  # a stock node has the objects of the watches, and does not watch
         canopen={
             "heartbeat_s": 0.02,
             "heartbeat_consumer_s": 1.0,

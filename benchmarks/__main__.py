@@ -11,6 +11,7 @@ from rich.console import Console
 from benchmarks import (
     air_fit,
     arms,
+    bags,
     board,
     can_rates,
     composed,
@@ -67,6 +68,7 @@ SECTIONS = {
     "board": board,
     "kills": kills,
     "recording": recording,
+    "bags": bags,
     "composed": composed,
     "view": view,
 }

@@ -11,6 +11,7 @@ from rich.console import Console
 from benchmarks import (
     air_fit,
     arms,
+    bags,
     board,
     can_rates,
     composed,
@@ -69,6 +70,7 @@ SECTIONS = {
     "kills": kills,
     "stops": stops,
     "recording": recording,
+    "bags": bags,
     "composed": composed,
     "view": view,
 }

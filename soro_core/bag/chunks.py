@@ -96,14 +96,12 @@ def message_key(content: memoryview, start: int) -> tuple[int, int]:
     return channel_id, log_time
 
 
-def messages(content: memoryview) -> Iterator[Message]:
-    """Yield the messages among records, in their order; raise Damage at a record that is cut."""
-    for opcode, start, end in inner(content):
-        if opcode == Opcode.MESSAGE:
-            head = start + PREFIX.size
-            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, head)
-            data = bytes(content[head + _MESSAGE.size : end])
-            yield Message(channel_id, log_time, data, publish_time, sequence)
+def message_at(content: memoryview, start: int, end: int) -> Message:
+    """Return the message at a position."""
+    head = start + PREFIX.size
+    channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, head)
+    data = bytes(content[head + _MESSAGE.size : end])
+    return Message(channel_id, log_time, data, publish_time, sequence)
 
 
 def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryview, bool]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import IO
 
@@ -15,7 +16,7 @@ from mcap import records as kinds
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Message, Schema
 
-from soro_core.bag.chunks import messages, unpack, unpack_cut
+from soro_core.bag.chunks import inner, message_at, message_key, unpack, unpack_cut
 from soro_core.bag.records import PREFIX, Damage, Source
 from soro_core.errors import BagError
 
@@ -179,11 +180,34 @@ class Part:
             else None
         )
 
-    def messages(self, block: Block) -> Iterator[Message]:
-        """Yield the messages of a block in the order of the file; raise Damage if it is damaged."""
-        for message in messages(self.content(block)):
-            if message.channel_id in self.channels:
-                yield message
+    def messages(
+        self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64
+    ) -> Iterator[Message]:
+        """Yield messages of a block by their log times; equal times in the order of the file.
+
+        Parameters
+        ----------
+        block : Block
+        channels : collection of int, optional
+            Of these channels; by default of all that the file describes.
+        low, high : int
+            Range of log times [ns], both included.
+
+        Raises
+        ------
+        Damage
+            If the block is damaged.
+        """
+        content = self.content(block)
+        wanted, found = self.channels if channels is None else channels, []
+        for opcode, start, end in inner(content):
+            if opcode == Opcode.MESSAGE:
+                channel_id, log_time = message_key(content, start)
+                if low <= log_time <= high and channel_id in wanted:
+                    found.append((log_time, start, end))
+        found.sort(key=itemgetter(0))
+        for _, start, end in found:
+            yield message_at(content, start, end)
 
     def lose(self, block: Block, damage: Damage) -> None:
         """Note a block that the index names and that is damaged, once."""

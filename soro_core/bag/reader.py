@@ -6,12 +6,15 @@ import heapq
 import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 
+from mcap.records import Message
+
 from soro_core.bag import metadata as bag_metadata
 from soro_core.bag.metadata import Metadata
-from soro_core.bag.part import Part
+from soro_core.bag.part import Block, Part
 from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
 from soro_core.bag.topics import Qos, Topic, qos_from
@@ -140,32 +143,38 @@ class BagReader:
         low = self.start_ns if start_ns is None else start_ns
         high = self.end_ns if end_ns is None else end_ns
         waiting = [
-            (block.start_ns, number, block.offset)
+            (block.start_ns, number, block.offset, block)
             for number, part in enumerate(self.parts)
             for block in part.blocks
             if block.end_ns >= low and block.start_ns <= high
         ]
-        waiting.sort(reverse=True)
-        blocks = {
-            (number, block.offset): block for number, part in enumerate(self.parts) for block in part.blocks
-        }
-        ready: list[tuple[int, int, int, int, BagMessage]] = []
-        while waiting or ready:
+        waiting.sort(key=itemgetter(slice(3)), reverse=True)
+        wanted = [
+            {number for number, topic in table.items() if topics is None or topic.name in topics}
+            for table in self._topics
+        ]
+        opened: list[tuple[int, int, int, Block, Message, Iterator[Message]]] = []
+
+        def take(number: int, block: Block, messages: Iterator[Message]) -> None:
+            """Hold the next message of a block ready."""
+            try:
+                message = next(messages, None)
+            except Damage as damage:
+                self.parts[number].lose(block, damage)
+                return
+            if message is not None:
+                heapq.heappush(opened, (message.log_time, number, block.offset, block, message, messages))
+
+        while waiting or opened:
             # All blocks that may hold an earlier message must be open before a message is yielded.
-            while waiting and (not ready or waiting[-1][0] <= ready[0][0]):
-                _, number, offset = waiting.pop()
-                part, table = self.parts[number], self._topics[number]
-                try:
-                    for place, raw in enumerate(part.messages(blocks[number, offset])):
-                        topic = table[raw.channel_id]
-                        if low <= raw.log_time <= high and (topics is None or topic.name in topics):
-                            times = raw.log_time, raw.publish_time
-                            message = BagMessage(topic.name, topic.type, raw.data, *times, raw.sequence)
-                            heapq.heappush(ready, (raw.log_time, number, offset, place, message))
-                except Damage as damage:
-                    part.lose(blocks[number, offset], damage)
-            if ready:
-                yield heapq.heappop(ready)[-1]
+            while waiting and (not opened or waiting[-1][0] <= opened[0][0]):
+                _, number, _, block = waiting.pop()
+                take(number, block, self.parts[number].messages(block, wanted[number], low, high))
+            if opened:
+                _, number, _, block, raw, messages = heapq.heappop(opened)
+                topic, times = self._topics[number][raw.channel_id], (raw.log_time, raw.publish_time)
+                yield BagMessage(topic.name, topic.type, raw.data, *times, raw.sequence)
+                take(number, block, messages)
 
     def _merge_topics(self) -> tuple[tuple[Topic, ...], tuple[int, ...]]:
         """Return topics and counts of all parts, merged by name and type."""

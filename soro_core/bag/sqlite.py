@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import cast
 
@@ -24,11 +24,18 @@ class SqlitePart(Part):
 
     database: Reader
 
-    def messages(self, block: Block) -> Iterator[Message]:
-        """Yield the messages of a stretch of time; raise Damage if the database is damaged."""
-        numbers = {connection.id: number for number, connection in enumerate(self.database.connections)}
+    def messages(
+        self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64
+    ) -> Iterator[Message]:
+        """Yield messages of a stretch of time; see `Part.messages`."""
+        listed = list(enumerate(self.database.connections))
+        wanted = [connection for number, connection in listed if channels is None or number in channels]
+        numbers = {connection.id: number for number, connection in listed}
+        if not wanted:
+            return
         try:
-            found = self.database.messages(start=block.start_ns, stop=block.end_ns + 1)
+            begin, end = max(block.start_ns, low), min(block.end_ns, high) + 1
+            found = self.database.messages(wanted, start=begin, stop=end)
             for sequence, (connection, time, data) in enumerate(found):
                 yield Message(numbers[connection.id], time, bytes(data), time, sequence)
         except Exception as error:  # of sqlite3, by its bindings

@@ -44,7 +44,7 @@ def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes
 def repair_command(bag: Bag) -> None:
     """Complete BAG after a crash: rewrite what is readable with an index, and metadata.yaml.
 
-    Every message that can be read is kept with its bytes, times and order. Sound files stay untouched; where
+    Every message that can be read is kept with its bytes and times. Sound files stay untouched; where
     bytes had to be left out, the damaged file is kept beside the new one as NAME.damaged.
     """
     from soro_core.bag import repair

@@ -114,13 +114,15 @@ MANY_MS = 1 << 26
 RUN = """
 import sys, time
 from soro_ros.cli import main
-sys.argv = ["soro", "bag", *sys.argv[1:]]
-try:
-    main()
-except SystemExit as ended:
-    status = ended.code
-peak = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM"))
-print("measured", status, peak, time.process_time())
+for command in ("info", "repair"):
+    begin = time.process_time()
+    sys.argv[1:] = ["bag", command, sys.argv[-1]]
+    try:
+        main()
+    except SystemExit as ended:
+        status = ended.code
+    peak = next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM"))
+    print("measured", status, peak, time.process_time() - begin)
 """
 
 
@@ -232,18 +234,17 @@ def test_a_bomb_takes_little_time_and_memory(tmp_path, name):
     file.write_bytes(content)
     assert len(content) < 1.1 * SIZE
     del content
-    for command in ("info", "repair"):
-        done = subprocess.run(
-            [sys.executable, "-c", RUN, command, str(file)], capture_output=True, text=True, check=False
-        )
-        assert "Traceback" not in done.stderr, done.stderr[-500:]
-        *lines, (_, status, peak_kb, seconds) = (line.split() for line in done.stdout.splitlines())
-        assert int(peak_kb) < MOST_KB, command
-        assert float(seconds) < MOST_S, command  # of the processor: others may use the machine
+    done = subprocess.run([sys.executable, "-c", RUN, str(file)], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr, done.stderr[-500:]
+    assert len(done.stderr.splitlines()) <= 1
+    lines = done.stdout.splitlines()
+    measured = [line.split()[1:] for line in lines if line.startswith("measured ")]
+    assert len(measured) == 2
+    for status, peak_kb, seconds in measured:
         assert int(status) in (0, 2)
-        if status == "2":
-            assert len(done.stderr.splitlines()) == 1
-        assert len(lines) < 1100
+        assert int(peak_kb) < MOST_KB
+        assert float(seconds) < MOST_S  # of the processor: others may use the machine
+    assert len(lines) < 1100
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ class Template:
     pressure_range_pa: tuple[float, float]
     viscosity_pa_s: float
     gravity: tuple[float, float, float]
-    base_quaternion: tuple[float, float, float, float]
+    base_quaternion: tuple[float, ...]
 
     @property
     def damping(self) -> tuple[float, float, float]:

@@ -8,8 +8,9 @@ understands as a step too far, and no derivative is taken across it.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from typing import TypeAlias
 
 import numpy as np
@@ -46,6 +47,7 @@ def slopes(
     step: float,
     bounds: tuple[Array, Array],
     workers: int | None = 1,
+    told: Callable[[], None] = lambda: None,
 ) -> Array:
     """Derivatives (n, n_parameters) of the residuals by differences that avoid hopeless candidates.
 
@@ -66,6 +68,8 @@ def slopes(
         Lowest and highest parameters.
     workers : int or None
         Number of threads, for an `evaluate` that may run in several; None: one a core.
+    told : callable
+        Called after each parameter.
     """
 
     def column(k: int) -> Array:
@@ -77,7 +81,16 @@ def slopes(
                 return np.asarray((found - at_x) / (beside[k] - x[k]))
         return np.zeros(at_x.size)
 
+    def collected(found: Iterable[Array]) -> Array:
+        columns = []
+        for one in found:
+            columns.append(one)
+            told()
+        return np.column_stack(columns)
+
     if workers == 1:
-        return np.column_stack([column(k) for k in range(x.size)])
+        return collected(map(column, range(x.size)))
     with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        return np.column_stack(list(pool.map(column, range(x.size))))
+        found = pool.map(column, range(x.size))
+        with closing(found):  # type: ignore[type-var]  # a generator: Ctrl-C does not wait for its rest
+            return collected(found)

@@ -108,7 +108,7 @@ class Search:
         Lowest and highest parameters.
     settings : Settings
     progress : callable
-        Called with the least cost so far after each step that is tried.
+        Called with the least cost so far after each evaluation: of a step, and of each derivative.
     beside : callable, optional
         Does what `evaluate` does, for the derivatives at the latest candidate that `evaluate` was given.
     """
@@ -182,8 +182,11 @@ class Search:
             cost = np.inf if found is None else self.cost(found)
             if cost < self._best[0]:
                 self._best = cost, x.copy()
-            self._progress(self._best[0])
+            self._tell()
         return self._latest[1]
+
+    def _tell(self) -> None:
+        self._progress(self._best[0])
 
     def _slopes(self, x: Array, residuals: Array) -> Array:
         s, known = self._settings, self._known
@@ -192,7 +195,7 @@ class Search:
         if known is not None and s.secant:
             matrix = secant(known, x, residuals)
         else:
-            matrix = slopes(self._beside, x, residuals, s.step, self._bounds, s.workers)
+            matrix = slopes(self._beside, x, residuals, s.step, self._bounds, s.workers, self._tell)
         self._known = x.copy(), residuals, matrix
         return matrix
 

@@ -16,7 +16,7 @@ from soro_core.robot.coordinates import strain_fields
 
 Array: TypeAlias = NDArray[np.float64]
 
-_CAUSES = {
+CAUSES = {
     NOT_FINITE: "the state is not finite, or grew beyond all bounds",
     COLLAPSED: "a link was compressed to nothing (to its least elongation or beyond)",
     SINGULAR: "the equations became singular",
@@ -38,18 +38,13 @@ _CURES = {
     NOT_RESOLVED: "use a smaller dt, or integrator='trapezoidal' or 'tr_bdf2' for stiff arms",
     CLOSED: "use a smaller dt, or give the chamber a larger volume_m3",
 }
+# What a load that no equilibrium carries may end in; a shorter step does not help then.
+BY_LOAD = (COLLAPSED, NOT_CONVERGED, NOT_FINITE, NOT_RESOLVED, SINGULAR, TOO_STIFF)
+# Elongation below which a link was near to being compressed to nothing before the step in which it was.
+_SHORT = -0.5
 
 
-def shortest_link(arm: SoftArm, q: Array) -> str:
-    """Return which link is compressed the most, and how far, to follow the time of a failure."""
-    fields = strain_fields(arm.robot)
-    links = [i for i in range(len(arm.robot.links)) if fields.of("elongation", i).any()]
-    means = [(fields.of("elongation", i) * fields.mean) @ q for i in links]
-    least = int(np.argmin(means))
-    return f" in link{links[least]} (elongation {means[least]:.3f})"
-
-
-def describe_at(code: int, arm: SoftArm, q: Array, when: str = "") -> Status:
+def describe_at(code: int, arm: SoftArm, q: Array, when: str = "", carried: float = 1.0) -> Status:
     """Return the status of a kernel's code; of a collapse it names the link.
 
     Parameters
@@ -60,12 +55,29 @@ def describe_at(code: int, arm: SoftArm, q: Array, when: str = "") -> Status:
         Last good coordinates.
     when : str
         Time, inserted before the cause.
+    carried : float
+        Share of the load beyond which the arm has no equilibrium, where that is below 1.
     """
-    return describe(code, when + (shortest_link(arm, q) if code == COLLAPSED else ""))
+    cause, cure = CAUSES.get(code, ""), _CURES.get(code, "")
+    if code == COLLAPSED:
+        link, elongation = _shortest_link(arm, q)
+        found = f"link{link} (elongation {elongation:.3f})"
+        if elongation < _SHORT:
+            when += f" in {found}"
+        else:
+            cause = (
+                f"the load is so large that within one step, before which {found} was the shortest, {cause}"
+            )
+    if code in BY_LOAD and carried < 1.0:
+        cause += f": there is no equilibrium beyond {carried:.2%} of this load (weight, pressures, wrenches)"
+        cure = "lower the load or the pressure, or stiffen the arm"
+    return OK if code == GOOD else Status(f"failed{when}: {cause}; {cure}")
 
 
-def describe(code: int, when: str = "") -> Status:
-    """Return the status of a kernel's code; `when` is inserted before the cause."""
-    if code == GOOD:
-        return OK
-    return Status(f"failed{when}: {_CAUSES[code]}; {_CURES[code]}")
+def _shortest_link(arm: SoftArm, q: Array) -> tuple[int, float]:
+    """Return which link is compressed the most, and its mean elongation."""
+    fields = strain_fields(arm.robot)
+    links = [i for i in range(len(arm.robot.links)) if fields.of("elongation", i).any()]
+    means = [(fields.of("elongation", i) * fields.mean) @ q for i in links]
+    least = int(np.argmin(means))
+    return links[least], float(means[least])

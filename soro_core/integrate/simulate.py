@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
-from soro_core.integrate.causes import describe_at
+from soro_core.integrate.causes import BY_LOAD, describe_at
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
+from soro_core.model.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
 
@@ -125,7 +126,8 @@ def simulate(
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
     last, code = run(stepping(arm, air), times, table, w, q, v, z)
     end = last + 1
-    status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s")
+    carried = carried_share(arm, table[last, 0], wrench) if code in BY_LOAD else 1.0
+    status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s", carried)
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
     return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status)
 

@@ -42,10 +42,13 @@ class Branch:
         Coordinates near its crossing of the whole pressures; where it has none, those of its last point.
     share : float
         Largest share of the pressures that it has passed, 1 where it crosses them.
+    is_whole : bool
+        Whether it was followed to its end; else only as far as `MOST_STEPS` go.
     """
 
     q: Array
     share: float
+    is_whole: bool = True
 
 
 def follow(force: Force, rest: Array, weight: Array, scale: Array) -> Branch:
@@ -92,6 +95,8 @@ def follow(force: Force, rest: Array, weight: Array, scale: Array) -> Branch:
             if z[-1] <= 0.0:  # it has turned back to no pressure
                 break
             length = min(1.5 * length, LONGEST)
+        else:
+            return Branch(z[:-1] / weight, furthest, is_whole=False)
     except (ModelError, np.linalg.LinAlgError):  # beyond the model, or all bounds
         pass
     return Branch(z[:-1] / weight, furthest)

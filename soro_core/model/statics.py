@@ -133,6 +133,39 @@ def stable_equilibrium(
     return q if forces.is_stable(q) else settle(forces, q)
 
 
+def carried_share(arm: SoftArm, pressure: ArrayLike, wrench: ArrayLike | None = None) -> float:
+    """Return how much of a load an arm carries: 1, or the share beyond which it has no equilibrium.
+
+    It follows the branch from the arm that nothing loads while weight, pressures, wrenches and contact grow
+    together. Where the branch is so long that its end is not found, or begins at a soft arm, it is 1.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    pressure : array_like of shape (n_u,)
+        [Pa gauge].
+    wrench : (6,) or (n_wrenches, 6), optional
+        As in `SoftArm.forward_dynamics`.
+    """
+    p = np.asarray(pressure, dtype=np.float64)
+    is_outside = wrench is not None or RestForces(arm, p).outside
+
+    def unbalanced(q: Array, share: float) -> Array:
+        load = arm.gravity_force(q) - arm.pressure_force(q, p)
+        if is_outside:
+            load -= arm.external_forces(q, wrench=wrench).generalised
+        return np.asarray(arm.elastic_force(q) + share * load)
+
+    fields = strain_fields(arm.robot)
+    weight = np.where(fields.stretch, 1.0, fields.length)
+    stiffness = np.diag(arm.stiffness_matrix(np.zeros(arm.n_q)))
+    if not (stiffness > 0.0).all():
+        return 1.0
+    with np.errstate(all="ignore"):  # of coordinates beyond all bounds
+        branch = follow(unbalanced, np.zeros(arm.n_q), weight, stiffness)
+    return branch.share if branch.is_whole else 1.0
+
+
 def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, str]:
     """Equilibrium on the branch from rest; what was found before where there is no stable rest."""
     arm, p = forces.arm, forces.pressure_pa
@@ -143,6 +176,8 @@ def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, s
     fields = strain_fields(arm.robot)
     weight = np.where(fields.stretch, 1.0, fields.length)
     branch = follow(forces.unbalanced, rest, weight, _scale(none, 1.0))
+    if not branch.is_whole:
+        return branch.q, "the arm moves too far on the way there from no pressure"
     if branch.share < 1.0:
         reached = p - (1.0 - branch.share) * arm.acting_pressure(p)
         raise NoBalanceError(

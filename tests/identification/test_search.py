@@ -1,8 +1,12 @@
 """Searches whose derivatives are taken once: few candidates, nearly the same place."""
 
+import time
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+from soro_core.identification.candidates import slopes
 from soro_core.identification.search import Found, Search, Settings, secant
 
 Array = NDArray[np.float64]
@@ -55,3 +59,35 @@ def test_no_candidate_is_tried_twice() -> None:
     found = _search(Settings(loss="linear"), tried)
     np.testing.assert_allclose(found.x, TRUE, atol=1e-5)
     assert len(tried) == len({x.tobytes() for x in tried})
+
+
+@pytest.mark.parametrize("workers", [1, None])
+def test_the_progress_of_a_search_counts_every_derivative(workers: int | None) -> None:
+    """With many parameters one step asks for so many simulations that its derivatives take minutes."""
+    count, told = 12, list[float]()
+    matrix = np.vander(np.linspace(0.1, 1.0, 3 * count), count)
+
+    def residuals(x: Array) -> Array:
+        return np.asarray(matrix @ x - 1.0)
+
+    x0, bounds = np.zeros(count), (np.full(count, -1e3), np.full(count, 1e3))
+    Search(residuals, x0, residuals(x0), bounds, Settings(most=1, workers=workers), told.append).run()
+    assert len(told) >= count
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_among_derivatives_ends_them(workers: int) -> None:
+    count, asked = 40, list[int]()
+
+    def residuals(x: Array) -> Array:
+        asked.append(1)
+        time.sleep(0.01)  # so long that others wait for a thread
+        return x - 1.0
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    x0, bounds = np.zeros(count), (np.full(count, -1e3), np.full(count, 1e3))
+    with pytest.raises(KeyboardInterrupt):
+        slopes(residuals, x0, -np.ones(count), 1e-4, bounds, workers, interrupted)
+    assert len(asked) < count // 2

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from rods import EXPLICIT, bellows, bent, rod
 
-from soro_core import SoftArm, simulate, simulate_many
+from soro_core import SoftArm, load_robot, simulate, simulate_many
+from soro_core.config import find_config
 from soro_core.integrate import STEPPERS, State, make_stepper
 from tests.collapsing_arm import collapsing_arm
 
@@ -150,3 +151,36 @@ def test_an_indefinite_stiffness_does_not_stop_a_step(name):
         assert result.status == "ok"
         fine = simulate(arm, q0, t_end=0.1, dt=1e-3, integrator="dopri5", pressure=[1e3, 1e3, 1e3])
         assert np.abs(result.q[-1] - fine.q[-1]).max() < 0.01 * np.abs(fine.q).max()
+
+
+# Pressures and wrenches beyond what the arm carries, and the share that it does carry.
+TOO_LARGE = {
+    "chambers that pull": ({"pressure": [-1e6, -1e6, -1e6]}, 0.03),
+    "a force along the arm": ({"wrench": [0.0, 0.0, 0.0, 0.0, 0.0, -500.0]}, 0.5),
+}
+
+
+@pytest.mark.parametrize("name", ["trapezoidal", "tr_bdf2", "rk4"])
+@pytest.mark.parametrize("kind", TOO_LARGE)
+def test_a_load_without_equilibrium_is_the_cause_and_no_step_the_cure(kind, name):
+    load, most = TOO_LARGE[kind]
+    arm = SoftArm(load_robot(find_config("tue_three_bellow", "robots")))
+    status = simulate(arm, t_end=0.1, dt=2e-3, integrator=name, **load).status
+    assert "there is no equilibrium beyond" in status
+    assert "lower the load or the pressure" in status
+    assert "smaller dt" not in status
+    share = float(status.message.split("beyond ")[1].split("%")[0]) / 100.0
+    assert 0.0 < share < most
+    # Released at once, the arm overshoots its balance.
+    less = {key: (0.3 * share * np.array(values)).tolist() for key, values in load.items()}
+    assert simulate(arm, t_end=1.0, dt=2e-3, **less).status.ok
+
+
+def test_a_load_that_turns_an_arm_many_times_in_a_step_is_the_cause():
+    """A moment whose balance is some turns; the first step leads beyond what a link can be."""
+    arm = SoftArm(load_robot(find_config("tue_three_bellow", "robots")))
+    moment = {"wrench": [50.0, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    status = simulate(arm, t_end=0.1, dt=2e-3, integrator="rk4", **moment).status
+    assert "the load is so large that, within one step from link0 (elongation 0.000)" in status
+    assert status.message.index("lower the load") < status.message.index("smaller dt")
+    assert " in link0 (elongation 0.000): a link was compressed" not in status

@@ -19,12 +19,26 @@ def shown(stages, laws, is_terminal):
 
 def test_a_terminal_sees_stage_cost_and_how_many_searches_are_done():
     text = shown(["rest", "linear", "creep", "all data"], 1, True)
-    assert "all data: 0.5" in text
+    assert "all data: 0.5 after 2 simulations" in text
     assert "3 of about 8" in text
 
 
 def test_the_bar_grows_where_more_is_searched_than_expected():
     assert "5 of about 6" in shown([str(k) for k in range(6)], 0, True)
+
+
+def test_a_file_gets_a_line_in_each_ten_seconds_of_a_search():
+    text, times = io.StringIO(), iter([0.0, 4.0, 11.0, 12.0, 30.0, 31.0])
+    with SearchProgress(Console(file=text, width=120), 0, lambda: next(times)) as progress:
+        for cost in (9.0, 8.0, 7.0, 6.0, 5.0):
+            progress.show("linear", cost)
+        progress.show("all data", 4.0)
+    assert text.getvalue().splitlines() == [
+        "linear",
+        "linear: 7 after 3 simulations, 11 s",
+        "linear: 5 after 5 simulations, 30 s",
+        "all data",
+    ]
 
 
 def test_a_file_gets_a_line_for_each_search():

@@ -72,7 +72,7 @@ def solve(
     tolerance : float
         Relative change of the cost, or of the numbers, at which the search ends.
     progress : callable
-        Called with the cost after each step that is tried.
+        Called with the least cost so far after each simulation of all cases.
     secant : bool
         Take derivatives once (`Settings.secant`).
 

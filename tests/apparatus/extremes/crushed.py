@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import figure, table
 from soro_core import simulate
-from soro_core.integrate.causes import describe
+from soro_core.integrate.causes import CAUSES
 from soro_core.model.dynamics import COLLAPSED
 from tests.apparatus.extremes.measure import Release, energy, scale_of
 
@@ -30,7 +30,7 @@ def run(release: Release, seed: int) -> tuple[float | None, float]:
     t_end = release.steps * release.dt
     result = simulate(arm, q0, t_end=t_end, dt=release.dt, integrator="dopri5", rtol=RTOL, pressure=p)
     off = abs(energy(arm, result, -1, p) - energy(arm, result, 0, p)) / scale_of(arm, result)
-    what = describe(COLLAPSED).message.partition(": ")[2]
+    what = CAUSES[COLLAPSED]
     crushed = not result.status.ok and what in result.status.message
     return (float(result.t[-1]) if crushed else None), off
 

@@ -79,7 +79,7 @@ def taken(node: Node, name: str, by: str) -> ConfigError:
     by : str
         Which program has it.
     """
-    return ConfigError(services.domain(node), name, f"{by} has this name", _ALLOWED)
+    return ConfigError(services.domain(node), name, f"{by} has it", _ALLOWED)
 
 
 def of_arm(namespace: str) -> str:

@@ -162,14 +162,11 @@ class Supervisor:
                 raise claims.taken(self.node, f"{self._prefix}{name}", by)
 
     def check_clock(self) -> None:
-        """Raise SoroError if another node publishes /clock too: nodes in lockstep would follow both."""
+        """Raise ConfigError if another node publishes /clock too: nodes in lockstep would follow both."""
         endpoints = self.node.get_publishers_info_by_topic("/clock")
         names = {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in endpoints}
         if others := sorted(names - {f"{self._prefix}twin"}):
-            raise SoroError(
-                f"{', '.join(others)} publishes /clock too in {services.domain(self.node)}: end it, or set a "
-                "ROS_DOMAIN_ID of one's own"
-            )
+            raise claims.taken(self.node, "/clock", ", ".join(others))
 
     def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
         """Spin until a condition holds.

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench soak newest-numba clean
+.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench soak newest numerics clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -53,7 +53,6 @@ lint: $(VENV)/.installed-test
 
 # The peer of the comparison is optional: without it soro is measured alone.
 bench: $(VENV)/.installed
-	-$(MAKE) newest-numba
 	-$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	$(BIN)/python -m benchmarks
 
@@ -61,14 +60,14 @@ bench: $(VENV)/.installed
 soak: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.soak $(SOAK)
 
-# Tests of the model on the newest numba, whatever pyproject.toml allows; if they pass, raise its limit.
-newest-numba: NUMBA := .venv-numba
-newest-numba:
-	$(PYTHON) -m venv $(NUMBA)
-	$(NUMBA)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
-	$(NUMBA)/bin/python -m pip install --quiet --disable-pip-version-check --upgrade numba
-	$(NUMBA)/bin/python -c 'import numba; print("numba", numba.__version__)'
-	$(NUMBA)/bin/pytest -n 2 tests/model tests/integrate
+# Fresh environments, of each Python that this machine has: the newest packages, and the lowest that are stated.
+# NEWEST='--only 3.12' makes one; NEWEST='--beyond numba' takes the newest numba, whatever pyproject.toml allows.
+newest: $(VENV)/.installed-test
+	$(BIN)/python -m tests.installation.environments $(NEWEST)
+
+# The tests marked `numerics` under three kinds of kernels of OpenBLAS, whose last digits differ.
+numerics: $(VENV)/.installed-test
+	$(BIN)/pytest tests/installation/test_openblas.py
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

@@ -1,6 +1,6 @@
 """The controller as a whole: commands are always finite and within bounds; references; nonsense."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import control_samples
 import numpy as np
@@ -83,7 +83,9 @@ def test_a_state_that_is_no_state_holds_the_command():
     ]:
         after, command = control.step(state, q, qd, t, dt, np.zeros(3))
         assert after.watch.refused == state.watch.refused + 1
-        assert replace(after, watch=state.watch) == state
+        # By identity: arrays have no truth value, which `==` of dataclasses asks for from Python 3.13 on.
+        kept = [field.name for field in fields(state) if field.name != "watch"]
+        assert all(getattr(after, name) is getattr(state, name) for name in kept)
         assert not command.status.ok
         assert command.status.message
         assert command.setpoint_pa.tolist() == state.setpoint_pa.tolist()

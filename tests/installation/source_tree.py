@@ -1,0 +1,16 @@
+"""The files that are built, copied so that a build leaves nothing in the repository."""
+
+import shutil
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PARTS = ("soro_core", "soro_ros", "config", "lib", "resource", "params", "setup.py", "pyproject.toml")
+PARTS += ("package.xml", "README.md", "LICENSE")
+
+
+def copy_sources(folder: Path) -> None:
+    """Copy what builds need into a folder that does not exist yet."""
+    folder.mkdir(parents=True)
+    for part in PARTS:
+        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
+        copy(ROOT / part, folder / part)

@@ -61,7 +61,9 @@ class InnerError(ValueError):
 
 
 # A YAML list for a frozen tuple; the elements stay strict.
-Floats = Annotated[tuple[float, ...], Field(strict=False)]
+# No number of a list is larger: products of several would not be finite.
+_Number = Annotated[float, Field(ge=-1e12, le=1e12)]
+Floats = Annotated[tuple[_Number, ...], Field(strict=False)]
 
 
 def _flat(value: Any) -> Any:

@@ -143,7 +143,8 @@ class ChamberInterface:
 
     def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
         stamp_ns = messages.to_ns(message.header.stamp)
-        self.seen_ns = max(self.seen_ns, stamp_ns)
+        # One from the future would let a twin in lockstep run ahead until then.
+        self.seen_ns = max(self.seen_ns, min(stamp_ns, self._stamp_now_ns()))
         if message.name or message.effort:  # in lockstep an empty message means: no command at this tick
             try:
                 command = messages.pressures(message, self._limiter.names)

@@ -7,7 +7,6 @@ arm/learned: then the learned model. Only the stamp: there is none at this tick.
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +20,7 @@ from soro_ros import messages
 Array = NDArray[np.float64]
 
 _STAMP = 2
+_MOST_TIME = 2.0**32  # of seconds and nanoseconds of a ROS time
 
 
 def covariance(certainty: Certainty | None, stamp_ns: int) -> Float64MultiArray:
@@ -31,10 +31,10 @@ def covariance(certainty: Certainty | None, stamp_ns: int) -> Float64MultiArray:
 
 
 def certainty_of(message: Float64MultiArray, n_q: int) -> Certainty | None:
-    """Return a message on arm/covariance as P; None for none, or one of another size."""
+    """Return a message on arm/covariance as P; None for none, or one of another size or out of any range."""
     values = np.array(message.data[_STAMP:], dtype=np.float64)
     size = 2 * n_q
-    if values.size != 1 + size * size:
+    if values.size != 1 + size * size or not messages.is_possible(values):
         return None
     return Certainty(values[1:].reshape(size, size), bool(values[0]))
 
@@ -45,15 +45,18 @@ def learned(model: Learned | None, stamp_ns: int) -> Float64MultiArray:
 
 
 def learned_of(message: Float64MultiArray) -> Learned | None:
-    """Return a message on arm/learned as a model; None for none. The filter checks size and values."""
+    """Return a message on arm/learned as a model; None for none, or numbers out of any range.
+
+    The filter checks the size.
+    """
     values = np.array(message.data[_STAMP:], dtype=np.float64)
-    return Learned(values) if values.size else None
+    return Learned(values) if values.size and messages.is_possible(values) else None
 
 
 def stamp_ns(message: Float64MultiArray) -> int:
-    """Return the stamp of either message [ns], -1 where it has none."""
+    """Return the stamp of either message [ns], -1 where it has none that a ROS time could be."""
     stamp = list(message.data[:_STAMP])
-    if len(stamp) < _STAMP or not all(map(math.isfinite, stamp)):
+    if len(stamp) < _STAMP or not all(abs(part) < _MOST_TIME for part in stamp):
         return -1
     return int(stamp[0]) * 1_000_000_000 + int(stamp[1])
 

@@ -17,6 +17,11 @@ from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 Array = NDArray[np.float64]
 
+# No arm has larger numbers [m, rad, 1/s], and no chamber a larger pressure [Pa]: what is larger is damage,
+# and its squares and products need not be finite.
+_MOST, _MOST_PA = 1e6, 1e8
+_LONGEST_SHOWN = 300
+
 
 def to_time(stamp_ns: int) -> Time:
     """Return nanoseconds as a Time message."""
@@ -32,6 +37,11 @@ def to_ns(stamp: Time) -> int:
 def doubles(values: ArrayLike) -> array[float]:
     """Return numbers for a field of a message, which checks each one of another sequence."""
     return array("d", np.asarray(values, dtype=np.float64).tobytes())
+
+
+def is_possible(values: ArrayLike) -> bool:
+    """Whether numbers of an arm [m, rad, 1/s, ...] are finite, and not larger than those of any arm."""
+    return bool((np.abs(np.asarray(values, dtype=np.float64)) < _MOST).all())
 
 
 def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointState:
@@ -57,16 +67,26 @@ def pressures(message: JointState, names: Sequence[str]) -> Array:
     Raises
     ------
     ValueError
-        If the message names other chambers, or not one effort a name.
+        If the message names other chambers, or not one effort a name, or a pressure that no chamber has. NaN
+        and infinity pass: they are those of a silent device.
     """
     if len(message.effort) != len(message.name):
         raise ValueError(f"{len(message.effort)} efforts for {len(message.name)} names")
+    for name, value in zip(message.name, message.effort, strict=True):
+        if _MOST_PA < abs(value) < math.inf:
+            raise ValueError(f"{value:g} Pa in {name[:80]}; allowed: at most {_MOST_PA:g}")
     if list(message.name) == list(names):
         return np.array(message.effort, dtype=np.float64)
     given = dict(zip(message.name, message.effort, strict=True))
     if set(given) != set(names) or len(given) != len(message.name):
-        raise ValueError(f"chambers {sorted(message.name)}; expected {sorted(names)}")
+        raise ValueError(f"chambers {shown(sorted(message.name))}; expected {sorted(names)}")
     return np.array([given[name] for name in names], dtype=np.float64)
+
+
+def shown(names: Sequence[str]) -> str:
+    """Return names for a line of a log, of which a message may have any number, of any length."""
+    text = str(list(names[:20]))
+    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + " ..."
 
 
 def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:
@@ -133,7 +153,7 @@ def pose_arrays(message: Pose) -> tuple[Array, Array]:
 def is_pose(message: Pose) -> bool:
     """Whether a Pose is one: finite, with a quaternion that can be a rotation."""
     position, quaternion = pose_arrays(message)
-    return bool(np.isfinite(position).all() and 0.5 < quaternion @ quaternion < 2.0)
+    return is_possible(position) and is_possible(quaternion) and bool(0.5 < quaternion @ quaternion < 2.0)
 
 
 def efforts(message: JointState | None) -> dict[str, float]:

@@ -13,6 +13,9 @@ from soro_core.robot import Robot
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 from soro_ros import messages
 
+# Square of the length below which a quaternion has no direction.
+_SHORTEST = 1e-6
+
 
 def poses_in_world(
     message: Path, topic: str, frames: Frames, robot: Robot
@@ -44,6 +47,11 @@ def poses_in_world(
         allowed = f"{frames.base} (frames.base), or none, or {frames.world} (frames.world)"
         raise ConfigError(topic, "header.frame_id", frame, allowed)
     arrays = [messages.pose_arrays(pose.pose) for pose in message.poses]
+    for k, (position, orientation) in enumerate(arrays):
+        possible = messages.is_possible(position) and messages.is_possible(orientation)
+        if not possible or (np.any(orientation) and orientation @ orientation < _SHORTEST):
+            key = f"poses[{k}].pose"
+            raise ConfigError(topic, key, "not finite, or out of any range", "a pose of an arm")
     positions = np.array([position for position, _ in arrays]).reshape(-1, 3)
     orientations = np.array([orientation for _, orientation in arrays]).reshape(-1, 4)
     if frame != frames.world and len(positions):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -35,6 +36,11 @@ def trajectory(
         If the controller refuses it.
     """
     points = message.points
+    for k, point in enumerate(points):
+        for name in _ROWS:
+            if not messages.is_possible(np.nan_to_num(getattr(point, name), posinf=0.0, neginf=0.0)):
+                key = f"points[{k}].{name}"
+                raise ConfigError("trajectory", key, "a number out of any range", "numbers of an arm")
 
     def table(name: str) -> list[list[float]] | None:
         rows = [list(getattr(point, name)) for point in points]
@@ -72,7 +78,12 @@ def tip(controller: Controller, state: ControllerState, message: PoseStamped, wo
     if message.header.frame_id not in ("", world):
         allowed = f"{world} (frames.world), or none"
         raise ConfigError("arm/reference/tip", "header.frame_id", message.header.frame_id, allowed)
-    return controller.tip(state, *messages.pose_arrays(message.pose))
+    position, quaternion = messages.pose_arrays(message.pose)
+    for key, values in (("position", position), ("orientation", quaternion)):
+        if not messages.is_possible(np.nan_to_num(values, posinf=0.0, neginf=0.0)):
+            where = f"pose.{key}"
+            raise ConfigError("arm/reference/tip", where, "a number out of any range", "a pose of an arm")
+    return controller.tip(state, position, quaternion)
 
 
 def trajectories_at_rest(coordinates: Sequence[str]) -> list[JointTrajectory]:

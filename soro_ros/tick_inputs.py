@@ -95,7 +95,7 @@ class TickInputs:
     def _covariance_at(self, stamp_ns: int) -> Float64MultiArray | None:
         for message in reversed(self._covariances):
             age_s = (stamp_ns - learning.stamp_ns(message)) * 1e-9
-            if age_s == 0.0 or (not self._lockstep and age_s <= self._covariance_age_s):
+            if age_s == 0.0 or (not self._lockstep and abs(age_s) <= self._covariance_age_s):
                 return message
         return None
 
@@ -124,7 +124,14 @@ def unusable(
     if not message.name:
         return "no estimate of the state"
     if tuple(message.name) != tuple(coordinates):
-        return f"arm/state of {list(message.name)}, expected {list(coordinates)}"
+        return f"arm/state of {messages.shown(message.name)}, expected {list(coordinates)}"
+    if not len(message.position) == len(message.velocity) == len(coordinates):
+        found = f"{len(message.position)} positions and {len(message.velocity)} velocities"
+        return f"arm/state has {found} for {len(coordinates)} coordinates"
+    if not (messages.is_possible(message.position) and messages.is_possible(message.velocity)):
+        return "arm/state is of no arm: a number that is not finite, or out of any range"
     if last_ns is not None and stamp_ns <= last_ns:
         return "arm/state is not newer than the last"
+    if age_s < -limit_s:  # used, it would make all later ones old
+        return f"arm/state is {-age_s:.3f} s in the future"
     return f"arm/state is {age_s:.3f} s old" if age_s > limit_s else ""

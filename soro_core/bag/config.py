@@ -58,9 +58,10 @@ class PlayerConfig(StartKeys):
     start_s: float = Field(
         0.0,
         ge=0.0,
+        le=1e9,
         description="offset into the bag at which to begin [s]; while it plays: to go on from there",
     )
-    duration_s: float = Field(0.0, ge=0.0, description="recorded time to play [s]; 0: to the end")
+    duration_s: float = Field(0.0, ge=0.0, le=1e9, description="recorded time to play [s]; 0: to the end")
     topics: Strings = Field(
         (),
         description="names or patterns (/arm/*) of the topics to play; empty: all but those that end in "

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 
+# No sensor on an arm reads more [m, rad/s, m/s^2]; finite numbers near the largest overflow in the filter.
+_MOST = 1e6
+
 
 @dataclass(frozen=True)
 class PoseSample:
@@ -40,11 +43,11 @@ class PoseSample:
         return pose_sensor(self.s)
 
     def finite(self) -> bool:
-        """Whether all numbers are finite and the quaternion is a rotation."""
+        """Whether all numbers can be measured and the quaternion is a rotation."""
         return (
             math.isfinite(self.stamp_s)
             and math.isfinite(self.s)
-            and math.isfinite(_length(self.position, 3))
+            and _length(self.position, 3) < _MOST
             and _is_rotation(self.quaternion)
         )
 
@@ -79,12 +82,12 @@ class ImuSample:
         return imu_sensor(self.s)
 
     def finite(self) -> bool:
-        """Whether all numbers are finite and the orientation, if any, is a rotation."""
+        """Whether all numbers can be measured and the orientation, if any, is a rotation."""
         return (
             math.isfinite(self.stamp_s)
             and math.isfinite(self.s)
-            and math.isfinite(_length(self.angular_velocity, 3))
-            and math.isfinite(_length(self.linear_acceleration, 3))
+            and _length(self.angular_velocity, 3) < _MOST
+            and _length(self.linear_acceleration, 3) < _MOST
             and (self.orientation is None or _is_rotation(self.orientation))
         )
 
@@ -112,4 +115,5 @@ def _length(value: Array, n: int) -> float:
 
 def _is_rotation(quaternion: Array) -> bool:
     # The tolerance accepts quaternions of four decimals, and refuses the zeros of a driver without a fix.
-    return abs(_length(quaternion, 4) ** 2 - 1.0) < 0.02
+    length = _length(quaternion, 4)
+    return abs(length * length - 1.0) < 0.02  # a power of a large number would raise OverflowError

@@ -106,8 +106,9 @@ class Section:
         begin_pa : ndarray (n_u,)
             Set points at the begin of the section [Pa gauge].
         t : float
-            Time since then [s].
+            Time since then [s]; before it, as where a clock has been set back, the set points are `begin_pa`.
         """
+        t = max(t, 0.0)
         if t < self.ramp_s:
             return np.asarray(begin_pa + (self.level_pa - begin_pa) * (t / self.ramp_s))
         if self.sweep is None:

@@ -19,6 +19,8 @@ from soro_core.pneumatics.lag import follow
 
 Array: TypeAlias = NDArray[np.float64]
 
+_MOST_PA = 1e8  # no pneumatic regulator has more
+
 
 class RegulatorModel(Strict):
     """Parameters of one kind of regulator; the same for every chamber that it feeds."""
@@ -29,19 +31,25 @@ class RegulatorModel(Strict):
         0.0, ge=0, le=10, description="time constant while the pressure falls; 0 for tau_s"
     )
     gain: float = Field(1.0, gt=0, le=2, description="ratio of reached pressure to set point")
-    rate_limit_pa_s: float = Field(0.0, ge=0, description="largest rate of pressure; 0 for no limit")
+    rate_limit_pa_s: float = Field(0.0, ge=0, le=1e12, description="largest rate of pressure; 0 for no limit")
     hysteresis_pa: float = Field(
-        900.0, ge=0, description="width of the play between set point and pressure; 0 for none"
+        900.0, ge=0, le=_MOST_PA, description="width of the play between set point and pressure; 0 for none"
     )
-    command_resolution_pa: float = Field(50.0, ge=0, description="step of the set point; 0 for continuous")
+    command_resolution_pa: float = Field(
+        50.0, ge=0, le=_MOST_PA, description="step of the set point; 0 for continuous"
+    )
     reading_resolution_pa: float = Field(
-        100.0, ge=0, description="step of the measured pressure; 0 for continuous"
+        100.0, ge=0, le=_MOST_PA, description="step of the measured pressure; 0 for continuous"
     )
-    reading_noise_pa: float = Field(100.0, ge=0, description="standard deviation of the measured pressure")
+    reading_noise_pa: float = Field(
+        100.0, ge=0, le=_MOST_PA, description="standard deviation of the measured pressure"
+    )
     minimum_pa: float = Field(
-        0.0, ge=-101e3, description="lowest gauge pressure that the regulator can reach"
+        0.0, ge=-101e3, le=_MOST_PA, description="lowest gauge pressure that the regulator can reach"
     )
-    maximum_pa: float = Field(90e3, description="highest gauge pressure that the regulator can reach")
+    maximum_pa: float = Field(
+        90e3, ge=-101e3, le=_MOST_PA, description="highest gauge pressure that the regulator can reach"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> RegulatorModel:

@@ -111,7 +111,10 @@ class MarkersConfig(RobotKeys, StartKeys):
     rate_hz: float = Field(20.0, gt=0, le=30, description="most pictures a second")
     trail_s: float = Field(4.0, gt=0, le=600, description="time that the trails of tip and reference show")
     full_pa: float = Field(
-        0.0, ge=0, description="pressure of the full colour [Pa]; 0: the largest one of the robot file"
+        0.0,
+        ge=0,
+        le=1e8,
+        description="pressure of the full colour [Pa]; 0: the largest of the robot file",
     )
     around: int = Field(10, ge=3, le=60, description="points of a ring of the skin")
     per_fold: int = Field(2, ge=2, le=12, description="rings a fold of the narrowest bellow")

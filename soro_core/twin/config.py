@@ -37,15 +37,17 @@ class SensorConfig(Strict):
         0.0, ge=0, lt=1, description="probability that a sample is lost: the last one is repeated"
     )
     outlier: float = Field(0.0, ge=0, lt=1, description="probability that a sample is far off")
-    position_noise_m: float = Field(3e-4, ge=0, description="standard deviation of each coordinate (pose)")
+    position_noise_m: float = Field(
+        3e-4, ge=0, le=1, description="standard deviation of each coordinate (pose)"
+    )
     rotation_noise_rad: float = Field(
-        5e-3, ge=0, description="standard deviation of each rotation (pose, IMU)"
+        5e-3, ge=0, le=10, description="standard deviation of each rotation (pose, IMU)"
     )
     rate_noise_rad_s: float = Field(
-        5e-3, ge=0, description="standard deviation of the angular velocity (IMU)"
+        5e-3, ge=0, le=1e3, description="standard deviation of the angular velocity (IMU)"
     )
     acceleration_noise_m_s2: float = Field(
-        5e-2, ge=0, description="standard deviation of the acceleration (IMU)"
+        5e-2, ge=0, le=1e3, description="standard deviation of the acceleration (IMU)"
     )
 
     @model_validator(mode="before")

@@ -73,6 +73,9 @@ class ShadowNode(SoroNode[ShadowConfig]):
     def _on_pose(self, message: PoseStamped) -> None:
         if not self._frames.takes_sample("sensors/pose0", message.header.frame_id):
             return
+        if not messages.is_pose(message.pose):
+            self.get_logger().warning("sensors/pose0 refused: it is no pose", throttle_duration_sec=1.0)
+            return
         self._poses += 1
         self._pose_s = time.monotonic()
         self._waiting.append(message)

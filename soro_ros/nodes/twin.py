@@ -26,6 +26,8 @@ from soro_ros.twin_topics import TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
+# Longest gap between measured pressures that the twin bridges; behind a longer one it begins at rest [ns].
+GAP_NS = 10_000_000_000
 # Longest wait for a frame of the valves in lockstep, during which the node serves no request.
 LINK_WAIT_S = 0.05
 
@@ -226,8 +228,8 @@ class TwinNode(SoroNode[TwinConfig]):
             self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
             return
         stamp_ns = messages.to_ns(message.header.stamp)
-        if self._measured is None:
-            self._epoch_ns = stamp_ns
+        if self._measured is None or abs(stamp_ns - self._measured[0]) > GAP_NS:
+            self._epoch_ns, self._observed = stamp_ns, -1
             self._state = beginning(self._twin, pressure)
             self._observe()
         else:

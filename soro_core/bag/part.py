@@ -22,7 +22,7 @@ from soro_core.errors import BagError
 
 _STEP = 1 << 20
 # Most bytes of definitions, and of texts that describe topics or the file, which count four times.
-_MOST_DESCRIBED = 1 << 24
+MOST_DESCRIBED = 1 << 24
 # Most metadata records, and most attachments.
 _MOST_NAMED = 10_000
 # Most kinds of damage that are named.
@@ -149,7 +149,7 @@ class Part:
             If there is more than any recorder writes.
         """
         self._described += length if isinstance(record, Schema) else 4 * length
-        if self._described > _MOST_DESCRIBED or len(self.metadata) >= _MOST_NAMED:
+        if self._described > MOST_DESCRIBED or len(self.metadata) >= _MOST_NAMED:
             raise Damage("more descriptions than any recorder writes")
         if isinstance(record, kinds.Metadata):
             self.metadata.append((record.name, record.metadata))

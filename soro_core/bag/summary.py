@@ -94,13 +94,19 @@ class _Summary:
     def fill(self, end: int) -> None:
         """Read the records of the summary; raise Damage if one is inconsistent, or there are too many."""
         part, position = self.part, self.start
-        most = 100_000 + part.size // 200
+        most, most_entries, entries = 100_000 + part.size // 200, (1 << 20) + part.size // 3, 0
         for _ in range(most):
             if position == end:
                 return
             prefix = part.source.prefix(position)
             if prefix is None or prefix.end > end:
                 raise Damage("a record of the index is cut")
+            # Of maps, each entry takes its time.
+            entries += (
+                prefix.end - position if prefix.opcode in (Opcode.CHUNK_INDEX, Opcode.STATISTICS) else 0
+            )
+            if entries > most_entries:
+                raise Damage(f"the index is longer than {most_entries} bytes")
             if prefix.opcode <= Opcode.DATA_END:  # the format may grow
                 self._take(part.source.parse(prefix), prefix.end - position)
             position = prefix.end

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Chunk
 
 from soro_core.bag.chunks import inner, message_key, most, unpack
-from soro_core.bag.part import CUT, OUTSIDE, Block, Part
+from soro_core.bag.part import CUT, MOST_DESCRIBED, OUTSIDE, Block, Part
 from soro_core.bag.records import MAGIC, PREFIX, PRIVATE, Damage, Prefix, Source, length_of
 from soro_core.errors import BagError
 
@@ -337,8 +337,10 @@ class _Walk:
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 named.append((opcode, start, end))
         for opcode, start, end in named:
-            source = Source(io.BytesIO(content[start:end]), end - start)
             try:
+                if end - start > MOST_DESCRIBED:
+                    raise Damage("more descriptions than any recorder writes")
+                source = Source(io.BytesIO(content[start:end]), end - start)
                 record = source.parse(Prefix(opcode, 0, end - start))
                 part.describe(record, end - start, position, self._proven)
             except Damage as damage:  # the index may describe the topic

@@ -11,12 +11,13 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_core.errors import BagError, ConfigError, SoroError
+from soro_ros.run_folder import bag_of
 
 if TYPE_CHECKING:
     from soro_core.bag import BagReader, PartRepair, Qos
 
 app = typer.Typer(no_args_is_help=True)
-BAG_HELP = "Folder of a bag (rosbag2, storage mcap), or a single .mcap file."
+BAG_HELP = "Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file."
 # Most topics, attachments and metadata records that are shown.
 _MOST_ROWS = 1000
 Bag = Annotated[Path, typer.Argument(help=BAG_HELP, exists=True, show_default=False)]
@@ -34,7 +35,7 @@ def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes
 
     console = Console(markup=False)  # names in a bag may look like markup
     try:
-        with BagReader(bag) as reader:
+        with BagReader(bag_of(bag)) as reader:
             _print_info(console, reader, full)
     except BagError as error:
         _fail(error)
@@ -51,7 +52,7 @@ def repair_command(bag: Bag) -> None:
 
     console = Console(markup=False)
     try:
-        parts = repair(bag)
+        parts = repair(bag_of(bag))
     except BagError as error:
         _fail(error)
     for part in parts:
@@ -77,9 +78,9 @@ def convert(
 ) -> None:
     """Write a bag as one CSV or Parquet file a topic, or such CSV files as a bag.
 
-    A column is a value of the message by its path, with its unit where soro knows it:
-    effort.link0/chamber0_pa. TARGET/topics.yaml says which file is which topic, of which type; for CSV
-    files of your own, write it by hand. Messages come back as they were.
+    Messages are read by the definitions in the bag. A column is a value of the message by its path, with its
+    unit where soro knows it: effort.link0/chamber0_pa. TARGET/topics.yaml says which file is which topic, of
+    which type; for CSV files of your own, write it by hand. Messages come back as they were.
     """
     from soro_ros import convert as tables
 
@@ -92,7 +93,9 @@ def convert(
             count = tables.to_bag(source, target, lambda line: typer.echo(line, err=True))
             typer.echo(f"{target}: {count} messages")
             return
-        rows = tables.to_tables(source, target, form, topic or [], lambda line: typer.echo(line, err=True))
+        rows = tables.to_tables(
+            bag_of(source), target, form, topic or [], lambda line: typer.echo(line, err=True)
+        )
     except (BagError, ConfigError) as error:
         _fail(error)
     for file, count in rows.items():

@@ -15,7 +15,7 @@ def play(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a bag (rosbag2, storage mcap), or a single .mcap file.",
+            help="Folder of a bag (rosbag2), or a single .mcap or .db3 file.",
             exists=True,
             show_default=False,
         ),
@@ -57,9 +57,9 @@ def play(
 ) -> None:
     """Publish the messages of BAG again, byte for byte, with their types and quality of service.
 
-    Topics whose type is not installed, or was defined otherwise when it was recorded, are named and left out.
-    So are topics that end in /chambers/command or /chambers/commands, which would drive valves, unless
-    --topic names or matches them.
+    A type that was defined otherwise when it was recorded is converted field by field. Topics whose fields do
+    not fit, or whose type is not installed, are named and left out. So are topics that end in
+    /chambers/command or /chambers/commands, which would drive valves, unless --topic names or matches them.
 
     Keys: space pauses and goes on, left and right seek by 5 s, up and down double and halve the rate, l
     switches the loop, q ends. From elsewhere: services ~/pause, ~/resume and ~/toggle_paused of the node
@@ -68,6 +68,7 @@ def play(
     # Imported here so that `soro --help` works without ROS.
     from soro_core.bag import BagReader
     from soro_core.bag.config import PlayerConfig
+    from soro_core.bag.decode import check_encoding
     from soro_core.config import parse
     from soro_ros.node_process import run_node
     from soro_ros.nodes.player import Player
@@ -90,7 +91,10 @@ def play(
     }
     try:
         config = parse(options, PlayerConfig, where="soro play")
-        BagReader(bag).close()
+        with BagReader(bag) as reader:
+            if all(topic.serialization_format != "cdr" for topic in reader.topics):
+                for topic in reader.topics[:1]:
+                    check_encoding(topic, bag)
     except (ConfigError, BagError) as error:
         typer.echo(f"soro: {error}", err=True)
         raise typer.Exit(2) from None

@@ -8,7 +8,8 @@ from bag_samples import STORE, TOPICS, cdr, joint_state, random_messages, read_a
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
-from soro_core.bag import BackgroundWriter, BagReader, BagWriter
+from soro_core.bag import BackgroundWriter, BagReader, BagWriter, part
+from soro_core.bag.chunks import unpack
 from soro_core.errors import BagError
 from tests.refused import fails
 
@@ -198,3 +199,19 @@ def test_stored_paths_do_not_depend_on_where_the_bag_lies(tmp_path):
     assert str(tmp_path) not in (bag / "metadata.yaml").read_text()
     assert len(read_all(bag.rename(tmp_path / "elsewhere"))) == 3
     assert isinstance(bag, Path)
+
+
+def test_the_first_message_and_one_in_the_middle_need_one_chunk_each(tmp_path, monkeypatch):
+    """However long the bag is: by its index only the chunks of that time are unpacked."""
+    messages = random_messages(8, 2000)
+    bag = write_bag(tmp_path / "run", messages, chunk_bytes=5000)
+    unpacked = []
+    monkeypatch.setattr(part, "unpack", lambda chunk: unpacked.append(chunk) or unpack(chunk))
+    with BagReader(bag) as reader:
+        assert len(reader.parts[0].blocks) > 50
+        assert next(reader.messages()) == messages[0]
+        assert 1 <= len(unpacked) <= 2
+        middle = messages[1000]
+        found = next(reader.messages(start_ns=middle.log_time_ns))
+        assert found.log_time_ns == middle.log_time_ns
+        assert len(unpacked) <= 4

@@ -259,10 +259,11 @@ def test_messages_of_another_encoding_are_named(soro, tmp_path, encoding, words)
         for kind in ("std", "lab")
     }
     bag = write(tmp_path / "bag", topics)
-    for arguments in (("bag", "convert", bag, tmp_path / "out"), ("plot", bag, "-t", "/std")):
+    commands = ("bag", "convert", bag, tmp_path / "out"), ("plot", bag, "-t", "/std"), ("play", bag)
+    for arguments in commands:
         ended = soro(*map(str, arguments))
         assert ended.status == 2
-        assert "/std: messages are " in ended.err
+        assert ": messages are " in ended.err
         assert words in ended.err
     assert not (tmp_path / "out").exists()
     assert soro("bag", "info", str(bag)).status == 0
@@ -304,3 +305,13 @@ def test_a_sqlite_bag_is_shown_converted_and_drawn(soro, tmp_path):
         ended = soro("bag", "repair", str(path))
         assert ended.status == 2
         assert "sqlite3" in ended.err
+
+
+def test_commands_take_the_folder_of_a_run(soro, tmp_path):
+    about = definition("std_msgs/msg/Float64")
+    rows = [bytes(serialize_message(Float64(data=1.0)))]
+    write(tmp_path / "run" / "bag", {Topic("/f", "std_msgs/msg/Float64", about.text): rows})
+    for arguments in (("info",), ("repair",), ("convert", tmp_path / "out")):
+        ended = soro("bag", arguments[0], str(tmp_path / "run"), *map(str, arguments[1:]))
+        assert ended.status == 0, ended.err
+    assert len(table(tmp_path / "out" / "f.csv")) == 1

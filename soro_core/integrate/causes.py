@@ -65,9 +65,7 @@ def describe_at(code: int, arm: SoftArm, q: Array, when: str = "", carried: floa
         if elongation < _SHORT:
             when += f" in {found}"
         else:
-            cause = (
-                f"the load is so large that within one step, before which {found} was the shortest, {cause}"
-            )
+            cause = f"the load is so large that, within one step from {found}, {cause}"
     if code in BY_LOAD and carried < 1.0:
         cause += f": there is no equilibrium beyond {carried:.2%} of this load (weight, pressures, wrenches)"
         cure = "lower the load or the pressure, or stiffen the arm"

@@ -9,6 +9,8 @@ from soro_core.adaptation.learner import Learner, Sample
 from soro_core.config import find_config
 from soro_core.model.statics import equilibrium
 
+pytestmark = pytest.mark.numerics
+
 DT = 0.005
 
 

@@ -16,6 +16,8 @@ from soro_core.control.allocation import balanced_weight as weight_of_fields
 from soro_core.robot import robot_from_dict
 from soro_core.robot.coordinates import strain_fields
 
+pytestmark = pytest.mark.numerics
+
 MATERIAL = {"youngs_modulus": 1e6, "shear_modulus": 4e5}
 
 

@@ -1,6 +1,6 @@
 """The controller as a whole: commands are always finite and within bounds; references; nonsense."""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import control_samples
 import numpy as np

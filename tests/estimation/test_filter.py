@@ -13,6 +13,8 @@ from soro_core.estimation.kernel.update import FUSED
 from soro_core.estimation.known import Known
 from soro_core.integrate import State, make_stepper
 
+pytestmark = pytest.mark.numerics
+
 ROBOT = load_robot(find_config("tue_three_bellow", "robots"))
 NOISE = EstimatorConfig().process.model_dump()
 CONFIG = parse({"learned_process": NOISE}, EstimatorConfig, "test")

@@ -12,6 +12,8 @@ from soro_core.fem.newton import solve
 from soro_core.fem.part import make_part
 from tests.fem.moving_parts import SOFT
 
+pytestmark = pytest.mark.numerics
+
 
 def test_a_singular_matrix_has_no_factors():
     assert factorised(csc_array(np.ones((2, 2)))) is None

@@ -12,6 +12,8 @@ from soro_core.fem.part import make_part
 from soro_core.fem.states import Settings
 from tests.refused import fails
 
+pytestmark = pytest.mark.numerics
+
 SOFT = material_from_dict({"kind": "hyperelastic", "source": "a test", "c1_pa": 1e4, "poisson_ratio": 0.49})
 
 

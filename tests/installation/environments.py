@@ -1,9 +1,9 @@
 """Fresh environments in which soro runs: `make newest`, and `.ci/run` beside the tests.
 
-For each Python that pyproject.toml allows and this machine has, one with the newest packages; and one with the
-lowest that pyproject.toml states, on the oldest of them. In each, the wheel is installed and started in an
-empty folder for a run in lockstep, and tests of the model run on the installed package. Each environment
-compiles its own kernels, in a folder of its own.
+For each Python that pyproject.toml allows and this machine has, one with the newest packages; and one with
+the lowest that pyproject.toml states, on the oldest of them. In each the wheel is installed, tests of the
+model run on the installed package, and `soro run` in lockstep in an empty folder. Each environment compiles
+its own kernels, in a folder of its own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import time
 import tomllib
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -67,7 +67,7 @@ def lowest(lines: Iterable[str]) -> tuple[str, ...]:
 
 def requirements(project: dict) -> list[str]:
     """Return the lines of pyproject.toml's dependencies, those of its extras with them."""
-    return [*project["dependencies"], *sum(project["optional-dependencies"].values(), [])]
+    return [*project["dependencies"], *chain.from_iterable(project["optional-dependencies"].values())]
 
 
 def find_pythons(allowed: str) -> dict[str, Path | None]:
@@ -153,7 +153,7 @@ def _try(one: Environment, wheel: Path) -> str:
 
 
 def _run_in_lockstep(commands: Path, folder: Path, own: dict[str, str]) -> None:
-    """Run a scene; a part of a complex number that is dropped unseen, or a NaN from finite numbers, fails it."""
+    """Run a scene; an imaginary part that is dropped, or a NaN from finite numbers, fails it."""
     for number in range(100, 1, -1):
         if lock := machine_lock(f"domain-{number}", waits=False):
             break
@@ -171,7 +171,7 @@ def _project() -> dict:
 def main() -> int:
     """Try every environment, two at a time; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.partition(":")[0])
-    parser.add_argument("--only", default="", help="part of the names of environments, such as 3.12 or lowest")
+    parser.add_argument("--only", default="", help="part of the names, such as 3.12 or lowest")
     parser.add_argument("--beyond", nargs="*", default=[], help="packages to raise past the limits of soro")
     given = parser.parse_args()
     project = _project()
@@ -202,11 +202,9 @@ def main() -> int:
                     failed += 1
                     print(f"{one.name}: FAILED: {error}", flush=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent, computed = (seconds / 60.0 for seconds in (time.monotonic() - begun, used.ru_utime + used.ru_stime))
-    print(
-        f"environments: {len(environments) - failed} good, {failed} bad "
-        f"({spent:.1f} min, {computed:.1f} min of CPU time)"
-    )
+    spent, computed = (time.monotonic() - begun) / 60.0, (used.ru_utime + used.ru_stime) / 60.0
+    result = f"{len(environments) - failed} good, {failed} bad"
+    print(f"environments: {result} ({spent:.1f} min, {computed:.1f} min of CPU time)")
     return 1 if failed or not environments else 0
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.installation.source_tree import ROOT, copy_sources
 
 pytest.importorskip("setuptools", reason="setuptools is not installed; colcon brings it")
 
@@ -51,10 +51,7 @@ def colcon():
 @pytest.mark.parametrize("options", [(), ("--symlink-install",)], ids=["copies", "links"])
 def test_colcon_installs_nodes_and_files(colcon, tmp_path, options):
     source = tmp_path / "src/soro"
-    parts = ("soro_core", "soro_ros", "config", "lib", "resource", "params")
-    for part in (*parts, "setup.py", "pyproject.toml", "package.xml", "README.md", "LICENSE"):
-        copy = shutil.copytree if (ROOT / part).is_dir() else shutil.copy2
-        copy(ROOT / part, (source / part).parent / part)
+    copy_sources(source)
     build = ["build", "--packages-select", "soro_ros", *options]
     done = subprocess.run([colcon, *build], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

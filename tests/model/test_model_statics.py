@@ -8,6 +8,8 @@ from soro_core.errors import ModelError
 from soro_core.model.statics import equilibrium
 from tests.refused import fails
 
+pytestmark = pytest.mark.numerics
+
 LENGTH = 0.2
 ROD = {
     "radius": 0.01,

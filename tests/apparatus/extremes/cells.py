@@ -84,8 +84,8 @@ def _grid() -> Iterator[Cell]:
     """Stiffness by step by links by curvature, without and with losses, default stepper."""
     for loss, n, modulus, turns, dt in product((0.0, RUBBER_S), (1, 4, 16, 32), MODULI, TURNS, STEPS):
         group = f"Release, {'rubber' if loss else 'no losses'}, {n} links"
-        # Stiffest, most bent and without losses, at the longest step: the last digit of a node of the quadrature
-        # decides between the two ends.
+        # Stiffest, most bent and without losses, at the longest step: the last digit of a node of the
+        # quadrature decides between the two ends.
         on_edge = not loss and (n, modulus, turns, dt) == (16, max(MODULI), max(TURNS), 5e-3)
         inside = n <= 16 and dt <= 5e-3 and not on_edge
         task = Release(Arm(n, modulus, loss_s=loss), turns=turns, dt=dt, steps=100)

@@ -22,6 +22,9 @@ from soro_ros.frame_check import FrameCheck
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.sample_inputs import SampleInputs
 
+# Clocks of two computers differ by less.
+_FUTURE_NS = 1_000_000_000
+
 
 class EstimatorTicks:
     """Runs the filter at each chambers/state; in lockstep it first waits for the samples of that tick.
@@ -99,7 +102,13 @@ class EstimatorTicks:
             self.malformed += 1
             self._ports.warn(f"chambers/state refused: {error}")
             return
-        self._pressures.append((messages.to_ns(message.header.stamp), pressure))
+        stamp_ns = messages.to_ns(message.header.stamp)
+        ahead_ns = 0 if self._lockstep else stamp_ns - self._ports.now_ns()
+        if ahead_ns > _FUTURE_NS:  # taken, it would make all later ones old
+            self.malformed += 1
+            self._ports.warn(f"chambers/state refused: {ahead_ns * 1e-9:.3f} s in the future")
+            return
+        self._pressures.append((stamp_ns, pressure))
         self._process(new_pressure=True)
 
     # One step --------------------------------------------------------------------------------------

@@ -164,6 +164,9 @@ def test_estimator(domain):
         assert not raised, "\n".join(raised)
         for messages_ in sent:
             assert_finite(messages_)
+        for k in range(10_001, 10_021):
+            last_ns = good(k)
+        assert messages.to_ns(sent[0][-1].header.stamp) == last_ns, "it goes on"
 
 
 def test_controller(domain):

@@ -9,7 +9,8 @@ from typing import Any
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soro_core.bag import BagMessage, BagReader, Topic
-from soro_core.bag.decode import Decoder, Fields, check_encoding, is_empty_message
+from soro_core.bag.decode import Decoder, Fields, is_empty_message
+from soro_core.bag.topics import check_encoding
 from soro_core.errors import BagError
 from soro_ros.interfaces import definition, message_class, type_name
 

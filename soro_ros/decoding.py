@@ -9,7 +9,8 @@ from typing import Any
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soro_core.bag import BagMessage, BagReader, Topic
-from soro_core.bag.decode import Decoder, Fields, check_encoding, is_empty_message
+from soro_core.bag.decode import Decoder, Fields, is_empty_message
+from soro_core.bag.topics import check_encoding
 from soro_core.errors import BagError
 from soro_ros.interfaces import definition, message_class, type_name
 
@@ -132,7 +133,21 @@ def reading(topic: Topic, kind: type[Any] | None, bag: Path) -> Read:
 
 
 def playing(topic: Topic, kind: type[Any], bag: Path) -> Callable[[bytes], bytes]:
-    """Return the function that gives the bytes to publish as a class from recorded ones; see `reading`."""
+    """Return the function that gives the bytes to publish from recorded ones.
+
+    Parameters
+    ----------
+    topic : Topic
+    kind : type
+        Installed class of its messages.
+    bag : Path
+        Where it is recorded, for errors.
+
+    Raises
+    ------
+    BagError
+        As in `reading`.
+    """
     check_encoding(topic, bag)
     decoder, difference = _compared(topic, kind, bag)
     if decoder is None:

@@ -175,8 +175,15 @@ def read(bag: Path, namespace: str) -> Recording:
 
 
 def arms(bag: Path) -> tuple[str, ...]:
-    """Return the namespaces in a bag that have topics of an arm; ``""`` for none before them."""
+    """Return the namespaces in a bag that have topics of an arm; ``""`` for none before them.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read, or its messages are not those of ROS 2.
+    """
     with BagReader(bag) as reader:
+        reader.check_encodings()
         found = [
             topic.name[: -len(shown) - 1].strip("/")
             for topic, count in zip(reader.topics, reader.counts, strict=True)

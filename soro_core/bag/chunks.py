@@ -96,11 +96,10 @@ def message_key(content: memoryview, start: int) -> tuple[int, int]:
     return channel_id, log_time
 
 
-def message_at(content: memoryview, start: int, end: int) -> Message:
-    """Return the message at a position."""
-    head = start + PREFIX.size
-    channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(content, head)
-    data = bytes(content[head + _MESSAGE.size : end])
+def message_of(record: memoryview) -> Message:
+    """Return the message of a record."""
+    channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(record, PREFIX.size)
+    data = bytes(record[PREFIX.size + _MESSAGE.size :])
     return Message(channel_id, log_time, data, publish_time, sequence)
 
 

@@ -17,7 +17,7 @@ from rosbags.typesys import (
 )
 from rosbags.typesys.store import Typestore
 
-from soro_core.bag.topics import Topic
+from soro_core.bag.topics import Topic, check_encoding
 from soro_core.errors import BagError
 
 # Fields of each type that a definition has, with the names of types that generated Python classes have:
@@ -27,7 +27,6 @@ Fields: TypeAlias = Mapping[str, tuple[tuple[str, str], ...]]
 # Longest definition [B], most elements of a fixed array, most types within types: more can exhaust a reader.
 _LONGEST, _LARGEST, _DEEPEST = 1 << 18, 1 << 16, 20
 _RULE = "=" * 80 + "\n"
-_ENCODINGS = {"json": "JSON", "ros1": "ROS 1", "protobuf": "Protobuf", "flatbuffer": "FlatBuffers"}
 _NAMES = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet", "char": "uint8"}
 
 
@@ -78,14 +77,6 @@ class Decoder:
         except Exception as error:  # of generated code
             text = " ".join(str(error).split()) or type(error).__name__
             raise BagError(text, self._bag, "damaged", self._topic.name) from None
-
-
-def check_encoding(topic: Topic, bag: Path) -> None:
-    """Raise BagError, which says what they are, if the messages of a topic are not those of ROS 2."""
-    kind = topic.serialization_format
-    if kind != "cdr":
-        what = _ENCODINGS.get(kind, f"serialised as {kind!r:.40}" if kind else "of an unknown encoding")
-        raise BagError(f"messages are {what}; allowed: ROS 2 messages (cdr)", bag, "format", topic.name)
 
 
 def is_empty_message(data: bytes, has_no_fields: bool) -> bool:

@@ -16,7 +16,7 @@ from mcap import records as kinds
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Message, Schema
 
-from soro_core.bag.chunks import inner, message_at, message_key, unpack, unpack_cut
+from soro_core.bag.chunks import inner, message_key, message_of, unpack, unpack_cut
 from soro_core.bag.records import PREFIX, Damage, Source
 from soro_core.errors import BagError
 
@@ -122,7 +122,16 @@ class Part:
         return [f"{self.path.name}: {line}" for line in (*lines, *self.remarks)]
 
     def note(self, position: int, damage: Damage | str, left_out: bool = True) -> None:
-        """Note damage at a position in the file [B], and whether something is left out for it."""
+        """Note damage.
+
+        Parameters
+        ----------
+        position : int
+            Position in the file [B].
+        damage : Damage or str
+        left_out : bool
+            Whether data is left out for it.
+        """
         self.lossy |= left_out
         known, text = self._damages[left_out], str(damage)
         if text not in known and len(known) >= _MOST_TEXTS:
@@ -207,7 +216,7 @@ class Part:
                     found.append((log_time, start, end))
         found.sort(key=itemgetter(0))
         for _, start, end in found:
-            yield message_at(content, start, end)
+            yield message_of(content[start:end])
 
     def lose(self, block: Block, damage: Damage) -> None:
         """Note a block that the index names and that is damaged, once."""
@@ -226,7 +235,20 @@ class Part:
         return unpack(chunk)
 
     def record(self, opcode: int, start: int, end: int | None = None) -> kinds.McapRecord:
-        """Return a record that the index or a walk has found; raise Damage if another one is there."""
+        """Return a record that the index or a walk has found.
+
+        Parameters
+        ----------
+        opcode : int
+            Its kind.
+        start, end : int
+            Its place [B]; without an end that of its length.
+
+        Raises
+        ------
+        Damage
+            If another record is there.
+        """
         prefix = self.source.prefix(start)
         if prefix is None or prefix.opcode != opcode:
             raise Damage("another record is here")

@@ -17,7 +17,7 @@ from soro_core.bag.metadata import Metadata
 from soro_core.bag.part import Block, Part
 from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
-from soro_core.bag.topics import Qos, Topic, qos_from
+from soro_core.bag.topics import Qos, Topic, check_encoding, encoding, qos_from
 from soro_core.errors import BagError
 
 _ENDINGS, _SQLITE = (".mcap", ".mcap.zstd"), ".db3"
@@ -110,6 +110,12 @@ class BagReader:
         """Close the files; may be called again."""
         for part in self.parts:
             part.close()
+
+    def check_encodings(self) -> None:
+        """Raise BagError, which says what they are, if no message is one of ROS 2."""
+        if all(encoding(topic) for topic in self.topics):
+            for topic in self.topics:
+                check_encoding(topic, self.path)
 
     def topic(self, name: str) -> Topic:
         """Return the topic of a name; raise BagError if there is none."""

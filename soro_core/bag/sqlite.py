@@ -27,7 +27,15 @@ class SqlitePart(Part):
     def messages(
         self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64
     ) -> Iterator[Message]:
-        """Yield messages of a stretch of time; see `Part.messages`."""
+        """Yield messages of a stretch of time.
+
+        Parameters
+        ----------
+        block : Block
+        channels : collection of int, optional
+        low, high : int
+            As in `Part.messages`.
+        """
         listed = list(enumerate(self.database.connections))
         wanted = [connection for number, connection in listed if channels is None or number in channels]
         numbers = {connection.id: number for number, connection in listed}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -31,6 +32,7 @@ _POLICIES: dict[str, tuple[str, ...]] = {
 _MAX_DEPTH = 20
 # Longest YAML; that of a thousand topics has 0.6 MB.
 _MOST_TEXT = 1 << 21
+_ENCODINGS = {"json": "JSON", "ros1": "ROS 1", "protobuf": "Protobuf", "flatbuffer": "FlatBuffers"}
 _QOS_KEY = "offered_qos_profiles"
 # What middlewares of before 2021 wrote for an infinite duration.
 _OLD_INFINITE = ((0x7FFFFFFF, 0xFFFFFFFF), (0x7FFFFFFF, 0x7FFFFFFF))
@@ -112,6 +114,20 @@ class Topic:
     type_hash: str = ""
     qos: tuple[Qos, ...] = ()
     serialization_format: str = "cdr"
+
+
+def encoding(topic: Topic) -> str:
+    """Return how the messages of a topic are written, in words; "" for those of ROS 2."""
+    kind = topic.serialization_format
+    if kind == "cdr":
+        return ""
+    return _ENCODINGS.get(kind, f"serialised as {kind!r:.40}" if kind else "of an unknown encoding")
+
+
+def check_encoding(topic: Topic, bag: Path) -> None:
+    """Raise BagError, which says what they are, if the messages of a topic are not those of ROS 2."""
+    if what := encoding(topic):
+        raise BagError(f"messages are {what}; allowed: ROS 2 messages (cdr)", bag, "format", topic.name)
 
 
 def load_yaml(text: str) -> Any:

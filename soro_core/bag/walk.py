@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import io
-import re
 import struct
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,24 +14,13 @@ from mcap.records import AttachmentIndex, Chunk
 from soro_core.bag.chunks import inner, message_key, most, unpack
 from soro_core.bag.part import CUT, MOST_DESCRIBED, OUTSIDE, Block, Part
 from soro_core.bag.records import MAGIC, PREFIX, PRIVATE, Damage, Prefix, Source, length_of
+from soro_core.bag.search import LEAST_MESSAGE, MESSAGE, Search
 from soro_core.errors import BagError
 
-# Begin of a message: kind, length, channel, sequence, log time.
-_MESSAGE = struct.Struct("<BQHIQ")
-_LEAST_MESSAGE = 22
-# Messages behind each other are at most this far apart [ns].
-_NEAR_NS = 3600 * 10**9
 # Size of blocks of messages outside chunks [B].
 _RUN_BYTES = 1 << 20
-# Kind, length, times, size, checksum and compression of a chunk; the end of the data; a message.
-_CHUNK = re.compile(
-    rb"\x06(?=.{5}\0{3}.{22}\0\0.{4}(?:\x04\0{3}zstd|\x03\0{3}lz4|\0{4}).{6}\0\0)|\x0f(?=\x04\0{7}.{4}[\x02-\x0e])",
-    re.DOTALL,
-)
-_LOOSE = re.compile(rb"\x05(?=.{5}\0{3})", re.DOTALL)
-_WINDOW, _LARGEST_WINDOW, _OVERLAP = 1 << 16, 1 << 22, 80
-# Work that a file may ask for: places to search behind, candidates of a search, bytes read in doubt.
-_MOST_SEARCHES, _MOST_TRIES, _MOST_DOUBTED = 500, 500_000, 1 << 28
+# Most bytes that are read of records whose length leads nowhere.
+_MOST_DOUBTED = 1 << 28
 
 
 def walk(part: Part, places: Sequence[int] = (), has_chunks: bool = False, proven: bool = False) -> None:
@@ -65,15 +52,15 @@ def walk(part: Part, places: Sequence[int] = (), has_chunks: bool = False, prove
 class _Walk:
     def __init__(self, part: Part, places: Sequence[int], has_chunks: bool, proven: bool) -> None:
         self._part, self._source = part, part.source
-        self._places, self._proven = places, proven
+        self._search, self._proven = Search(part, places), proven
         # Number and digest of the messages of each channel in the last chunk that have had no index;
         # None where that chunk is lost.
         self._index: dict[int, tuple[int, int]] | None = {}
         self._unknown: set[int] = set()
         # Of the work that a file may ask for.
         self._unknown_count = self._unpacked = self._records = self._indexes = 0
-        self._searches = self._tries = self._doubted = 0
-        self._has_chunks, self._has_index = has_chunks, bool(places)
+        self._doubted = 0
+        self._has_chunks = has_chunks
         self._data_ended = self._is_cut = False
 
     def run(self) -> None:
@@ -154,9 +141,9 @@ class _Walk:
     def _behind(self, position: int, prefix: Prefix | None) -> int:
         """Go on behind bytes that are no record: return the position of the next one, or the end."""
         part = self._part
-        found = self._next(position)
+        found = self._search.next(position, self._has_chunks)
         if found is not None:
-            if prefix is not None and prefix.end + PREFIX.size < found and self._is_next(prefix):
+            if prefix is not None and prefix.end + PREFIX.size < found and self._search.is_next(prefix):
                 # The next message is damaged, not this one.
                 position = self._take_messages(position, once=True)
             part.note(position, f"{found - position} bytes cannot be read")
@@ -172,54 +159,6 @@ class _Walk:
             f"the end is missing: no whole record from byte {position} of {part.size} on{kept}"
         )
         return part.size
-
-    def _next(self, position: int) -> int | None:
-        """Return where the next record begins, by the index or by a search; None for nowhere."""
-        later = self._places[bisect_right(self._places, position) :]
-        place = next((place for place in later if self._source.begins_record(place)), None)
-        if place is not None and self._has_chunks:
-            return place
-        self._searches += 1
-        if self._searches > _MOST_SEARCHES:
-            self._part.over = f"more than {_MOST_SEARCHES} damaged places"
-            return self._part.size
-        found = None if self._has_index else self._search(position + 1, _CHUNK)
-        if found is None and not self._has_chunks:
-            found = self._search(position + 1, _LOOSE)
-        return min((each for each in (place, found) if each is not None), default=None)
-
-    def _search(self, position: int, pattern: re.Pattern[bytes]) -> int | None:
-        source, size, length = self._source, self._part.size, _WINDOW
-        while position < size:
-            window = source.bytes(position, min(position + length + _OVERLAP, size))
-            for match in pattern.finditer(window):
-                self._tries += 1
-                if match.start() >= length or self._tries > _MOST_TRIES:
-                    break
-                prefix = source.prefix(position + match.start())
-                if prefix is None or prefix.end > size or not source.begins_record(prefix.end, is_cut=True):
-                    continue
-                if prefix.opcode != Opcode.MESSAGE or self._is_message(prefix):
-                    return prefix.start
-            position, length = position + length, min(2 * length, _LARGEST_WINDOW)
-        return None
-
-    def _is_message(self, prefix: Prefix) -> bool:
-        if prefix.end - prefix.start < PREFIX.size + _LEAST_MESSAGE:
-            return False
-        return self._head(prefix.start)[0] in self._part.channels
-
-    def _is_next(self, prefix: Prefix) -> bool:
-        """Whether a message is followed by another one, whatever that one's kind and length say."""
-        if prefix.opcode != Opcode.MESSAGE or not self._is_message(prefix):
-            return False
-        channel_id, log_time = self._head(prefix.end)
-        return channel_id in self._part.channels and abs(log_time - self._head(prefix.start)[1]) < _NEAR_NS
-
-    def _head(self, position: int) -> tuple[int, int]:
-        """Return channel and log time of a message at a position."""
-        raw = self._source.bytes(position, min(position + _MESSAGE.size, self._part.size))
-        return _MESSAGE.unpack(raw.ljust(_MESSAGE.size, b"\0"))[2::2]
 
     # Records -----------------------------------------------------------------------------------
     def _take(self, prefix: Prefix, record: kinds.McapRecord) -> None:
@@ -258,10 +197,10 @@ class _Walk:
         part, source = self._part, self._source
         window = source.bytes(position, min(position + _RUN_BYTES, part.size))
         at, low, high = 0, 1 << 64, 0
-        while at + _MESSAGE.size <= len(window):
-            opcode, length, channel_id, _, log_time = _MESSAGE.unpack_from(window, at)
+        while at + MESSAGE.size <= len(window):
+            opcode, length, channel_id, _, log_time = MESSAGE.unpack_from(window, at)
             end = at + PREFIX.size + length
-            if opcode != Opcode.MESSAGE or length < _LEAST_MESSAGE or position + end > part.size:
+            if opcode != Opcode.MESSAGE or length < LEAST_MESSAGE or position + end > part.size:
                 break
             sound = once or source.begins_record(position + end, is_cut=True)
             if not sound or self._is_other(channel_id, window, at):

@@ -108,6 +108,8 @@ def _fail(error: SoroError) -> NoReturn:
 
 
 def _print_info(console: Console, reader: BagReader, full: bool) -> None:
+    from soro_core.bag.topics import encoding
+
     seconds = (reader.end_ns - reader.start_ns) / 1e9
     about = Table.grid(padding=(0, 2))
     about.add_row("bag", str(reader.path))
@@ -141,7 +143,8 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
         rate = f"{(count - 1) / seconds:.1f}" if count > 1 and seconds > 0 else ""
         type_hash = [_plain(topic.type_hash)] if full else []
         offers = ", ".join(map(_qos, topic.qos))
-        table.add_row(_plain(topic.name), _plain(topic.type), offers, *type_hash, str(count), rate)
+        kind = topic.type + (f" ({written})" if (written := encoding(topic)) else "")
+        table.add_row(_plain(topic.name), _plain(kind), offers, *type_hash, str(count), rate)
     console.print(table)
     if len(reader.topics) > _MOST_ROWS:
         console.print(f"and {len(reader.topics) - _MOST_ROWS} more topics", highlight=False)

@@ -68,7 +68,6 @@ def play(
     # Imported here so that `soro --help` works without ROS.
     from soro_core.bag import BagReader
     from soro_core.bag.config import PlayerConfig
-    from soro_core.bag.decode import check_encoding
     from soro_core.config import parse
     from soro_ros.node_process import run_node
     from soro_ros.nodes.player import Player
@@ -92,9 +91,7 @@ def play(
     try:
         config = parse(options, PlayerConfig, where="soro play")
         with BagReader(bag) as reader:
-            if all(topic.serialization_format != "cdr" for topic in reader.topics):
-                for topic in reader.topics[:1]:
-                    check_encoding(topic, bag)
+            reader.check_encodings()
     except (ConfigError, BagError) as error:
         typer.echo(f"soro: {error}", err=True)
         raise typer.Exit(2) from None

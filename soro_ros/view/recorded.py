@@ -35,6 +35,7 @@ def namespace_of(reader: BagReader, wanted: str) -> str:
     BagError
         If no arm, or more than one, is recorded and `wanted` names none of them.
     """
+    reader.check_encodings()
     found = sorted(
         topic.name.removesuffix(f"/{PRESSURES}")
         for topic in reader.topics

@@ -20,7 +20,7 @@ from made_recordings import (
     robot,
     write_bag,
 )
-from rosbags.rosbag2 import Reader
+from rosbags.rosbag2 import Reader, Writer
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
@@ -293,3 +293,20 @@ def test_a_definition_that_does_not_fit_is_refused_by_name(tmp_path, definition,
     bag = redefined(tmp_path, definition, lambda state: b"\0\1\0\0")
     with fails(BagError, "/arm/chambers/state", words, file=str(bag)):
         read_bag(bag, robot())
+
+
+def test_a_sqlite_bag_gives_the_same(tmp_path):
+    """rosbag2's storage before Iron; the folder, and the file alone."""
+    plain = write_bag(tmp_path / "plain", arm_topics())
+    with BagReader(plain) as reader, Writer(tmp_path / "bag", version=9) as writer:
+        connections = {
+            topic.name: writer.add_connection(topic.name, topic.type, typestore=STORE)
+            for topic in reader.topics
+        }
+        for item in reader.messages():
+            writer.write(connections[item.topic], item.log_time_ns, item.data)
+    expected = read_bag(plain, robot())
+    for path in (tmp_path / "bag", tmp_path / "bag" / "bag.db3"):
+        found = read_bag(path, robot())
+        np.testing.assert_array_equal(found.pressure.values, expected.pressure.values)
+        np.testing.assert_array_equal(found.plates[0].table(), expected.plates[0].table())

@@ -259,14 +259,25 @@ def test_messages_of_another_encoding_are_named(soro, tmp_path, encoding, words)
         for kind in ("std", "lab")
     }
     bag = write(tmp_path / "bag", topics)
-    commands = ("bag", "convert", bag, tmp_path / "out"), ("plot", bag, "-t", "/std"), ("play", bag)
+    robot = "tue_three_bellow"
+    commands = (
+        ("bag", "convert", bag, tmp_path / "out"),
+        ("plot", bag, "-t", "/std"),
+        ("plot", bag),
+        ("report", bag),
+        ("play", bag),
+        ("view", bag, "--robot", robot),
+        ("identify", robot, bag, "--out", tmp_path / "found.yaml"),
+    )
     for arguments in commands:
         ended = soro(*map(str, arguments))
         assert ended.status == 2
         assert ": messages are " in ended.err
         assert words in ended.err
     assert not (tmp_path / "out").exists()
-    assert soro("bag", "info", str(bag)).status == 0
+    told = soro("bag", "info", str(bag))
+    assert told.status == 0
+    assert f"std_msgs/msg/Float64 ({words}" in told.out or words == "'x'"
 
 
 def database(folder: Path, rows: Mapping[str, Sequence[Any]]) -> Path:

@@ -66,7 +66,7 @@ def test_what_is_no_bag_says_so_and_not_that_a_robot_is_missing(tmp_path, capsys
     with pytest.raises(typer.Exit) as ended:
         view(tmp_path, robot="", namespace="", port=18480, rate=20.0, trail=10.0)
     assert ended.value.exit_code == 2
-    assert "no .mcap file" in capsys.readouterr().err
+    assert "no .mcap or .db3 file" in capsys.readouterr().err
 
 
 def test_play_pause_and_the_slider_set_the_time(recorded):

@@ -72,6 +72,7 @@ def read_bag(
     folder = folder / "bag" if (folder / "bag").is_dir() else folder
     where = str(folder)
     with BagReader(folder) as reader:
+        reader.check_encodings()
         counted = zip(reader.topics, reader.counts, strict=True)
         # A twin without IMUs still announces their topic.
         types = {topic.name: topic.type for topic, count in counted if count}

@@ -22,7 +22,7 @@ NAMES = ["t", "pa (kPa)", "pb", "angle"]
 MAP = parse(
     {
         "pressures": {"unit": "kPa", "columns": {CHAMBERS[0]: "pa (kPa)", CHAMBERS[1]: "pb"}},
-        "bends": {"bent": {"column": "angle", "unit": "deg"}},
+        "bends": {"bent": {"column": "angle", "unit": "deg", "towards": "y"}},
     },
     Columns,
     where="map.yaml",

@@ -44,7 +44,14 @@ def inverse(matrix: Array, least: float = LEAST, of: Array | None = None) -> Arr
 
 
 def solve(matrix: Array, right: Array, least: float = LEAST, of: Array | None = None) -> Array:
-    """Return the solution x (n, ...) of `matrix` x = `right`; errors and the rest are those of `inverse`."""
+    """Return the solution x (n, ...) of `matrix` x = `right`.
+
+    Parameters
+    ----------
+    matrix, least, of : ndarray (n, n), float, ndarray or None
+        As in `inverse`, which says what is refused.
+    right : ndarray (n, ...)
+    """
     inverse(matrix, least, of)
     return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
 

@@ -76,8 +76,11 @@ class GivenReferences:
     ) -> Reference:
         """Return a reference from a JointTrajectory that starts at `t` [s].
 
-        Parameters beside those of `trajectory_reference`:
-
+        Parameters
+        ----------
+        t : float
+            Time of the start [s].
+        names, times_s, positions, velocities, accelerations, stamp_ns : as in `trajectory_reference`
         state : ControllerState or None
             Its reference is where the arm begins; None: straight, with nothing learned.
 

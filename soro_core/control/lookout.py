@@ -136,7 +136,14 @@ class Lookout:
 
 
 def line(begin: Array, end: Array, where: str) -> Way:
-    """Return the straight way between coordinates (n_q,)."""
+    """Return the straight way between coordinates.
+
+    Parameters
+    ----------
+    begin, end : ndarray (n_q,)
+    where : str
+        Names it in an error.
+    """
     return Way(lambda x: np.asarray(begin + x * (end - begin)), _SHARES, lambda _: where)
 
 

@@ -46,7 +46,15 @@ class Shape:
 
 
 class UnevenShape(Shape):
-    """The shape of links that weight bends unevenly between their ends."""
+    """The shape of links that weight bends unevenly between their ends.
+
+    Parameters
+    ----------
+    uneven : Uneven
+        Of the arm without contact.
+    mass_kg : float
+        Mass at the tip beyond the robot file's [kg].
+    """
 
     def __init__(self, uneven: Uneven, mass_kg: float) -> None:
         super().__init__(uneven.varying, uneven.spread)
@@ -66,7 +74,16 @@ class UnevenShape(Shape):
 
 
 class UndrivenShape(Shape):
-    """The shape of an arm with coordinates that no chamber drives."""
+    """The shape of an arm with coordinates that no chamber drives.
+
+    Parameters
+    ----------
+    undriven : Undriven
+    force : callable
+        Force (n_q,) of the law at rest, at coordinates (n_q,).
+    actuation : callable
+        H (n_q, n_u) at coordinates (n_q,).
+    """
 
     def __init__(
         self, undriven: Undriven, force: Callable[[Array], Array], actuation: Callable[[Array], Array]

@@ -33,6 +33,7 @@ def marked():
     return [file for file in files if "pytest.mark.numerics" in file.read_text()]
 
 
+@pytest.mark.timeout(900)  # the first may compile kernels
 @pytest.mark.parametrize("kind", KINDS)
 def test_numbers_hold_under_the_kernels_of(kind):
     name, feature = KINDS[kind]

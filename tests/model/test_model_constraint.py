@@ -9,8 +9,6 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.model.statics import equilibrium
 from tests.refused import fails
 
-pytestmark = pytest.mark.numerics
-
 HELD = {"point": [0.02, 0.01, 0.08]}
 
 

@@ -67,7 +67,7 @@ class Supervisor:
         self._sign = os.memfd_create("soro supervisor")
         weakref.finalize(self, os.close, self._sign)
         self.lost = ""
-        self._is_ready = self._pressed = False
+        self._is_ready = self._pressed = self._stands_still = False
         self._told_s = self._since_s = time.monotonic()
         try:
             # Isolated, and in its own session: signals to the driver's group do not reach it.
@@ -106,10 +106,11 @@ class Supervisor:
             self._since_s = now_s
             if self._pressed:
                 self._lose(f"the driver stood still for {pause_s:.2f} s, so {_WHO} may have vented")
-        self._pressed = pressed
+        was_pressed, self._pressed = self._pressed, pressed
         if (silent_s := now_s - self._heard_s) > SILENCE_S:
+            self._stands_still = True
             self._lose(f"{_WHO} has stood still for {silent_s:.2f} s")
-        if not self.lost:
+        if (pressed or was_pressed) and not self.lost:
             self._say(b"+" if pressed else b"-")
         return self.is_alive
 
@@ -188,9 +189,7 @@ class Supervisor:
         """End the process at once, or, if the arm is not `vented`, after it has vented it."""
         self._say(b"end" if vented else b"left")
         self.control.close()
-        end_s = time.monotonic() + _END_LIMIT_S
-        if self.lost:  # it vents, or stands still
-            end_s = min(end_s, self._heard_s + SILENCE_S)
+        end_s = time.monotonic() + (0.0 if self._stands_still else _END_LIMIT_S)
         while self.process.poll() is None and time.monotonic() < end_s:
             time.sleep(_POLL_S)
         if vented and self.process.poll() is None:
@@ -218,6 +217,7 @@ class Supervisor:
         try:
             socket.send_fds(self.control, [message], descriptors)
         except BlockingIOError:
+            self._stands_still = True
             self._lose(f"{_WHO} reads no messages")
         except ConnectionError:
             self._lose(f"{_WHO} has ended, or vents because the driver stood still")

@@ -170,8 +170,8 @@ class GivenReferences:
         ConfigError
             With the key of the reference, the obstacle and the place.
         """
-        reference = self.configured
-        lookout = None if reference is None else self.lookout(law_state, start)
+        # Also without a reference: its kernels are compiled here, and not in the tick that looks first.
+        reference, lookout = self.configured, self.lookout(law_state, start)
         if reference is None or lookout is None:
             return
         try:

@@ -326,3 +326,21 @@ def test_commands_take_the_folder_of_a_run(soro, tmp_path):
         ended = soro("bag", arguments[0], str(tmp_path / "run"), *map(str, arguments[1:]))
         assert ended.status == 0, ended.err
     assert len(table(tmp_path / "out" / "f.csv")) == 1
+
+
+def test_the_cases_from_outside(soro, tmp_path, data):
+    """Files of an outside trial."""
+    root = data / "outside_cases"
+    if not root.is_dir():
+        pytest.skip(f"no cases in {root}")
+    ended = soro("bag", "convert", str(root / "bag_one_bad_message/onebad.mcap"), str(tmp_path / "a"))
+    assert (len(table(tmp_path / "a/good.csv")), len(table(tmp_path / "a/bad.csv"))) == (50, 49)
+    assert "1 of 50 messages" in ended.err
+    assert (
+        soro("bag", "convert", str(root / "bag_one_bad_message/empty.mcap"), str(tmp_path / "b")).status == 0
+    )
+    for name, words in (("json", "JSON"), ("json_rosname", "JSON"), ("ros1", "ROS 1")):
+        ended = soro("bag", "convert", str(root / f"bag_other_encodings/{name}.mcap"), str(tmp_path / "c"))
+        assert ended.status == 2
+        assert f"messages are {words}" in ended.err
+        assert len(ended.err.splitlines()) == 1

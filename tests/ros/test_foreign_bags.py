@@ -139,6 +139,19 @@ def test_a_definition_that_cannot_be_read_is_refused_by_name(soro, tmp_path, nam
     assert not (tmp_path / "out").exists()
 
 
+def test_two_definitions_of_one_topic_are_refused_by_name(soro, tmp_path):
+    """In two files of a bag: neither may be read by that of the other."""
+    rows = {"float64 data\n": b"\0\1\0\0" + bytes(8), "float32 data\n": b"\0\1\0\0" + bytes(4)}
+    for number, (text, row) in enumerate(rows.items()):
+        part = write(tmp_path / f"bag_{number}", {Topic("/f", "std_msgs/msg/Float64", text): [row]})
+        (tmp_path / "both").mkdir(exist_ok=True)
+        (part / f"bag_{number}_0.mcap").rename(tmp_path / "both" / f"bag_{number}.mcap")
+    ended = soro("bag", "convert", str(tmp_path / "both"), str(tmp_path / "out"))
+    assert ended.status == 2
+    assert "/f: the bag has several definitions of std_msgs/msg/Float64" in ended.err
+    assert soro("bag", "info", str(tmp_path / "both")).status == 0
+
+
 def test_a_message_is_played_as_the_installed_type_or_not_at_all(tmp_path):
     """The same definition byte for byte, one that fits by its fields, and what does not fit by name."""
     about = definition(JOINT)

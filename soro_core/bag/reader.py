@@ -17,7 +17,7 @@ from soro_core.bag.metadata import Metadata
 from soro_core.bag.part import Block, Part
 from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
-from soro_core.bag.topics import Qos, Topic, check_encoding, encoding, qos_from
+from soro_core.bag.topics import SEVERAL, Qos, Topic, check_encoding, encoding, qos_from
 from soro_core.errors import BagError
 
 _ENDINGS, _SQLITE = (".mcap", ".mcap.zstd"), ".db3"
@@ -190,6 +190,8 @@ class BagReader:
                 key = topic.name, topic.type
                 known, count = merged.get(key, (topic, 0))
                 qos = known.qos + tuple(item for item in topic.qos if item not in known.qos)
+                if known.definition and topic.definition not in ("", known.definition):
+                    known = replace(known, definition_encoding=SEVERAL)
                 merged[key] = replace(known, qos=qos), count + part.counts.get(channel_id, 0)
         ordered = [merged[key] for key in sorted(merged)]
         return tuple(topic for topic, _ in ordered), tuple(count for _, count in ordered)

@@ -32,6 +32,8 @@ _POLICIES: dict[str, tuple[str, ...]] = {
 _MAX_DEPTH = 20
 # Longest YAML; that of a thousand topics has 0.6 MB.
 _MOST_TEXT = 1 << 21
+# In place of the encoding of a definition, where files or channels of a bag contradict each other.
+SEVERAL = "several"
 _ENCODINGS = {"json": "JSON", "ros1": "ROS 1", "protobuf": "Protobuf", "flatbuffer": "FlatBuffers"}
 _QOS_KEY = "offered_qos_profiles"
 # What middlewares of before 2021 wrote for an infinite duration.
@@ -125,7 +127,9 @@ def encoding(topic: Topic) -> str:
 
 
 def check_encoding(topic: Topic, bag: Path) -> None:
-    """Raise BagError, which says what they are, if the messages of a topic are not those of ROS 2."""
+    """Raise BagError if the messages of a topic are not those of ROS 2, or not of one definition."""
+    if topic.definition_encoding == SEVERAL:
+        raise BagError(f"the bag has several definitions of {topic.type}", bag, "format", topic.name)
     if what := encoding(topic):
         raise BagError(f"messages are {what}; allowed: ROS 2 messages (cdr)", bag, "format", topic.name)
 

@@ -139,6 +139,19 @@ def test_a_definition_that_cannot_be_read_is_refused_by_name(soro, tmp_path, nam
     assert not (tmp_path / "out").exists()
 
 
+def test_two_definitions_of_one_topic_are_refused_by_name(soro, tmp_path):
+    """In two files of a bag: neither may be read by that of the other."""
+    rows = {"float64 data\n": b"\0\1\0\0" + bytes(8), "float32 data\n": b"\0\1\0\0" + bytes(4)}
+    for number, (text, row) in enumerate(rows.items()):
+        part = write(tmp_path / f"bag_{number}", {Topic("/f", "std_msgs/msg/Float64", text): [row]})
+        (tmp_path / "both").mkdir(exist_ok=True)
+        (part / f"bag_{number}_0.mcap").rename(tmp_path / "both" / f"bag_{number}.mcap")
+    ended = soro("bag", "convert", str(tmp_path / "both"), str(tmp_path / "out"))
+    assert ended.status == 2
+    assert "/f: the bag has several definitions of std_msgs/msg/Float64" in ended.err
+    assert soro("bag", "info", str(tmp_path / "both")).status == 0
+
+
 def test_a_message_is_played_as_the_installed_type_or_not_at_all(tmp_path):
     """The same definition byte for byte, one that fits by its fields, and what does not fit by name."""
     about = definition(JOINT)
@@ -326,3 +339,21 @@ def test_commands_take_the_folder_of_a_run(soro, tmp_path):
         ended = soro("bag", arguments[0], str(tmp_path / "run"), *map(str, arguments[1:]))
         assert ended.status == 0, ended.err
     assert len(table(tmp_path / "out" / "f.csv")) == 1
+
+
+def test_the_cases_from_outside(soro, tmp_path, data):
+    """Files of an outside trial."""
+    root = data / "outside_cases"
+    if not root.is_dir():
+        pytest.skip(f"no cases in {root}")
+    ended = soro("bag", "convert", str(root / "bag_one_bad_message/onebad.mcap"), str(tmp_path / "a"))
+    assert (len(table(tmp_path / "a/good.csv")), len(table(tmp_path / "a/bad.csv"))) == (50, 49)
+    assert "1 of 50 messages" in ended.err
+    assert (
+        soro("bag", "convert", str(root / "bag_one_bad_message/empty.mcap"), str(tmp_path / "b")).status == 0
+    )
+    for name, words in (("json", "JSON"), ("json_rosname", "JSON"), ("ros1", "ROS 1")):
+        ended = soro("bag", "convert", str(root / f"bag_other_encodings/{name}.mcap"), str(tmp_path / "c"))
+        assert ended.status == 2
+        assert f"messages are {words}" in ended.err
+        assert len(ended.err.splitlines()) == 1

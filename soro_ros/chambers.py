@@ -176,7 +176,8 @@ class ChamberInterface:
             self._refused(refusal)
 
     def _refused(self, reason: str) -> None:
-        self._node.get_logger().warning(f"command refused: {reason}", throttle_duration_sec=1.0)
+        line = messages.one_line(f"command refused: {reason}")
+        self._node.get_logger().warning(line, throttle_duration_sec=1.0)
 
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         cause = self._limiter.cause or self._limiter.why_stopped()

@@ -83,10 +83,15 @@ def pressures(message: JointState, names: Sequence[str]) -> Array:
     return np.array([given[name] for name in names], dtype=np.float64)
 
 
+def one_line(text: str) -> str:
+    """Return a text for a line of a log that quotes a message, whose strings may have any length and lines."""
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST_SHOWN else line[:_LONGEST_SHOWN] + " ..."
+
+
 def shown(names: Sequence[str]) -> str:
     """Return names for a line of a log, of which a message may have any number, of any length."""
-    text = str(list(names[:20]))
-    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + " ..."
+    return one_line(str(list(names[:20])))
 
 
 def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:

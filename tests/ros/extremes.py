@@ -9,7 +9,8 @@ from typing import Any
 from builtin_interfaces.msg import Time
 
 LARGE = (1e154, 1e200, 1.7976931348623157e308)
-NUMBERS = (-0.0, 5e-324, 1e-200, *LARGE, *(-x for x in LARGE), float("nan"), float("inf"), float("-inf"))
+TINY = (5e-324, 1e-200)
+NUMBERS = (-0.0, *TINY, *LARGE, *(-x for x in LARGE), float("nan"), float("inf"), float("-inf"))
 WORDS = ("", "x" * 10_000, "\u00fc\n")
 _INTEGERS = {"int8": 2**7, "int16": 2**15, "int32": 2**31, "int64": 2**63}
 _UNSIGNED = {"uint8": 2**8, "uint16": 2**16, "uint32": 2**32, "uint64": 2**64}

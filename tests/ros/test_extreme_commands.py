@@ -1,4 +1,4 @@
-"""Each field of the messages that the driver node reads, at its extremes: it lives, and no valve obeys them."""
+"""Each field of the messages that the driver node reads, at its extremes: it lives, no valve obeys."""
 
 import time
 from types import SimpleNamespace

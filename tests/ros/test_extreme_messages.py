@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
+from rclpy.time import Time
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -37,8 +39,8 @@ from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.nodes.viewer import Viewer
 from soro_ros.view.moment import TOPICS, Received
-from tests.ros.direct import active, captured, receive, request
-from tests.ros.extremes import LARGE, extremes
+from tests.ros.direct import active, captured, receive, request, values
+from tests.ros.extremes import LARGE, TINY, extremes
 from tests.ros.test_frames import CHAMBERS, COORDINATES, TICK_NS, upright
 
 HIGHEST_PA = 100e3
@@ -219,12 +221,15 @@ def test_shadow(domain):
 
 def test_exciter(domain):
     with active(ExciterNode, "pose_rate_hz:=200.0") as node:
-        commands = captured(node, "chambers/command")
+        commands, now_ns = captured(node, "chambers/command"), 10**18
+        node.get_clock = lambda: SimpleNamespace(now=lambda: Time(nanoseconds=now_ns))
 
         def good(k):
-            receive(node, "sensors/pose0", upright(k * TICK_NS, "world"))
-            receive(node, "chambers/state", pressures(EMPTY, k * TICK_NS))
-            return k * TICK_NS
+            nonlocal now_ns
+            now_ns = 10**18 + k * TICK_NS
+            receive(node, "sensors/pose0", upright(now_ns, "world"))
+            receive(node, "chambers/state", pressures(EMPTY, now_ns))
+            return now_ns
 
         good(0)
         assert request(node, "~/enable").success
@@ -239,6 +244,10 @@ def test_exciter(domain):
         assert not raised, "\n".join(raised)
         assert_finite(commands)
         assert all(0.0 <= x <= HIGHEST_PA for one in commands for x in one.effort)
+        node.diagnose()
+        assert (values(node)["phase"], values(node)["reason"]) == ("running", ""), "it goes on"
+        last_ns = good(1_000)
+        assert messages.to_ns(commands[-1].header.stamp) == last_ns
 
 
 def latch(stamp_ns):
@@ -347,7 +356,7 @@ def nested(name, value):
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
-@pytest.mark.parametrize("value", [*LARGE, *(-x for x in LARGE), np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [*LARGE, *TINY, *(-x for x in (*LARGE, *TINY)), np.nan, np.inf, -np.inf])
 def test_every_float_parameter_has_bounds(model, value):
     """At the start and by `ros2 param set`, which check a value in the same way."""
     accepted = []

@@ -139,7 +139,11 @@ class EstimatorTicks:
             return
         dt = self._seconds(stamp_ns) - self.state.t_s
         learned, self._learned = self._learned, None
+        refused = self.state.counts.invalid
         self.state, estimate = self.estimator.step(self.state, pressure, poses, imus, dt, learned)
+        if self.state.counts.invalid > refused:
+            found = self.state.counts.invalid
+            self._ports.warn(f"samples of sensors refused, with numbers of no arm: {found} since the start")
         self._ports.report(estimate.status.message or estimate.status.note)
         self._await(stamp_ns)
         publish("arm/covariance", learning.covariance(certainty_of(estimate), stamp_ns))

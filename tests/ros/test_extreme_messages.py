@@ -38,7 +38,8 @@ from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.nodes.viewer import Viewer
-from soro_ros.view.moment import TOPICS, Received
+from soro_ros.view.access import Access
+from soro_ros.view.moment import TOPICS, Moment, Received
 from tests.ros.direct import active, captured, receive, request, values
 from tests.ros.extremes import LARGE, TINY, extremes
 from tests.ros.test_frames import CHAMBERS, COORDINATES, TICK_NS, upright
@@ -286,14 +287,25 @@ def test_markers():
     assert not raised, "\n".join(raised)
 
 
-def test_viewer():
+@pytest.fixture
+def page():
+    pytest.importorskip("viser", reason="the extra `view` is not installed")
+    from soro_ros.view.page import Page
+    from soro_ros.view.server import ViewServer
+
+    server = ViewServer(Access(), 18480)
+    yield Page(server, load_robot("tue_three_bellow"))
+    server.stop()
+
+
+def test_viewer(page):
     raised, usual = [], drawn_messages()
     received = Received("/arm")
     for topic in TOPICS:
         for what, changed in extremes(usual[topic]):
             try:
                 received.take(topic, changed, 0.0)
-                received.moment(0.0)
+                page.show([Moment(), received.moment(0.0)], at_once=True)
                 for name in TOPICS:
                     received.take(name, usual[name], 0.0)
                 assert received.moment(0.0).error_m == 0.0

@@ -7,19 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from soro_core.errors import ConfigError
 from soro_core.yaml_text import LONGEST, read_value
 
-# Nothing of an arm is smaller, and its reciprocal and its square need be numbers too.
-SMALLEST = 1e-30
-
 
 class Strict(BaseModel):
     """Base of every configuration object: frozen, no unknown keys, no NaN, no silent conversions.
-
-    A number is 0, or not closer to it than `SMALLEST`.
 
     Raises
     ------
@@ -37,14 +32,6 @@ class Strict(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise _first(error, type(self), where=name) from None
-
-    @field_validator("*")
-    @classmethod
-    def _not_too_small(cls, value: Any) -> Any:
-        for number in value if isinstance(value, tuple) else (value,):
-            if isinstance(number, float) and 0.0 < abs(number) < SMALLEST:
-                raise ValueError(f"0, or a number of at least {SMALLEST:g} in size")
-        return value
 
     # A section inside another one is checked by the outer one, which knows its place.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]

@@ -231,7 +231,13 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     def create_subscription(
         self, kind: type[Any], topic: str, callback: Callable[..., None], *arguments: Any, **options: Any
     ) -> Subscription:
-        """Create a subscription; parameters as in rclpy, which itself subscribes to /clock with it."""
+        """Create a subscription; rclpy itself subscribes to /clock with it.
+
+        Parameters
+        ----------
+        kind, topic, callback, *arguments, **options : Any
+            As in rclpy.
+        """
         if kind is ClockMessage and not options.get("raw"):
             callback = with_possible_time(self, callback)
         return super().create_subscription(kind, topic, callback, *arguments, **options)

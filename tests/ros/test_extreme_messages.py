@@ -15,7 +15,6 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_core.config import parse
 from soro_core.control.laws import Certainty
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
@@ -361,12 +360,6 @@ MODELS = (
 )
 
 
-def nested(name, value):
-    """A parameter `a.b` as the mapping of a file."""
-    head, _, rest = name.partition(".")
-    return {head: nested(rest, value) if rest else value}
-
-
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
 @pytest.mark.parametrize("value", [*LARGE, *TINY, *(-x for x in (*LARGE, *TINY)), np.nan, np.inf, -np.inf])
 def test_every_float_parameter_has_bounds(model, value):
@@ -380,6 +373,6 @@ def test_every_float_parameter_has_bounds(model, value):
         else:
             continue
         with contextlib.suppress(ConfigError):
-            parse(nested(name, extreme), model, "test")
+            parameters.checked({name: extreme}, model, "test")
             accepted.append(name)
     assert not accepted

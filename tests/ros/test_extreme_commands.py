@@ -104,3 +104,13 @@ def test_regulator(driver, topic, monkeypatch):
     assert all(-5e3 <= x <= HIGHEST_PA for one in readings for x in one.effort)
     long = [one[:200] for one in said if len(one) > 500 or "\n" in one]
     assert not long, "\n".join(long)
+
+
+def test_a_command_that_comes_before_its_tick_answers_it(driver):
+    """Two topics have no common order: /clock may come last, also the first time."""
+    readings, it = captured(driver, "chambers/state"), Person(driver)
+    it.tick_ns = 10**10
+    for _ in range(3):
+        it.command(GOOD, it.tick_ns)
+        it.tick()
+    assert len(readings) == 3

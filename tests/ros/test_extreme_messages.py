@@ -2,13 +2,15 @@
 
 import contextlib
 import itertools
+import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from rclpy.time import Time
 from sensor_msgs.msg import Imu
@@ -37,6 +39,7 @@ from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.nodes.viewer import Viewer
+from soro_ros.pose_source import PoseSource
 from soro_ros.view.access import Access
 from soro_ros.view.moment import TOPICS, Moment, Received
 from tests.ros.direct import active, captured, receive, request, values
@@ -217,6 +220,9 @@ def test_shadow(domain):
         assert not raised, "\n".join(raised)
         for messages_ in sent:
             assert_finite(messages_)
+        for k in range(10_001, 10_021):
+            last_ns = good(k)
+        assert messages.to_ns(sent[1][-1].header.stamp) == last_ns, "it goes on"
 
 
 def test_exciter(domain):
@@ -344,6 +350,37 @@ def test_twin_of_measured_pressures(domain):
         raised = give_all(node, [("chambers/state", lambda t: pressures(WARM, t))], good)
         assert not raised, "\n".join(raised)
         assert_finite(sent)
+        for k in range(10_001, 10_021):
+            last_ns = good(k)
+        assert messages.to_ns(sent[-1].header.stamp) == last_ns, "it goes on"
+
+
+@pytest.fixture
+def tracker(domain):
+    """Publishes a pose every 20 ms, as a program of its own."""
+    context, ended = rclpy.Context(), threading.Event()
+    context.init()
+    node = rclpy.create_node("tracker", context=context)
+    publisher = node.create_publisher(PoseStamped, "/pose", 10)
+
+    def publish():
+        while not ended.wait(0.02):
+            publisher.publish(upright(TICK_NS, ""))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    ended.set()
+    thread.join()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_pose_of_a_command(tracker):
+    with PoseSource("/pose") as source:
+        for what, changed in extremes(upright(TICK_NS, "")):
+            source._on_pose(changed)
+            assert messages.is_possible(source.newest()), what
 
 
 MODELS = (

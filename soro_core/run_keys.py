@@ -30,7 +30,7 @@ class ClockKeys(Strict):
         "real_time",
         description="real_time, or lockstep: deterministic, as fast as possible, one step a tick of /clock",
     )
-    rate_hz: float = Field(200.0, gt=0, le=1000, description="ticks of the control loop a second")
+    rate_hz: float = Field(200.0, ge=1e-3, le=1000, description="ticks of the control loop a second")
 
 
 class RobotKeys(Strict):

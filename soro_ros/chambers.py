@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -68,8 +69,9 @@ class ChamberInterface:
         self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
         self._follow_shared_name, self._note = follow_shared_name, note
         self._reported: tuple[str | None, str | None] = None, None
-        self.seen_ns = -1
-        """Stamp of the latest message on chambers/command, accepted or not."""
+        self._seen_ns = -1
+        # Stamps ahead of the time: in lockstep a command may come before the tick that it answers.
+        self._early_ns: deque[int] = deque(maxlen=100)
         self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
         self._latch = node.create_publisher(DiagnosticStatus, "chambers/latch", qos.LATCHED)
         self._device = device
@@ -99,6 +101,18 @@ class ChamberInterface:
                 self._note(event, f"{now} ({self._device or NONE})")
         self._publish_latch()
         self._on_latch()
+
+    @property
+    def seen_ns(self) -> int:
+        """Stamp of the latest message on chambers/command, accepted or not, up to now.
+
+        One from the future would let a twin in lockstep run ahead until then.
+        """
+        due = [one for one in self._early_ns if one <= self._stamp_now_ns()]
+        for one in due:
+            self._early_ns.remove(one)
+        self._seen_ns = max(self._seen_ns, *due) if due else self._seen_ns
+        return self._seen_ns
 
     @property
     def second_publisher(self) -> str | None:
@@ -143,8 +157,10 @@ class ChamberInterface:
 
     def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
         stamp_ns = messages.to_ns(message.header.stamp)
-        # One from the future would let a twin in lockstep run ahead until then.
-        self.seen_ns = max(self.seen_ns, min(stamp_ns, self._stamp_now_ns()))
+        now_ns = self._stamp_now_ns()
+        self._seen_ns = max(self._seen_ns, min(stamp_ns, now_ns))
+        if stamp_ns > now_ns:
+            self._early_ns.append(stamp_ns)
         if message.name or message.effort:  # in lockstep an empty message means: no command at this tick
             try:
                 command = messages.pressures(message, self._limiter.names)
@@ -176,7 +192,8 @@ class ChamberInterface:
             self._refused(refusal)
 
     def _refused(self, reason: str) -> None:
-        self._node.get_logger().warning(f"command refused: {reason}", throttle_duration_sec=1.0)
+        line = messages.one_line(f"command refused: {reason}")
+        self._node.get_logger().warning(line, throttle_duration_sec=1.0)
 
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         cause = self._limiter.cause or self._limiter.why_stopped()

@@ -1,4 +1,4 @@
-"""Simulated time that does not come: a node whose clock stands at 0 says so."""
+"""Simulated time that does not come, or cannot be one: the node says so."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 
 # Time without simulated time until the first warning, and between two [s].
 FIRST_S, AGAIN_S = 3.0, 60.0
@@ -44,3 +45,26 @@ class ClockWatch:
             publishers = self._node.count_publishers(topic)
             found = "which nobody publishes" if not publishers else "where the time stands at 0"
             self._node.get_logger().warning(f"use_sim_time is true: waiting for {topic}, {found}")
+
+
+def with_possible_time(node: Node, take: Callable[[Clock], None]) -> Callable[[Clock], None]:
+    """Return a function that takes what comes on /clock, without times that rclpy raises an error of.
+
+    Parameters
+    ----------
+    node : Node
+        Its log says what is refused.
+    take : callable
+        Takes the others.
+    """
+
+    def checked(message: Clock) -> None:
+        time_ = message.clock
+        if time_.sec >= 0 and time_.nanosec < 1_000_000_000:
+            take(message)
+            return
+        found = f"/clock refused: {time_.sec} s and {time_.nanosec} ns"
+        allowed = "allowed: 0 s or later, and fewer than 1000000000 ns"
+        node.get_logger().warning(f"{found}; {allowed}", throttle_duration_sec=1.0)
+
+    return checked

@@ -89,6 +89,7 @@ class ControllerTicks:
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
         self._trouble, self._refused, self.refusals = "", "", 0
+        self._covariance_refused = False
         self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
@@ -169,7 +170,11 @@ class ControllerTicks:
         self._process()
 
     def _on_covariance(self, message: Float64MultiArray) -> None:
-        self._inputs.add_covariance(message)
+        if learning.stamp_ns(message) >= 0:
+            self._inputs.add_covariance(message)
+        elif not self._covariance_refused:
+            self._covariance_refused = True
+            self._ports.warn("arm/covariance refused: its first two numbers are no time; said once")
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:

@@ -22,9 +22,6 @@ from soro_ros.frame_check import FrameCheck
 from soro_ros.ports import Input, Inputs, Ports
 from soro_ros.sample_inputs import SampleInputs
 
-# Clocks of two computers differ by less.
-_FUTURE_NS = 1_000_000_000
-
 
 class EstimatorTicks:
     """Runs the filter at each chambers/state; in lockstep it first waits for the samples of that tick.
@@ -103,10 +100,10 @@ class EstimatorTicks:
             self._ports.warn(f"chambers/state refused: {error}")
             return
         stamp_ns = messages.to_ns(message.header.stamp)
-        ahead_ns = 0 if self._lockstep else stamp_ns - self._ports.now_ns()
-        if ahead_ns > _FUTURE_NS:  # taken, it would make all later ones old
+        ahead = "" if self._lockstep else messages.ahead(stamp_ns, self._ports.now_ns())
+        if ahead:  # taken, it would make all later ones old
             self.malformed += 1
-            self._ports.warn(f"chambers/state refused: {ahead_ns * 1e-9:.3f} s in the future")
+            self._ports.warn(f"chambers/state refused: {ahead}")
             return
         self._pressures.append((stamp_ns, pressure))
         self._process(new_pressure=True)
@@ -142,7 +139,11 @@ class EstimatorTicks:
             return
         dt = self._seconds(stamp_ns) - self.state.t_s
         learned, self._learned = self._learned, None
+        refused = self.state.counts.invalid
         self.state, estimate = self.estimator.step(self.state, pressure, poses, imus, dt, learned)
+        if self.state.counts.invalid > refused:
+            found = self.state.counts.invalid
+            self._ports.warn(f"samples of sensors refused, with numbers of no arm: {found} since the start")
         self._ports.report(estimate.status.message or estimate.status.note)
         self._await(stamp_ns)
         publish("arm/covariance", learning.covariance(certainty_of(estimate), stamp_ns))

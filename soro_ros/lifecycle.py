@@ -11,11 +11,13 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from soro_core.config import Strict
 from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
-from soro_ros.clock_watch import ClockWatch
+from soro_ros.clock_watch import ClockWatch, with_possible_time
 from soro_ros.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.event_log import EventLog
 from soro_ros.handover import NodeWithHandover
@@ -225,6 +227,20 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
             then = before.get(name)
             if value != (list(then) if isinstance(then, (tuple, array)) else then) and (then or value):
                 self.event_log.note("parameter", f"{name}: {then!r} -> {value!r}")
+
+    def create_subscription(
+        self, kind: type[Any], topic: str, callback: Callable[..., None], *arguments: Any, **options: Any
+    ) -> Subscription:
+        """Create a subscription; rclpy itself subscribes to /clock with it.
+
+        Parameters
+        ----------
+        kind, topic, callback, *arguments, **options : Any
+            As in rclpy.
+        """
+        if kind is ClockMessage and not options.get("raw"):
+            callback = with_possible_time(self, callback)
+        return super().create_subscription(kind, topic, callback, *arguments, **options)
 
     def destroy_node(self) -> None:
         """Write the last events, and destroy the node."""

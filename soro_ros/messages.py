@@ -17,6 +17,10 @@ from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 Array = NDArray[np.float64]
 
+# Clocks of two computers differ by less.
+_APART_NS = 1_000_000_000
+# End of the times that a message can have: its seconds are of 32 bits [ns].
+END_NS = 2**31 * 1_000_000_000
 # No arm has larger numbers [m, rad, 1/s], and no chamber a larger pressure [Pa]: what is larger is damage,
 # and its squares and products need not be finite.
 _MOST, _MOST_PA = 1e6, 1e8
@@ -30,8 +34,14 @@ def to_time(stamp_ns: int) -> Time:
 
 
 def to_ns(stamp: Time) -> int:
-    """Return a Time message as nanoseconds."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    """Return a Time message as nanoseconds, such that `to_time` gives one again."""
+    return min(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec), END_NS - 1)
+
+
+def ahead(stamp_ns: int, now_ns: int) -> str:
+    """Return how far a stamp is in the future, more than clocks of two computers differ; "" if it is not."""
+    ahead_ns = stamp_ns - now_ns
+    return f"{ahead_ns * 1e-9:.3f} s in the future" if ahead_ns > _APART_NS else ""
 
 
 def doubles(values: ArrayLike) -> array[float]:
@@ -83,10 +93,15 @@ def pressures(message: JointState, names: Sequence[str]) -> Array:
     return np.array([given[name] for name in names], dtype=np.float64)
 
 
+def one_line(text: str) -> str:
+    """Return a text, which may quote strings of a message, as one line of a log."""
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST_SHOWN else line[:_LONGEST_SHOWN] + " ..."
+
+
 def shown(names: Sequence[str]) -> str:
     """Return names for a line of a log, of which a message may have any number, of any length."""
-    text = str(list(names[:20]))
-    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + " ..."
+    return one_line(str(list(names[:20])))
 
 
 def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -20,6 +20,8 @@ from soro_ros.parameter_values import as_given, described_field, descriptor
 
 Model = TypeVar("Model", bound=Strict)
 
+# Nothing of an arm is smaller, other than 0.
+SMALLEST = 1e-30
 # Parameters of one place, which are lists of places now, with an "s" at the end of their names.
 _ONE_PLACE = ("pose_location", "imu_location", "pose.location", "imu.location")
 # Parameters that rclpy declares by itself.
@@ -127,7 +129,29 @@ def read(node: Node, model: type[Model]) -> Model:
     ConfigError
         Naming the node, the parameter, what was found and what is allowed.
     """
-    return parse(nested(_values(node, model)), model, where=_where(node))
+    return checked(_values(node, model), model, _where(node))
+
+
+def checked(values: Mapping[str, Any], model: type[Model], where: str) -> Model:
+    """Return the checked, frozen `model` of values by name, ``{"a.b": value}``.
+
+    Parameters
+    ----------
+    values : mapping of str to object
+    model : type
+    where : str
+        What errors name.
+
+    Raises
+    ------
+    ConfigError
+        If the model does not allow a value, or one is so near to 0 that what is divided by it is infinite.
+    """
+    for name, value in values.items():
+        for number in value if isinstance(value, Sequence) else (value,):
+            if isinstance(number, float) and 0.0 < abs(number) < SMALLEST:
+                raise ConfigError(where, name, number, f"0, or a number of at least {SMALLEST:g} in size")
+    return parse(nested(values), model, where=where)
 
 
 def described(model: type[BaseModel]) -> Iterator[tuple[str, Any, str]]:
@@ -195,7 +219,7 @@ def _values(node: Node, model: type[BaseModel], changes: Iterable[Parameter] = (
     return values
 
 
-def nested(flat: dict[str, Any]) -> dict[str, Any]:
+def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``{"a": {"b": value}}`` of ``{"a.b": value}``; the inverse of `overrides`."""
     tree: dict[str, Any] = {}
     for name, value in flat.items():
@@ -212,7 +236,7 @@ def _check(
 ) -> SetParametersResult:
     """Refuse a change that model or node does not allow, with its reason, before it takes effect."""
     try:
-        take(parse(nested(_values(node, model, changes)), model, where=_where(node)))
+        take(checked(_values(node, model, changes), model, _where(node)))
     except SoroError as error:
         return SetParametersResult(successful=False, reason=str(error))
     return SetParametersResult(successful=True)

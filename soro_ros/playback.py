@@ -11,6 +11,8 @@ from soro_core.bag.timeline import Timeline
 
 Event = TypeVar("Event")
 _NEVER_NS = 2**63 - 1
+# A lock does not take any time; what is due later is waited for again [s].
+_LONGEST_WAIT_S = 3600.0
 
 
 class Playback(Generic[Event]):
@@ -128,5 +130,5 @@ class Playback(Generic[Event]):
                 if left_s == 0.0:
                     self._timeline = self._timeline.reached(stamp_ns)
                     return True
-                self._changed.wait(left_s)
+                self._changed.wait(None if left_s is None else min(left_s, _LONGEST_WAIT_S))
         return False

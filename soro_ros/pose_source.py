@@ -62,4 +62,6 @@ class PoseSource:
         return self._position
 
     def _on_pose(self, message: PoseStamped) -> None:
-        self._position = messages.pose_arrays(message.pose)[0]
+        position, _ = messages.pose_arrays(message.pose)
+        if messages.is_possible(position):
+            self._position = position

@@ -19,6 +19,8 @@ Phase: TypeAlias = Literal["running", "venting", "over"]
 PATIENCE = 3.0
 # Time counts in ticks; this covers their rounding [s].
 ROUNDING_S = 5e-7
+# Longest time that a sample may be ahead of its tick, by the clocks of two computers [s].
+AHEAD_S = 1.0
 # Time at 0 Pa after the last section or a stop, of which the recording has the samples [s].
 VENT_S = 1.5
 
@@ -161,11 +163,16 @@ def left_s(excitation: Excitation, state: ExcitationState, t_s: float) -> float:
 def _received(state: ExcitationState, tick: Tick, still_s: float) -> ExcitationState:
     recent, arrived = dict(state.recent), dict(state.arrived_s)
     for name, found in tick.samples.items():
-        good = tuple(one for one in found if one.finite())
+        good = tuple(one for one in found if _counts(one, tick))
         if good:
             recent[name] = (*recent.get(name, ()), *good)
             arrived[name] = tick.t_s
     return replace(state, recent=_last(recent, still_s), arrived_s=arrived)
+
+
+def _counts(sample: Sample, tick: Tick) -> bool:
+    """Whether a sample can be one; with a stamp from the future the arm would never be still again."""
+    return sample.finite() and sample.stamp_s <= tick.t_s + AHEAD_S
 
 
 def _last(recent: Mapping[str, tuple[Sample, ...]], time_s: float) -> dict[str, tuple[Sample, ...]]:
@@ -222,7 +229,7 @@ def _judged(excitation: Excitation, state: ExcitationState, tick: Tick) -> tuple
         if name not in state.rest:
             continue
         for sample in found:
-            if not sample.finite():
+            if not _counts(sample, tick):
                 continue
             is_outermost = name == excitation.outermost
             said = beyond(excitation.motion, state.rest[name], sample, is_outermost)

@@ -103,9 +103,10 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     if state.vented or state.command_ns is None:
         return state._replace(cycle_ns=now_ns)
     age = (now_ns - state.command_ns) * 1e-9
-    if age > limits.command_age_s:
+    if not 0.0 <= age <= limits.command_age_s:  # below 0 it would be in force until the clock is there again
         state = state._replace(cycle_ns=now_ns)
-        return request_vent(state, f"command lost: last one {age * 1e3:.0f} ms old")
+        found = f"last one {age * 1e3:.0f} ms old" if age > 0.0 else f"the clock went back by {-age:.3f} s"
+        return request_vent(state, f"command lost: {found}")
     # After a stall longer than the watchdog, the set points move no further than in one watchdog time.
     dt = min(dt, limits.command_age_s)
     lowest = state.setpoint_pa - limits.fall_pa_s * dt

@@ -38,7 +38,7 @@ def why_refused(
     if any(not limits.minimum_pa <= value <= limits.maximum_pa for value in asked):
         worst = int(np.argmax(np.maximum(limits.minimum_pa - command, command - limits.maximum_pa)))
         return (
-            f"out of range: {chamber(names, worst)} {command[worst]:.0f} Pa, allowed "
+            f"out of range: {chamber(names, worst)} {command[worst]:.7g} Pa, allowed "
             f"{limits.minimum_pa:.0f} to {limits.maximum_pa:.0f} Pa"
         )
     age = (now_ns - stamp_ns) * 1e-9
@@ -47,7 +47,10 @@ def why_refused(
     if age < -limits.command_age_s:
         return f"from the future: stamped {-age:.3f} s ahead"
     if source == state.command_source:
-        return "out of order: not newer than the last command" if stamp_ns <= state.command_stamp_ns else None
+        # A last stamp from the future is that of a clock that has been set back since: it orders nothing.
+        is_known = (state.command_stamp_ns - now_ns) * 1e-9 <= limits.command_age_s
+        late = is_known and stamp_ns <= state.command_stamp_ns
+        return "out of order: not newer than the last command" if late else None
     # A silent source is not replaced by another one: the next cycle trips, and after the reset the first
     # source may command.
     in_force = state.cycle_ns is not None and not state.vented

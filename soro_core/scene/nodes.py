@@ -108,7 +108,7 @@ class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):
 class MarkersConfig(RobotKeys, StartKeys):
     """Parameters of the markers node."""
 
-    rate_hz: float = Field(20.0, gt=0, le=30, description="most pictures a second")
+    rate_hz: float = Field(20.0, ge=1e-3, le=30, description="most pictures a second")
     trail_s: float = Field(4.0, gt=0, le=600, description="time that the trails of tip and reference show")
     full_pa: float = Field(
         0.0,

@@ -47,6 +47,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         self.compile(make)
         self._enabled, self._answered, self._stop = False, False, ""
         self._epoch_ns: int | None = None
+        self._last_ns: int | None = None
         self._t_s, self._samples_seen, self._announced = 0.0, 0, -1
         self._state = initial_state(self._excitation)
         self._readings: deque[int] = deque(maxlen=1000)
@@ -66,8 +67,20 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         # A chamber without a reading is as no message in real time; in lockstep each tick has its answer.
         if not (self._lockstep or np.all(np.isfinite(message.effort))):
             return
-        self._readings.append(messages.to_ns(message.header.stamp))
+        stamp_ns = messages.to_ns(message.header.stamp)
+        if not self._lockstep and (odd := self._odd(stamp_ns)):
+            line = f"chambers/state refused: {odd}"
+            self.get_logger().warning(line, throttle_duration_sec=1.0)
+            return
+        self._last_ns = stamp_ns
+        self._readings.append(stamp_ns)
         self._process(is_reading=True)
+
+    def _odd(self, stamp_ns: int) -> str:
+        """Return why a time cannot be that of a reading: taken, all sections would be over at once."""
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            return f"{(self._last_ns - stamp_ns) * 1e-9:.3f} s before the last one"
+        return messages.ahead(stamp_ns, int(self.get_clock().now().nanoseconds))
 
     def _process(self, is_reading: bool = False) -> None:
         if not self._lockstep and not is_reading:

@@ -24,7 +24,7 @@ from rosgraph_msgs.msg import Clock
 from soro_core.bag import BagMessage, BagReader, Topic
 from soro_core.bag.config import PlayerConfig
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_ros import qos
+from soro_ros import messages, qos
 from soro_ros.claims import Claims, readings, require_free
 from soro_ros.decoding import playing
 from soro_ros.diagnostics import ERROR, OK, WARN
@@ -174,6 +174,9 @@ class Player(SoroNode[PlayerConfig]):
             known = ", ".join(f"{topic.name} ({topic.type})" for topic in self._reader.topics) or "nothing"
             raise BagError(f"{config.bag}: no topic to play; the bag holds {known}")
         if config.clock:
+            if min(self._end_ns, self._reader.end_ns) >= messages.END_NS:
+                allowed = "false: the bag goes on after the last time of a message, in 2038"
+                raise ConfigError("parameters of player", "clock", True, allowed)
             self._clock_out = self.create_publisher(Clock, "/clock", qos.RELIABLE)
 
     def _claim(self) -> None:

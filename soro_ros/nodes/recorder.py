@@ -23,6 +23,8 @@ from soro_ros.recorder_stream import Stream, essence
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
 REST = 5000
+# Longest step back of a clock that is corrected [ns].
+SET_BACK_NS = 1_000_000_000
 # Known offer of a later publisher: renewing a subscription would lose or repeat messages.
 LATCHED = Qos(reliability="reliable", durability="transient_local")
 
@@ -243,7 +245,11 @@ class Recorder(SoroNode[RecorderConfig]):
             return
         if not self._streams[name].known_to_bag:
             self._introduce(name, self.get_publishers_info_by_topic(name))
-        # Times that never run backwards keep the order of arrival when the bag is read by time.
+        # Times that never run backwards keep the order of arrival when the bag is read by time; but after a
+        # clock has been set back, as after one wrong time on /clock, they would all be the same.
+        if (back_ns := self._last_ns - now_ns) > SET_BACK_NS:
+            self.get_logger().warning(f"the clock went back by {back_ns * 1e-9:.3f} s: the recording too")
+            self._last_ns = now_ns
         self._last_ns = max(self._last_ns, now_ns)
         bag.write(name, data, self._last_ns)
 

@@ -95,6 +95,16 @@ def test_a_level_waits_for_the_arm_at_the_expense_of_those_before():
     assert states[-1][0] <= given.plan.longest_s + VENT_S
 
 
+@pytest.mark.parametrize("stamp_s", [1e9, -1e9])
+@pytest.mark.parametrize("k", [100, 501])
+def test_one_sample_with_an_impossible_time_is_no_motion(stamp_s, k):
+    given = excitation(hold_s=1.6)
+    usual = run(given, still, every=1)
+    odd = run(given, lambda t, _: pose(stamp_s if round(t / DT) == k else t), every=1)
+    assert (odd[-1][1].reason, odd[-1][1].restless) == ("", 0)
+    assert odd[-1][0] == pytest.approx(usual[-1][0], abs=0.5)
+
+
 def test_an_arm_that_never_stands_still_takes_the_longest_time():
     given = excitation()
     states = run(given, lambda t, p: pose(t, (3e-3 * np.sin(40.0 * t) * (t > 1.5), 0.0, LENGTH)))

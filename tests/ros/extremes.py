@@ -6,8 +6,11 @@ import copy
 from collections.abc import Iterator
 from typing import Any
 
+from builtin_interfaces.msg import Time
+
 LARGE = (1e154, 1e200, 1.7976931348623157e308)
-NUMBERS = (-0.0, 5e-324, 1e-200, *LARGE, *(-x for x in LARGE), float("nan"), float("inf"), float("-inf"))
+TINY = (5e-324, 1e-200)
+NUMBERS = (-0.0, *TINY, *LARGE, *(-x for x in LARGE), float("nan"), float("inf"), float("-inf"))
 WORDS = ("", "x" * 10_000, "\u00fc\n")
 _INTEGERS = {"int8": 2**7, "int16": 2**15, "int32": 2**31, "int64": 2**63}
 _UNSIGNED = {"uint8": 2**8, "uint16": 2**16, "uint32": 2**32, "uint64": 2**64}
@@ -35,6 +38,8 @@ def _leaves(message: Any, above: tuple[Any, ...]) -> Iterator[tuple[tuple[Any, .
         base = kind.split("[")[0].removeprefix("sequence<").split(",")[0].removesuffix(">")
         if hasattr(value, "get_fields_and_field_types"):
             yield from _leaves(value, path)
+            if isinstance(value, Time):
+                yield path, [Time(sec=2**31 - 1, nanosec=2**32 - 1)]
         elif kind.startswith("sequence<") or "[" in kind:
             yield from _items(value, kind, base, path)
         else:

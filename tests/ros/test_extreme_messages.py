@@ -2,18 +2,21 @@
 
 import contextlib
 import itertools
+import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rclpy
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
+from rclpy.time import Time
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_core.config import parse
 from soro_core.control.laws import Certainty
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
@@ -36,9 +39,11 @@ from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.nodes.viewer import Viewer
-from soro_ros.view.moment import TOPICS, Received
-from tests.ros.direct import active, captured, receive, request
-from tests.ros.extremes import LARGE, extremes
+from soro_ros.pose_source import PoseSource
+from soro_ros.view.access import Access
+from soro_ros.view.moment import TOPICS, Moment, Received
+from tests.ros.direct import active, captured, receive, request, values
+from tests.ros.extremes import LARGE, TINY, extremes
 from tests.ros.test_frames import CHAMBERS, COORDINATES, TICK_NS, upright
 
 HIGHEST_PA = 100e3
@@ -215,16 +220,22 @@ def test_shadow(domain):
         assert not raised, "\n".join(raised)
         for messages_ in sent:
             assert_finite(messages_)
+        for k in range(10_001, 10_021):
+            last_ns = good(k)
+        assert messages.to_ns(sent[1][-1].header.stamp) == last_ns, "it goes on"
 
 
 def test_exciter(domain):
     with active(ExciterNode, "pose_rate_hz:=200.0") as node:
-        commands = captured(node, "chambers/command")
+        commands, now_ns = captured(node, "chambers/command"), 10**18
+        node.get_clock = lambda: SimpleNamespace(now=lambda: Time(nanoseconds=now_ns))
 
         def good(k):
-            receive(node, "sensors/pose0", upright(k * TICK_NS, "world"))
-            receive(node, "chambers/state", pressures(EMPTY, k * TICK_NS))
-            return k * TICK_NS
+            nonlocal now_ns
+            now_ns = 10**18 + k * TICK_NS
+            receive(node, "sensors/pose0", upright(now_ns, "world"))
+            receive(node, "chambers/state", pressures(EMPTY, now_ns))
+            return now_ns
 
         good(0)
         assert request(node, "~/enable").success
@@ -239,6 +250,10 @@ def test_exciter(domain):
         assert not raised, "\n".join(raised)
         assert_finite(commands)
         assert all(0.0 <= x <= HIGHEST_PA for one in commands for x in one.effort)
+        node.diagnose()
+        assert (values(node)["phase"], values(node)["reason"]) == ("running", ""), "it goes on"
+        last_ns = good(1_000)
+        assert messages.to_ns(commands[-1].header.stamp) == last_ns
 
 
 def latch(stamp_ns):
@@ -277,14 +292,25 @@ def test_markers():
     assert not raised, "\n".join(raised)
 
 
-def test_viewer():
+@pytest.fixture
+def page():
+    pytest.importorskip("viser", reason="the extra `view` is not installed")
+    from soro_ros.view.page import Page
+    from soro_ros.view.server import ViewServer
+
+    server = ViewServer(Access(), 18480)
+    yield Page(server, load_robot("tue_three_bellow"))
+    server.stop()
+
+
+def test_viewer(page):
     raised, usual = [], drawn_messages()
     received = Received("/arm")
     for topic in TOPICS:
         for what, changed in extremes(usual[topic]):
             try:
                 received.take(topic, changed, 0.0)
-                received.moment(0.0)
+                page.show([Moment(), received.moment(0.0)], at_once=True)
                 for name in TOPICS:
                     received.take(name, usual[name], 0.0)
                 assert received.moment(0.0).error_m == 0.0
@@ -324,6 +350,37 @@ def test_twin_of_measured_pressures(domain):
         raised = give_all(node, [("chambers/state", lambda t: pressures(WARM, t))], good)
         assert not raised, "\n".join(raised)
         assert_finite(sent)
+        for k in range(10_001, 10_021):
+            last_ns = good(k)
+        assert messages.to_ns(sent[-1].header.stamp) == last_ns, "it goes on"
+
+
+@pytest.fixture
+def tracker(domain):
+    """Publishes a pose every 20 ms, as a program of its own."""
+    context, ended = rclpy.Context(), threading.Event()
+    context.init()
+    node = rclpy.create_node("tracker", context=context)
+    publisher = node.create_publisher(PoseStamped, "/pose", 10)
+
+    def publish():
+        while not ended.wait(0.02):
+            publisher.publish(upright(TICK_NS, ""))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    ended.set()
+    thread.join()
+    node.destroy_node()
+    context.try_shutdown()
+
+
+def test_pose_of_a_command(tracker):
+    with PoseSource("/pose") as source:
+        for what, changed in extremes(upright(TICK_NS, "")):
+            source._on_pose(changed)
+            assert messages.is_possible(source.newest()), what
 
 
 MODELS = (
@@ -340,14 +397,8 @@ MODELS = (
 )
 
 
-def nested(name, value):
-    """A parameter `a.b` as the mapping of a file."""
-    head, _, rest = name.partition(".")
-    return {head: nested(rest, value) if rest else value}
-
-
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
-@pytest.mark.parametrize("value", [*LARGE, *(-x for x in LARGE), np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("value", [*LARGE, *TINY, *(-x for x in (*LARGE, *TINY)), np.nan, np.inf, -np.inf])
 def test_every_float_parameter_has_bounds(model, value):
     """At the start and by `ros2 param set`, which check a value in the same way."""
     accepted = []
@@ -359,6 +410,6 @@ def test_every_float_parameter_has_bounds(model, value):
         else:
             continue
         with contextlib.suppress(ConfigError):
-            parse(nested(name, extreme), model, "test")
+            parameters.checked({name: extreme}, model, "test")
             accepted.append(name)
     assert not accepted

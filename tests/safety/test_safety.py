@@ -96,6 +96,19 @@ def test_reordered_and_repeated_commands_are_refused():
     assert state.command_pa[0] == 1e3
 
 
+def test_a_clock_that_went_back_vents_and_its_last_stamp_orders_nothing():
+    """As where /clock jumps ahead in lockstep, is answered, and goes on where it was."""
+    state, _ = commanded([30e3] * 3, 10**9)
+    state = run(state, 10**9, 10**9)
+    state = run(state, 500, 500)
+    assert state.cause.startswith("command lost: the clock went back by 999999.5")
+    state, refusal = commanded(COLD, 500, state)
+    assert refusal is None
+    state, refusal = reset(LIMITS, state, 500 * MS)
+    assert refusal is None
+    assert not run(state, 505, 590).vented
+
+
 def test_reordered_commands_are_refused_when_their_clock_runs_ahead_too():
     state, _ = offer(LIMITS, initial_state(3), np.full(3, 1e3), 90 * MS, 0)
     state, refusal = offer(LIMITS, state, np.full(3, 2e3), 80 * MS, 1 * MS)

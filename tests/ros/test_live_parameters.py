@@ -164,7 +164,7 @@ def test_an_own_dump_loads_again_into_the_running_node_and_into_a_new_one(starte
 def test_parameters_say_what_they_allow(started):
     node = started(ControllerNode)
     rate = node.describe_parameter("rate_hz")
-    assert (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value) == (0.0, 1000.0)
+    assert (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value) == (0.001, 1000.0)
     assert "ticks of the control loop" in rate.description
     types = {
         "rate_hz": 3,

@@ -63,7 +63,7 @@ def time_from_wish_to_pressure(found, response, rate_hz, ticks):
     ],
 )
 def test_the_preview_is_the_time_from_a_wish_to_its_pressure(lag_s, delay_s, rate_hz, ticks):
-    exact = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -100e3, "maximum_pa": 1e9}
+    exact = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -100e3, "maximum_pa": 1e8}
     response = RegulatorModel(tau_s=lag_s, delay_s=delay_s, **exact)
     found = complete_pressures(Pressures(), Limits(), response, rate_hz, ticks / rate_hz)
     late_s = time_from_wish_to_pressure(found, response, rate_hz, ticks)

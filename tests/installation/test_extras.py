@@ -20,7 +20,7 @@ NODES = (
 )
 
 # Commands that need no extra.
-ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "identify-fem", "new", "scenes"}
+ALONE = {"fit", "reach", "place-sensors", "gains", "identify", "identify-fem", "log", "new", "scenes"}
 ALONE |= {"design", "fem"}
 
 # What a module is to the import system where its package is not installed.

@@ -51,7 +51,7 @@ def test_each_node_gets_its_section_as_one_file(tmp_path, monkeypatch):
     log = tmp_path / "log"
     log.write_text("ready: somewhere")
 
-    def start(name, line, *_):
+    def start(name, line, *_, **__):
         started[name] = line
         return processes.Child(name, Mock(**{"poll.return_value": None}), log)
 

@@ -1,8 +1,8 @@
 """Paths on the topic of a controller in the test's own process, and what it reports of them."""
 
 import contextlib
-import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,8 +73,10 @@ def controller(*settings: str, enabled: bool = True, mode: str = "lockstep") -> 
         node.trigger_configure()
         assert node.failure is None
         node.trigger_activate()
-        # In real time the node refuses old stamps: these lie ahead.
-        ticked = Ticked(node, 1.0 if mode == "lockstep" else time.time() + 1000.0)
+        ticked = Ticked(node, 1.0)
+        if mode != "lockstep":  # the node refuses stamps that are old or ahead: its time is that of the ticks
+            ports = node._ticks._ports
+            node._ticks._ports = replace(ports, now_ns=lambda: round(ticked.t_s * 1e9))
         if enabled:
             assert request(node, "~/enable").success
             ticked.tick(30)

@@ -422,6 +422,17 @@ def test_a_section_that_cannot_be_read_is_refused_by_name(tmp_path, before, afte
 
 
 @pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
+def test_a_file_that_is_cut_between_two_sections_is_refused(tmp_path, shipped):
+    whole = shipped.read_text()
+    objects = whole.index("[1000]")
+    for end in (k for k, letter in enumerate(whole) if letter == "[" and k > objects):
+        path = tmp_path / f"{end}.eds"
+        path.write_text(whole[:end])
+        with fails(ConfigError, "is the file cut?", where=str(path)):
+            read_eds(path, 3)
+
+
+@pytest.mark.parametrize("shipped", SHIPPED, ids=lambda path: path.stem)
 def test_entries_are_those_of_another_reader(shipped):
     known = {}
     for item in import_eds(str(shipped), 3).values():

@@ -33,6 +33,7 @@ _ACCESS = ("ro", "wo", "rw", "rwr", "rww", "const")
 _WRITABLE = ("wo", "rw", "rwr", "rww")
 
 _OBJECT = re.compile(r"([0-9A-F]{4})(?:SUB([0-9A-F]{1,2}))?")
+_LISTS = {"MANDATORYOBJECTS", "OPTIONALOBJECTS", "MANUFACTUREROBJECTS"}
 # Names and values of compact objects, and links between objects.
 _BESIDE = re.compile(r"[0-9A-F]{4}(NAME|VALUE|DENOTATION|OBJECTLINKS)")
 _LIKE_AN_OBJECT = re.compile(r"(0X)?([0-9A-F]{2,}|(?=.{0,3}[0-9])[0-9A-F]{4}.*)")
@@ -77,6 +78,7 @@ def read_eds(path: Path, node: int) -> dict[Key, Entry]:
         for key, entry in _entries(section, match[1], match[2], sections, node):
             if entry is not None:
                 found[key] = entry
+    _require_whole(sections)
     return found
 
 
@@ -143,6 +145,20 @@ def _sections(path: Path) -> dict[str, _Section]:
     if not any(_OBJECT.fullmatch(name) for name in found):
         raise ConfigError(str(path), "", "no section of an object", "an EDS file (CiA 306)")
     return found
+
+
+def _require_whole(sections: Mapping[str, _Section]) -> None:
+    """Refuse a file that ends before its last object, or lists an object that it does not have."""
+    for name in _LISTS & sections.keys():
+        for key in filter(str.isdigit, sections[name].values):
+            if f"{(index := sections[name].number(key)):04X}" not in sections:
+                sections[name].refuse(key, f"0x{index:04X}", "objects with a section each; is the file cut?")
+    last = [name for name in sections if _OBJECT.fullmatch(name)][-1][:4]
+    if last not in sections or sections[last].number("CompactSubObj", 0):
+        return
+    parts = sum(name.startswith(f"{last}SUB") for name in sections)
+    if parts < (stated := sections[last].number("SubNumber", 0)):
+        sections[last].refuse("SubNumber", stated, f"{parts}, as there are; is the file cut?")
 
 
 def _check(section: _Section) -> None:

@@ -54,7 +54,8 @@ def test_a_bag_comes_back_from_csv_as_it_was(soro, tmp_path):
     again = [replay(folder, scene, ["estimator"], tolerance=0.0) for folder in (tmp_path / "back", bag)]
     found, expected = ({one.topic: one for one in done.topics}[f"{arm}/state"] for done in again)
     assert (found.compared, found.worst, found.first) == (expected.compared, expected.worst, expected.first)
-    assert 0 < found.compared and found.worst < 1e-12
+    assert found.compared > 0
+    assert found.worst < 1e-12
 
 
 def test_columns_have_names_and_units(soro, tmp_path):

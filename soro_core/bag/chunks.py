@@ -15,14 +15,13 @@ from mcap.records import Chunk, Message
 from soro_core.bag.records import PREFIX, Damage
 
 # Content that a chunk of any size may have [B]; a larger one must be at most this often its packed size.
-_ALWAYS = 1 << 26
-_RATIO = 4
+_ALWAYS, _RATIO = 1 << 26, 4
 _LARGEST = 1 << 30
 # Largest history that zstd data may refer to [B]: that of level 19.
 _WINDOW = 1 << 27
-_HEAD = struct.Struct("<QQQI")
+_STEP = 1 << 16
+# Channel, sequence, log and publish time of a message.
 _MESSAGE = struct.Struct("<HIQQ")
-_KINDS = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 
 def most(packed: int) -> int:
@@ -41,39 +40,32 @@ def unpack(chunk: Chunk) -> memoryview:
     size, packed = chunk.uncompressed_size, len(chunk.data)
     if size > (limit := most(packed)):
         raise Damage(f"a chunk of {packed} bytes claims {size}; allowed: up to {limit}")
-    content, is_whole = _unpacked(memoryview(chunk.data), chunk.compression, size)
-    if not is_whole:
+    if chunk.compression not in ("", "zstd", "lz4"):
+        raise Damage(f"unknown compression {chunk.compression!r:.40}")
+    content = _unpacked(chunk, size) if chunk.compression and packed else memoryview(chunk.data)
+    if content is None or len(content) != size:
         raise Damage(f"the {chunk.compression or 'uncompressed'} data of a chunk is not that of {size} bytes")
     if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
         raise Damage("the checksum of a chunk is wrong")
     return content
 
 
-def unpack_cut(body: memoryview) -> memoryview:
-    """Return what can be unpacked of a chunk whose end is missing, up to its last whole record.
-
-    Parameters
-    ----------
-    body : memoryview
-        What there is of it, without the prefix.
-    """
-    if len(body) < _HEAD.size + 4:
-        return body[:0]
-    *_, size, _ = _HEAD.unpack_from(body)
-    begin = _HEAD.size + 4
-    end = begin + int.from_bytes(body[_HEAD.size : begin], "little")
-    content, _ = _unpacked(
-        body[end + 8 :], str(bytes(body[begin:end]), "latin-1"), min(size, most(len(body)))
-    )
-    last = 0
+def _unpacked(chunk: Chunk, size: int) -> memoryview | None:
+    """Return unpacked data, one byte more than `size` at most; None if it is damaged."""
+    content, found = memoryview(bytearray(size + 1)), 0
+    source = io.BytesIO(chunk.data)
     try:
-        for opcode, _, stop in inner(content):
-            if opcode not in _KINDS:
-                break
-            last = stop
-    except Damage:
-        pass
-    return content[:last]
+        stream: io.RawIOBase
+        if chunk.compression == "zstd":
+            unpacker = zstandard.ZstdDecompressor(max_window_size=_WINDOW)
+            stream = unpacker.stream_reader(source, read_across_frames=True)  # type: ignore[assignment]
+        else:
+            stream = lz4.frame.LZ4FrameFile(source)
+        while count := stream.readinto(content[found : found + _STEP]):
+            found += count
+    except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError, EOFError, OSError):
+        return None
+    return content[:found] if source.tell() == len(chunk.data) else None
 
 
 def inner(content: memoryview) -> Iterator[tuple[int, int, int]]:
@@ -90,7 +82,7 @@ def inner(content: memoryview) -> Iterator[tuple[int, int, int]]:
         position = end
 
 
-def message_key(content: memoryview, start: int) -> tuple[int, int]:
+def message_key(content: bytes | memoryview, start: int) -> tuple[int, int]:
     """Return channel and log time of the message at a position."""
     channel_id, _, log_time, _ = _MESSAGE.unpack_from(content, start + PREFIX.size)
     return channel_id, log_time
@@ -101,31 +93,3 @@ def message_of(record: memoryview) -> Message:
     channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(record, PREFIX.size)
     data = bytes(record[PREFIX.size + _MESSAGE.size :])
     return Message(channel_id, log_time, data, publish_time, sequence)
-
-
-def _unpacked(packed: memoryview, compression: str, size: int) -> tuple[memoryview, bool]:
-    """Return what is there, up to `size` bytes, and whether the data gives exactly these."""
-    if compression == "":
-        return packed[:size], len(packed) == size
-    if compression not in ("zstd", "lz4"):
-        raise Damage(f"unknown compression {compression!r:.40}")
-    if not packed:
-        return packed, size == 0
-    # Small steps keep what is before damage.
-    content, found = memoryview(bytearray(size + 1)), 0
-    source = io.BytesIO(packed)
-    try:
-        stream: io.RawIOBase
-        if compression == "zstd":
-            unpacker = zstandard.ZstdDecompressor(max_window_size=_WINDOW)
-            stream = unpacker.stream_reader(source, read_size=1 << 14, read_across_frames=True)  # type: ignore[assignment]
-        else:
-            stream = lz4.frame.LZ4FrameFile(source)
-        while found <= size:
-            count = stream.readinto(content[found : found + (1 << 16)]) or 0
-            if not count:
-                break
-            found += count
-    except (zstandard.ZstdError, RuntimeError, ValueError, MemoryError, EOFError, OSError):
-        return content[: min(found, size)], False
-    return content[: min(found, size)], found == size and source.tell() == len(packed)

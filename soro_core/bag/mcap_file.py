@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import IO, Literal
 
+from mcap.records import Attachment
 from mcap.writer import CompressionType, Writer
 
-from soro_core.bag.part import Attachment, Part
+from soro_core.bag.part import Part
 from soro_core.bag.topics import Topic, qos_to_yaml
 
 Compression = Literal["none", "lz4", "zstd"]
@@ -45,29 +46,19 @@ class McapFile:
         """Register a topic; return the number of its channel."""
         metadata = {"offered_qos_profiles": qos_to_yaml(topic.qos), "topic_type_hash": topic.type_hash}
         schema = self._schema(topic.type, topic.definition_encoding, topic.definition.encode())
-        return self._channel(topic.name, topic.serialization_format, schema, metadata)
+        return self._writer.register_channel(topic.name, topic.serialization_format, schema, metadata)
 
     def copy_channel(self, part: Part, channel_id: int) -> int:
         """Register a copy of another file's channel; return its number in this file."""
         channel = part.channels[channel_id]
         old = part.schemas.get(channel.schema_id)
         schema = self._schema(old.name, old.encoding, old.data) if old else 0
-        return self._channel(channel.topic, channel.message_encoding, schema, channel.metadata)
+        return self._writer.register_channel(
+            channel.topic, channel.message_encoding, schema, channel.metadata
+        )
 
     def write(self, channel: int, data: bytes, log_time_ns: int, publish_time_ns: int, sequence: int) -> None:
-        """Append one message.
-
-        Parameters
-        ----------
-        channel : int
-            Number of the channel.
-        data : bytes
-            Serialised message.
-        log_time_ns, publish_time_ns : int
-            Times of reception and of publication [ns].
-        sequence : int
-            Number of the message.
-        """
+        """Append one message of a channel; parameters as in `BagWriter.write`."""
         self._writer.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
@@ -76,9 +67,7 @@ class McapFile:
 
     def add_attachment(self, item: Attachment) -> None:
         """Write an attachment."""
-        self._writer.add_attachment(
-            item.create_time_ns, item.log_time_ns, item.name, item.media_type, item.data
-        )
+        self._writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
 
     def flush(self) -> None:
         """End the chunk and pass all data to the operating system."""
@@ -93,7 +82,3 @@ class McapFile:
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(name, encoding, data)
         return self._schemas[key]
-
-    def _channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
-        number: int = self._writer.register_channel(topic, encoding, schema, metadata)
-        return number

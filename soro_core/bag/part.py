@@ -2,46 +2,30 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
-import zstandard
 from mcap import records as kinds
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Message, Schema
 
-from soro_core.bag.chunks import inner, message_key, message_of, unpack, unpack_cut
-from soro_core.bag.records import PREFIX, Damage, Source
+from soro_core.bag.chunks import inner, message_key, message_of, unpack
+from soro_core.bag.records import Damage, Source
 from soro_core.errors import BagError
 
-_STEP = 1 << 20
 # Most bytes of definitions, and of texts that describe topics or the file, which count four times.
-MOST_DESCRIBED = 1 << 24
+_MOST_DESCRIBED = 1 << 24
 # Most metadata records, and most attachments.
 _MOST_NAMED = 10_000
-# Most kinds of damage that are named.
-_MOST_TEXTS = 4
+_MOST_REMARKS = 4
+# In place of the size of a chunk's content: messages outside chunks.
+OUTSIDE = -1
 
 
-@dataclass(frozen=True, slots=True)
-class Attachment:
-    """A file attached to the recording."""
-
-    log_time_ns: int
-    create_time_ns: int
-    name: str
-    media_type: str
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """A chunk, or neighbouring messages outside chunks.
 
     Parameters
@@ -51,11 +35,7 @@ class Block:
     offset, length : int
         Position and length in the file [B].
     size : int
-        Length of the records in a chunk [B]; -1 of messages outside chunks, -2 of a chunk without end.
-    index : int
-        Digest of compression, and of the places of the indexes of its messages.
-    indexes : int
-        Length of these indexes, behind the chunk [B].
+        Length of the records in a chunk [B], or OUTSIDE.
     """
 
     start_ns: int
@@ -63,94 +43,75 @@ class Block:
     offset: int
     length: int
     size: int
-    index: int = 0
-    indexes: int = 0
 
 
-OUTSIDE, CUT = -1, -2
-
-
-@dataclass
 class Part:
     """Contents of one file.
 
+    Parameters
+    ----------
+    path : Path
+    stream : file object
+        The file, binary, open for reading.
+
     Attributes
     ----------
+    counts : dict of int to int
+        Number of messages of each channel.
+    message_indexes : dict of int to int
+        Channel of the message index at each position.
     indexed : bool
         Whether the index was used; else all records were read.
-    lossy : bool
-        Whether recorded data is lost.
+    losses : dict of int to str
+        What is lost, by its position [B].
+    remarks : list of str
+        What else is wrong.
     over : str
         What there is more of than is read; "" for nothing.
     """
 
-    path: Path
-    stream: IO[bytes]
-    size: int
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    blocks: list[Block] = field(default_factory=list)
-    counts: dict[int, int] = field(default_factory=lambda: defaultdict(int))
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    attachments: list[AttachmentIndex] = field(default_factory=list)
-    profile: str = "ros2"
-    compression: str = ""
-    indexed: bool = False
-    lossy: bool = False
-    private_count: int = 0
-    over: str = ""
-    remarks: list[str] = field(default_factory=list)
-    _damages: dict[bool, dict[str, tuple[int, int]]] = field(default_factory=lambda: {True: {}, False: {}})
-    _described: int = 0
-    _lost: set[int] = field(default_factory=set)
-
-    def __post_init__(self) -> None:
-        self.source = Source(self.stream, self.size)
+    def __init__(self, path: Path, stream: IO[bytes]) -> None:
+        self.path, self.stream, self.size = path, stream, stream.seek(0, 2)
+        self.source = Source(stream, self.size)
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.blocks: list[Block] = []
+        self.counts: Counter[int] = Counter()
+        self.message_indexes: dict[int, int] = {}
+        self.metadata: list[tuple[str, dict[str, str]]] = []
+        self.attachments: list[AttachmentIndex] = []
+        self.profile, self.compression, self.over = "ros2", "", ""
+        self.indexed = False
+        self.private_count = self._described = 0
+        self.losses: dict[int, str] = {}
+        self.remarks: list[str] = []
 
     @property
     def message_count(self) -> int:
         """Number of messages in the file."""
-        return sum(self.counts.values())
+        return self.counts.total()
 
     @property
     def problems(self) -> list[str]:
-        """What is lost, in one line; what else is wrong, in one line; and what is missing at the end."""
-        lines = []
-        for left_out, title in ((True, "left out: "), (False, "")):
-            if found := self._damages[left_out]:
-                lines.append(title + "; ".join(_place(text, *places) for text, places in found.items()))
-        return [f"{self.path.name}: {line}" for line in (*lines, *self.remarks)]
+        """What is lost, in one line, and what else is wrong."""
+        lines = self.remarks[:]
+        if self.losses:
+            position, text = next(iter(self.losses.items()))
+            more = f"; and {len(self.losses) - 1} more places" if len(self.losses) > 1 else ""
+            lines.insert(0, f"left out: byte {position}: {text}{more}")
+        return [f"{self.path.name}: {line}" for line in lines]
 
-    def note(self, position: int, damage: Damage | str, left_out: bool = True) -> None:
-        """Note damage.
+    def lose(self, position: int, damage: Damage | str) -> None:
+        """Note what is left out at a position [B], once."""
+        self.losses.setdefault(position, str(damage))
 
-        Parameters
-        ----------
-        position : int
-            Position in the file [B].
-        damage : Damage or str
-        left_out : bool
-            Whether data is left out for it.
-        """
-        self.lossy |= left_out
-        known, text = self._damages[left_out], str(damage)
-        if text not in known and len(known) >= _MOST_TEXTS:
-            text = "other damage"
-        first, count = known.get(text, (position, 0))
-        known[text] = first, count + 1
+    def remark(self, text: str) -> None:
+        """Note what is wrong though nothing is lost by it."""
+        if len(self.remarks) < _MOST_REMARKS and text not in self.remarks:
+            self.remarks.append(text)
 
-    def describe(self, record: kinds.McapRecord, length: int, position: int, proven: bool) -> None:
-        """Keep a schema, a channel or a metadata record.
-
-        Parameters
-        ----------
-        record : Schema, Channel or Metadata
-        length : int
-            Its length [B].
-        position : int
-            Where it stands, for a note [B].
-        proven : bool
-            Whether a present one of the same number takes precedence.
+    def describe(self, record: Schema | Channel | kinds.Metadata, length: int) -> None:
+        """Keep a record of a length [B]; the first schema or channel of a number counts.
 
         Raises
         ------
@@ -158,20 +119,17 @@ class Part:
             If there is more than any recorder writes.
         """
         self._described += length if isinstance(record, Schema) else 4 * length
-        if self._described > MOST_DESCRIBED or len(self.metadata) >= _MOST_NAMED:
+        if self._described > _MOST_DESCRIBED or len(self.metadata) >= _MOST_NAMED:
             raise Damage("more descriptions than any recorder writes")
         if isinstance(record, kinds.Metadata):
             self.metadata.append((record.name, record.metadata))
             return
-        assert isinstance(record, Schema | Channel)
-        table: dict[int, Schema | Channel]
-        table = self.schemas if isinstance(record, Schema) else self.channels  # type: ignore[assignment]
-        known = table.setdefault(record.id, record)
+        if isinstance(record, Schema):
+            known: Schema | Channel = self.schemas.setdefault(record.id, record)
+        else:
+            known = self.channels.setdefault(record.id, record)
         if known != record:
-            kind = type(record).__name__.lower()
-            self.note(position, f"{kind} {record.id} contradicts another one", left_out=False)
-            if not proven:
-                table[record.id] = record
+            self.remark(f"{type(record).__name__.lower()} {record.id} contradicts another one")
 
     def attach(self, item: AttachmentIndex) -> None:
         """Note an attachment; raise Damage if there are more than any recorder writes."""
@@ -183,11 +141,9 @@ class Part:
         """Log times of the first and the last message; None without messages."""
         # A chunk without messages has the times 0.
         blocks = [block for block in self.blocks if block.end_ns] or self.blocks
-        return (
-            (min(block.start_ns for block in blocks), max(block.end_ns for block in blocks))
-            if blocks
-            else None
-        )
+        if not blocks:
+            return None
+        return min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)
 
     def messages(
         self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64
@@ -207,7 +163,7 @@ class Part:
         Damage
             If the block is damaged.
         """
-        content = self.content(block)
+        content = self._content(block)
         wanted, found = self.channels if channels is None else channels, []
         for opcode, start, end in inner(content):
             if opcode == Opcode.MESSAGE:
@@ -218,104 +174,29 @@ class Part:
         for _, start, end in found:
             yield message_of(content[start:end])
 
-    def lose(self, block: Block, damage: Damage) -> None:
-        """Note a block that the index names and that is damaged, once."""
-        if block.offset not in self._lost:
-            self._lost.add(block.offset)
-            self.note(block.offset, damage)
-
-    def content(self, block: Block) -> memoryview:
-        """Return the records in a block; raise Damage if it is damaged."""
-        end = block.offset + block.length
-        if block.size in (OUTSIDE, CUT):
-            raw = memoryview(self.source.bytes(block.offset, end))
-            return raw if block.size == OUTSIDE else unpack_cut(raw[PREFIX.size :])
-        chunk = self.record(Opcode.CHUNK, block.offset, end)
-        assert isinstance(chunk, kinds.Chunk)
-        return unpack(chunk)
-
-    def record(self, opcode: int, start: int, end: int | None = None) -> kinds.McapRecord:
-        """Return a record that the index or a walk has found.
-
-        Parameters
-        ----------
-        opcode : int
-            Its kind.
-        start, end : int
-            Its place [B]; without an end that of its length.
-
-        Raises
-        ------
-        Damage
-            If another record is there.
-        """
+    def record(self, opcode: int, start: int, length: int) -> kinds.McapRecord:
+        """Return a record of a kind, by its place and length [B]; raise Damage if another one is there."""
         prefix = self.source.prefix(start)
-        if prefix is None or prefix.opcode != opcode:
+        if prefix is None or (prefix.opcode, prefix.end) != (opcode, start + length):
             raise Damage("another record is here")
-        if end in (None, prefix.end):
-            return self.source.parse(prefix)
-        found = self.source.by_fields(prefix)  # its length is wrong
-        if found is None or found[0] is None or found[1] != end:
-            raise Damage("another record is here")
-        return found[0]
+        return self.source.parse(prefix)
 
-    def attachment(self, place: AttachmentIndex) -> Attachment:
-        """Read one of `attachments`.
-
-        Raises
-        ------
-        BagError
-            If the attachment is damaged.
-        """
+    def attachment(self, place: AttachmentIndex) -> kinds.Attachment:
+        """Read one of `attachments`; raise BagError if it is damaged."""
         try:
-            record = self.record(Opcode.ATTACHMENT, place.offset, place.offset + place.length)
-            assert isinstance(record, kinds.Attachment)
+            record = self.record(Opcode.ATTACHMENT, place.offset, place.length)
         except Damage as damage:
             raise BagError(str(damage), self.path, "damaged", f"byte {place.offset}") from None
-        times = record.log_time, record.create_time
-        return Attachment(*times, record.name, record.media_type, record.data)
+        assert isinstance(record, kinds.Attachment)
+        return record
 
     def close(self) -> None:
         """Close the file."""
         self.stream.close()
 
-
-def _place(text: str, first: int, count: int) -> str:
-    return f"byte {first}{f' and {count - 1} more' if count > 1 else ''}: {text}"
-
-
-def open_stream(path: Path) -> IO[bytes]:
-    """Open a file for reading; ``.mcap.zstd`` (rosbag2's file compression) is unpacked into a temporary file.
-
-    Raises
-    ------
-    BagError
-        If the file cannot be read, or needs more than half of the free space of the temporary folder.
-    """
-    try:
-        if path.suffix != ".zstd":
-            return path.open("rb")
-        stream = tempfile.TemporaryFile()  # noqa: SIM115 - closed by its Part
-        try:
-            limit = shutil.disk_usage(tempfile.gettempdir()).free // 2
-            with (
-                path.open("rb") as packed,
-                zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as unpacker,
-            ):
-                while piece := unpacker.read(_STEP):
-                    if stream.tell() + len(piece) > limit:
-                        raise BagError(
-                            f"the unpacked file is larger than {limit} bytes, half of the free "
-                            f"space in {tempfile.gettempdir()}; unpack it elsewhere ('zstd -d')",
-                            path,
-                            "disk",
-                        )
-                    stream.write(piece)
-        except BaseException:
-            stream.close()
-            raise
-    except OSError as error:
-        raise BagError(error.strerror or str(error), path, "disk") from None
-    except zstandard.ZstdError:
-        raise BagError("the zstd data is damaged", path, "damaged") from None
-    return stream
+    def _content(self, block: Block) -> memoryview:
+        if block.size == OUTSIDE:
+            return memoryview(self.source.bytes(block.offset, block.offset + block.length))
+        chunk = self.record(Opcode.CHUNK, block.offset, block.length)
+        assert isinstance(chunk, kinds.Chunk)
+        return unpack(chunk)

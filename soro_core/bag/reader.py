@@ -72,7 +72,7 @@ class BagReader:
     def __init__(self, path: str | Path, index: bool = True) -> None:
         self.path = Path(path)
         self._problems: list[str] = []
-        self.metadata = _load_metadata(self.path, self._problems)
+        self.metadata = load_metadata(self.path, self._problems)
         files = part_files(self.path, self.metadata)
         parts: list[Part] = []
         try:
@@ -166,7 +166,7 @@ class BagReader:
             try:
                 message = next(messages, None)
             except Damage as damage:
-                self.parts[number].lose(block, damage)
+                self.parts[number].lose(block.offset, damage)
                 return
             if message is not None:
                 heapq.heappush(opened, (message.log_time, number, block.offset, block, message, messages))
@@ -192,7 +192,7 @@ class BagReader:
                 qos = known.qos + tuple(item for item in topic.qos if item not in known.qos)
                 if known.definition and topic.definition not in ("", known.definition):
                     known = replace(known, definition_encoding=SEVERAL)
-                merged[key] = replace(known, qos=qos), count + part.counts.get(channel_id, 0)
+                merged[key] = replace(known, qos=qos), count + part.counts[channel_id]
         ordered = [merged[key] for key in sorted(merged)]
         return tuple(topic for topic, _ in ordered), tuple(count for _, count in ordered)
 
@@ -236,7 +236,7 @@ def _natural(file: Path) -> list[tuple[int, str]]:
     return [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in pieces]
 
 
-def _load_metadata(path: Path, problems: list[str]) -> Metadata | None:
+def load_metadata(path: Path, problems: list[str]) -> Metadata | None:
     """Read metadata.yaml; return None and note a problem if it is damaged (the files hold the same data)."""
     file = path / "metadata.yaml"
     if not path.is_dir():

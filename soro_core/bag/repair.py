@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import cast
 
 from soro_core.bag import metadata as bag_metadata
 from soro_core.bag.mcap_file import Compression, McapFile
 from soro_core.bag.metadata import FilePart, Metadata
-from soro_core.bag.part import Block, Part
-from soro_core.bag.reader import BagReader, part_files
+from soro_core.bag.part import Part
+from soro_core.bag.reader import BagReader, load_metadata, part_files
 from soro_core.bag.records import Damage
 from soro_core.bag.summary import open_part
 from soro_core.errors import BagError
+
+# What the index and the records of a file say alike.
+_COMPARED = ("schemas", "channels", "counts", "message_indexes", "metadata", "attachments")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,18 +50,11 @@ def repair(path: str | Path) -> tuple[PartRepair, ...]:
         If the path is not a bag, nothing can be read, or the disk refuses.
     """
     bag = Path(path)
-    before = _old_metadata(bag)
+    before = load_metadata(bag, [])
     done = tuple(_repair_part(file) for file in _files(bag, before))
     if bag.is_dir():
         bag_metadata.save(_new_metadata(bag, before), bag)
     return done
-
-
-def _old_metadata(bag: Path) -> Metadata | None:
-    try:
-        return bag_metadata.parse((bag / "metadata.yaml").read_text(encoding="utf-8"), str(bag))
-    except (OSError, UnicodeDecodeError, BagError):
-        return None
 
 
 def _files(bag: Path, before: Metadata | None) -> list[Path]:
@@ -80,11 +76,10 @@ def _repair_part(path: Path) -> PartRepair:
         if _is_sound(part):
             return PartRepair(path, part.message_count, False, (), None)
         if part.private_count:
-            part.lossy = True
-            part.remarks.append(f"{part.private_count} records of private kinds; left out")
+            part.lose(0, f"{part.private_count} records of private kinds")
         _rewrite(part, draft)
         # The original keeps the bytes that are left out.
-        original = _free_name(path) if part.lossy else None
+        original = _free_name(path) if part.losses else None
         if original is not None:
             os.replace(path, original)
         os.replace(draft, path)
@@ -99,11 +94,8 @@ def _repair_part(path: Path) -> PartRepair:
 
 
 def _free_name(path: Path) -> Path:
-    for number in itertools.count(1):
-        name = path.with_name(f"{path.name}.damaged{number if number > 1 else ''}")
-        if not name.exists():
-            return name
-    raise AssertionError
+    endings = (".damaged", *(f".damaged{number}" for number in range(2, 10_000)))
+    return next(name for ending in endings if not (name := path.with_name(path.name + ending)).exists())
 
 
 def _is_sound(walked: Part) -> bool:
@@ -112,23 +104,11 @@ def _is_sound(walked: Part) -> bool:
         return False
     part = open_part(walked.path)
     part.close()
-    same = (
-        part.indexed
-        and part.schemas == walked.schemas
-        and part.channels == walked.channels
-        and {**part.counts} == {**walked.counts}
-        and part.metadata == walked.metadata
-        and part.attachments == walked.attachments
-        and sorted(part.blocks, key=_offset) == walked.blocks
-    )
-    if not same:
-        state = "is not that of the file" if part.indexed else "is missing or leaves something out"
-        walked.remarks.append(f"the index {state}")
-    return same
-
-
-def _offset(block: Block) -> int:
-    return block.offset
+    same = part.indexed and all(getattr(part, name) == getattr(walked, name) for name in _COMPARED)
+    if not same or sorted(part.blocks, key=itemgetter(2)) != walked.blocks:
+        walked.remark("the index is missing, leaves something out or is not that of the file")
+        return False
+    return True
 
 
 def _rewrite(part: Part, draft: Path) -> None:

@@ -27,15 +27,7 @@ class SqlitePart(Part):
     def messages(
         self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64
     ) -> Iterator[Message]:
-        """Yield messages of a stretch of time.
-
-        Parameters
-        ----------
-        block : Block
-        channels : collection of int, optional
-        low, high : int
-            As in `Part.messages`.
-        """
+        """Yield messages of a stretch of time; parameters and errors as in `Part.messages`."""
         listed = list(enumerate(self.database.connections))
         wanted = [connection for number, connection in listed if channels is None or number in channels]
         numbers = {connection.id: number for number, connection in listed}
@@ -68,7 +60,7 @@ def open_sqlite(path: Path) -> SqlitePart:
         stream = path.open("rb")
     except OSError as error:
         raise BagError(error.strerror or str(error), path, "disk") from None
-    part = SqlitePart(path, stream, stream.seek(0, 2))
+    part = SqlitePart(path, stream)
     part.database = Reader(path)
     try:
         part.database.open()

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
+import tempfile
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
+import zstandard
+from mcap import records as kinds
 from mcap.opcode import Opcode
-from mcap.records import (
-    AttachmentIndex,
-    Channel,
-    ChunkIndex,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
 
-from soro_core.bag.part import Block, Part, open_stream
+from soro_core.bag.part import Block, Part
 from soro_core.bag.records import MAGIC, PREFIX, Damage
-from soro_core.bag.walk import walk
+from soro_core.bag.walk import Walk
 from soro_core.errors import BagError
 
 _FOOTER = struct.Struct("<BQQQI")
 _TAIL = _FOOTER.size + len(MAGIC)
 _DATA_END = PREFIX.size + 4
+_STEP = 1 << 20
+# Kinds of records that reading needs, so that the index has to name each.
+_NAMED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
 
 
 def open_part(path: Path, index: bool = True) -> Part:
@@ -44,100 +41,81 @@ def open_part(path: Path, index: bool = True) -> Part:
     BagError
         If the file is missing, unreadable, empty or not an MCAP file.
     """
-    stream = open_stream(path)
+    stream = None
     try:
-        part = Part(path, stream, stream.seek(0, 2))
-        _check_magic(part)
-        summary = _read_summary(part)
-        if summary is None:
-            walk(part)
-            return part
-        if index and not part.problems and summary.is_complete():
-            return summary.part
-        # Schemas and channels of the summary replace those of damaged chunks.
-        part.schemas, part.channels = summary.part.schemas, summary.part.channels
-        walk(part, summary.places(), bool(summary.part.blocks), summary.is_proven)
-        if summary.is_proven:
-            summary.compare(part)
-    except OSError as error:
-        stream.close()
-        raise BagError(error.strerror or str(error), path, "disk") from None
-    except BaseException:
-        stream.close()
+        stream = path.open("rb") if path.suffix != ".zstd" else _unpacked(path)
+        return _opened(Part(path, stream), index)
+    except BaseException as error:
+        if stream is not None:
+            stream.close()
+        if isinstance(error, OSError):
+            raise BagError(error.strerror or str(error), path, "disk") from None
         raise
+
+
+def _opened(part: Part, index: bool) -> Part:
+    begin = part.source.bytes(0, min(len(MAGIC), part.size))
+    end = part.source.bytes(max(0, part.size - _TAIL), part.size)
+    if not begin:
+        raise BagError("the file is empty", part.path, "damaged")
+    if MAGIC not in (begin, end[-len(MAGIC) :]):
+        raise BagError(f"no MCAP file: it begins with {begin!r}", part.path, "format")
+    if begin != MAGIC:
+        part.remark("the first bytes are not those of an MCAP file")
+    summary = _read_summary(part, end)
+    if summary is None:
+        Walk(part).run()
+        return part
+    if index and not part.problems and summary.is_complete():
+        return summary.part
+    summary.walk(part)
     return part
 
 
-def _check_magic(part: Part) -> None:
-    """Refuse a file that neither starts nor ends as an MCAP file, up to one bit."""
-    part.stream.seek(0)
-    magic = part.stream.read(len(MAGIC))
-    part.stream.seek(max(0, part.size - len(MAGIC)))
-    if not magic:
-        raise BagError("the file is empty", part.path, "damaged")
-    if magic != MAGIC:
-        flipped = int.from_bytes(magic, "little") ^ int.from_bytes(MAGIC, "little")
-        if flipped.bit_count() > 1 and part.stream.read() != MAGIC:
-            raise BagError(f"no MCAP file: it begins with {magic!r}", part.path, "format")
-        part.note(0, "the first bytes are not those of an MCAP file", left_out=False)
-
-
 class _Summary:
-    """The index of a file: a Part filled from it, and counts to check it."""
+    """The index of a file: a Part filled from it, and what its statistics say."""
 
     def __init__(self, part: Part, start: int, is_proven: bool) -> None:
-        self.part = Part(part.path, part.stream, part.size)
-        self.start, self.is_proven = start, is_proven
-        self._statistics: Statistics | None = None
-        self._metadata: list[MetadataIndex] = []
+        self.part, self._start, self._is_proven = Part(part.path, part.stream), start, is_proven
+        self._statistics: kinds.Statistics | None = None
+        self._metadata: list[kinds.MetadataIndex] = []
+        # Position and length [B] of what the index names; of a chunk with its message indexes.
+        self._places: list[tuple[int, int]] = []
 
     def fill(self, end: int) -> None:
         """Read the records of the summary; raise Damage if one is inconsistent, or there are too many."""
-        part, position = self.part, self.start
-        most, most_entries, entries = 100_000 + part.size // 200, (1 << 20) + part.size // 3, 0
+        part, position = self.part, self._start
+        most = 100_000 + part.size // 200
         for _ in range(most):
             if position == end:
                 return
             prefix = part.source.prefix(position)
             if prefix is None or prefix.end > end:
                 raise Damage("a record of the index is cut")
-            # Of maps, each entry takes its time.
-            entries += (
-                prefix.end - position if prefix.opcode in (Opcode.CHUNK_INDEX, Opcode.STATISTICS) else 0
-            )
-            if entries > most_entries:
-                raise Damage(f"the index is longer than {most_entries} bytes")
             if prefix.opcode <= Opcode.DATA_END:  # the format may grow
                 self._take(part.source.parse(prefix), prefix.end - position)
             position = prefix.end
         raise Damage(f"the index has more than {most} records")
 
-    def _take(self, record: object, length: int) -> None:
+    def _take(self, record: kinds.McapRecord, length: int) -> None:
         part = self.part
-        if isinstance(record, Schema | Channel):
-            part.describe(record, length, self.start, proven=False)
-        elif isinstance(record, Statistics):
+        if isinstance(record, kinds.Schema | kinds.Channel):
+            part.describe(record, length)
+        elif isinstance(record, kinds.Statistics):
             self._statistics = record
             part.counts.update(record.channel_message_counts)
-        elif isinstance(record, ChunkIndex):
+        elif isinstance(record, kinds.ChunkIndex):
+            times, offset = (record.message_start_time, record.message_end_time), record.chunk_start_offset
             part.compression = record.compression
-            places = record.message_index_offsets.items()
-            digest = hash((record.compression, record.compressed_size)) + record.message_index_length
-            part.blocks.append(
-                Block(
-                    record.message_start_time,
-                    record.message_end_time,
-                    record.chunk_start_offset,
-                    record.chunk_length,
-                    record.uncompressed_size,
-                    digest + sum(map(hash, places)),
-                    record.message_index_length,
-                )
-            )
-        elif isinstance(record, AttachmentIndex):
+            part.blocks.append(Block(*times, offset, record.chunk_length, record.uncompressed_size))
+            part.message_indexes.update((at, key) for key, at in record.message_index_offsets.items())
+            self._places.append((offset, record.chunk_length + record.message_index_length))
+        elif isinstance(record, kinds.AttachmentIndex):
             part.attach(record)
-        elif isinstance(record, MetadataIndex):
+            self._places.append((record.offset, record.length))
+        elif isinstance(record, kinds.MetadataIndex):
             self._metadata.append(record)
+            self._places.append((record.offset, record.length))
 
     def is_complete(self) -> bool:
         """Whether the index has all that reading needs; the format allows incomplete ones."""
@@ -145,41 +123,20 @@ class _Summary:
         part.indexed = (
             counted is not None
             and counted.message_count == part.message_count
-            and counted.chunk_count == len(part.blocks)
-            and counted.attachment_count == len(part.attachments)
-            and counted.metadata_count == len(self._metadata)
-            and all(channel_id in part.channels for channel_id, count in part.counts.items() if count)
+            and all(key in part.channels for key, count in part.counts.items() if count)
             and all(not item.schema_id or item.schema_id in part.schemas for item in part.channels.values())
-            and self._all_messages_are_in_chunks()
+            and self._names_all()
             and self._metadata_is_read()
         )
         return part.indexed
 
-    def compare(self, walked: Part) -> None:
-        """Note messages that the index counts and the records lack."""
-        missing = self.part.message_count - walked.message_count
-        if missing > 0:
-            walked.lossy = True
-            walked.remarks.append(f"{missing} of {self.part.message_count} messages are missing")
-
-    def places(self) -> list[int]:
-        """Return where records begin by the index, in their order [B]."""
-        return sorted({offset for offset, _ in self._known()} | {self.start - _DATA_END})
-
-    def _known(self) -> Iterator[tuple[int, int]]:
-        """Yield position and length [B] of what the index names; of a chunk with its message indexes."""
-        for block in self.part.blocks:
-            yield block.offset, block.length + block.indexes
-        yield from ((item.offset, item.length) for item in self.part.attachments)
-        yield from ((item.offset, item.length) for item in self._metadata)
-
-    def _all_messages_are_in_chunks(self) -> bool:
-        """Whether the rest of the file consists of whole records without messages."""
-        source, position = self.part.source, len(MAGIC)
-        for offset, length in (*sorted(self._known()), (self.start, 0)):
+    def _names_all(self) -> bool:
+        """Whether the rest of the file consists of whole records that reading does not need."""
+        position = len(MAGIC)
+        for offset, length in (*sorted(self._places), (self._start, 0)):
             while position < offset:
-                prefix = source.prefix(position)
-                if prefix is None or prefix.opcode == Opcode.MESSAGE:
+                prefix = self.part.source.prefix(position)
+                if prefix is None or prefix.opcode in _NAMED:
                     return False
                 position = prefix.end
             if position != offset:
@@ -190,34 +147,47 @@ class _Summary:
     def _metadata_is_read(self) -> bool:
         part = self.part
         try:
-            header = part.record(Opcode.HEADER, len(MAGIC))
-            assert isinstance(header, Header)
+            prefix = part.source.prefix(len(MAGIC))
+            if prefix is None or not isinstance(header := part.source.parse(prefix), kinds.Header):
+                return False
             part.profile = header.profile
             for place in self._metadata:
-                record = part.record(Opcode.METADATA, place.offset, place.offset + place.length)
-                assert isinstance(record, Metadata)
-                part.describe(record, place.length, place.offset, proven=False)
+                record = part.record(Opcode.METADATA, place.offset, place.length)
+                assert isinstance(record, kinds.Metadata)
+                part.describe(record, place.length)
         except Damage:
             return False
         return True
 
+    def walk(self, walked: Part) -> None:
+        """Fill a Part from the records of the file, with the help of the index if a checksum proves it."""
+        part, counted, data_end = self.part, self._statistics, self._start - _DATA_END
+        if not self._is_proven:
+            Walk(walked).run()
+            return
+        ends = {block.offset + block.length for block in part.blocks}
+        ends |= {end for offset, length in self._places for end in (offset, offset + length)}
+        places = [*sorted(place for place in ends if place < data_end), data_end, self._start]
+        # Schemas and channels of the index replace those of damaged chunks.
+        walked.schemas, walked.channels = {**part.schemas}, {**part.channels}
+        span = (counted.message_start_time, counted.message_end_time) if counted else (0, 1 << 64)
+        Walk(walked, places, bool(part.blocks), span).run()
+        if part.message_count > walked.message_count:
+            missing = part.message_count - walked.message_count
+            walked.lose(self._start, f"{missing} of {part.message_count} messages are missing")
 
-def _read_summary(part: Part) -> _Summary | None:
-    """Read the summary section; return None without one, and note a problem if it is damaged."""
-    if part.size < len(MAGIC) + _TAIL:
+
+def _read_summary(part: Part, tail: bytes) -> _Summary | None:
+    """Read the summary section; return None without one, and remark on one that is damaged or missing."""
+    if len(tail) < _TAIL or not tail.endswith(MAGIC) or tail[: PREFIX.size] != PREFIX.pack(Opcode.FOOTER, 20):
+        part.remark("not closed by its recorder, or cut: the index at the end is missing")
         return None
-    tail = part.source.bytes(part.size - _TAIL, part.size)
-    opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
-    if (
-        not tail.endswith(MAGIC)
-        or opcode != Opcode.FOOTER
-        or length != _FOOTER.size - PREFIX.size
-        or start == 0
-    ):
+    *_, start, _, crc = _FOOTER.unpack_from(tail)
+    if start == 0:
         return None
     end = part.size - _TAIL
     try:
-        if not len(MAGIC) < start <= end:
+        if not len(MAGIC) + _DATA_END < start <= end:
             raise Damage("the index lies outside the file")
         # The checksum covers the summary and the footer up to itself.
         if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(part.source.bytes(start, end))) != crc:
@@ -225,6 +195,33 @@ def _read_summary(part: Part) -> _Summary | None:
         summary = _Summary(part, start, bool(crc))
         summary.fill(end)
     except Damage as damage:
-        part.remarks.append(f"{damage}; it is ignored")
+        part.remark(f"{damage}; it is ignored")
         return None
     return summary
+
+
+def _unpacked(path: Path) -> IO[bytes]:
+    """Unpack a file into a temporary one.
+
+    Raises
+    ------
+    BagError
+        If it is damaged, or needs more than half of the free space of the temporary folder.
+    """
+    stream = tempfile.TemporaryFile()  # noqa: SIM115 - closed by its Part
+    folder = tempfile.gettempdir()
+    limit = shutil.disk_usage(folder).free // 2
+    unpacker = zstandard.ZstdDecompressor()
+    try:
+        with path.open("rb") as packed, unpacker.stream_reader(packed, read_across_frames=True) as pieces:
+            while piece := pieces.read(_STEP):
+                if stream.tell() + len(piece) > limit:
+                    text = f"unpacks to more than {limit} bytes, half of the free space in {folder}; "
+                    raise BagError(f"{text}unpack it elsewhere ('zstd -d')", path, "disk")
+                stream.write(piece)
+    except BaseException as error:
+        stream.close()
+        if isinstance(error, zstandard.ZstdError):
+            raise BagError("the zstd data is damaged", path, "damaged") from None
+        raise
+    return stream

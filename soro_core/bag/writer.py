@@ -81,11 +81,6 @@ class BagWriter:
     ) -> None:
         self.close()
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Messages written so far, by topic."""
-        return dict(self._counts)
-
     def add_topic(self, topic: Topic) -> None:
         """Register a topic before its first message.
 
@@ -175,11 +170,7 @@ class BagWriter:
             return
         self.closed = True
         self._file.close()
-        save(self.metadata(), self.folder)
-
-    def metadata(self) -> Metadata:
-        """Return the metadata of the messages written so far."""
-        return self._metadata((*self._parts, self._file.part()))
+        save(self._metadata((*self._parts, self._file.part())), self.folder)
 
     def _metadata(self, files: tuple[FilePart, ...]) -> Metadata:
         duration = 0 if self._start_ns is None else self._end_ns - self._start_ns

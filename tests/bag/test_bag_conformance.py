@@ -38,16 +38,7 @@ def read(file: Path, index: bool) -> dict[str, list[dict]]:
         result["Schema"] = [vars(schema) for schema in part.schemas.values()]
         result["Channel"] = [vars(channel) for channel in part.channels.values()]
         result["Metadata"] = [{"name": name, "metadata": values} for name, values in part.metadata]
-        result["Attachment"] = [
-            {
-                "name": item.name,
-                "media_type": item.media_type,
-                "log_time": item.log_time_ns,
-                "create_time": item.create_time_ns,
-                "data": item.data,
-            }
-            for item in map(part.attachment, part.attachments)
-        ]
+        result["Attachment"] = [vars(part.attachment(item)) for item in part.attachments]
         ids = {channel.topic: channel.id for channel in part.channels.values()}
         result["Message"] = [
             {

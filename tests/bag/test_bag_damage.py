@@ -11,11 +11,11 @@ import pytest
 from bag_samples import TOPICS, random_messages, read_all, write_bag
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Attachment
 from rosbags.rosbag2 import Reader
 
 from soro_core.bag import BagReader, repair
 from soro_core.bag.mcap_file import McapFile
-from soro_core.bag.part import Attachment
 from soro_core.bag.records import MAGIC, PREFIX
 from soro_core.errors import BagError
 from tests.refused import fails
@@ -55,18 +55,18 @@ def _no_waiting_for_the_disk(monkeypatch):
         (lambda bag: [file.unlink() for file in bag.iterdir()], "", "missing", ".mcap"),
         (lambda bag: (bag / "run_0.mcap").write_bytes(b""), "run_0.mcap", "damaged", "empty"),
         (lambda bag: (bag / "run_0.mcap").write_text("t,p1\n0,1\n"), "run_0.mcap", "format", "b't,p1"),
-        (lambda bag: (bag / "run_0.mcap").write_bytes(MAGIC), "run_0.mcap", "damaged", "header"),
+        (lambda bag: (bag / "run_0.mcap").write_bytes(MAGIC), "run_0.mcap", "damaged", "nothing in it"),
         (
             lambda bag: (bag / "run_0.mcap").write_bytes(MAGIC + b"\x01\xff"),
             "run_0.mcap",
             "damaged",
-            "header",
+            "nothing in it",
         ),
         (
             lambda bag: (bag / "run_0.mcap").write_bytes(MAGIC + bytes(1000)),
             "run_0.mcap",
             "damaged",
-            "header",
+            "nothing in it",
         ),
         (
             lambda bag: change(bag / "metadata.yaml", "mcap\n", "sqlite4\n"),
@@ -120,11 +120,10 @@ def test_wrong_counts_in_metadata_are_noted(tmp_path):
 
 
 # Cut files ----------------------------------------------------------------------------------------
-@pytest.mark.parametrize("compression", ["none", "zstd", "lz4"])
-def test_cut_at_and_around_every_record(tmp_path, compression):
+def test_cut_at_and_around_every_record(tmp_path):
     """Whatever was whole on the disk is read, and repair makes a sound bag of exactly that."""
     messages = random_messages(seed=11, count=45)
-    bag = write_bag(tmp_path / "run", messages, compression=compression, chunk_bytes=3000)
+    bag = write_bag(tmp_path / "run", messages, compression="none", chunk_bytes=3000)
     file = bag / "run_0.mcap"
     content = file.read_bytes()
     (bag / "metadata.yaml").unlink()
@@ -141,8 +140,7 @@ def test_cut_at_and_around_every_record(tmp_path, compression):
         whole = sum(count for end, count in ends.items() if end <= cut)
         with BagReader(bag) as reader:
             read = list(reader.messages())
-            assert len(read) >= whole
-            assert read == messages[: len(read)]
+            assert read == messages[:whole]
             assert len(reader.problems) >= 2, cut
         done = repair(bag)
         assert done[0].message_count == len(read)
@@ -156,24 +154,6 @@ def test_cut_at_and_around_every_record(tmp_path, compression):
             assert done[0].original.read_bytes() == content[:cut]
         for left in bag.iterdir():
             left.unlink()
-
-
-def test_a_cut_chunk_gives_what_is_whole_in_it(tmp_path):
-    messages = random_messages(seed=12, count=400)
-    bag = write_bag(tmp_path / "run", messages, compression="none")
-    file = bag / "run_0.mcap"
-    content = file.read_bytes()
-    start, end = next((start, end) for opcode, start, end in record_places(content) if opcode == Opcode.CHUNK)
-    for cut in np.linspace(start + 20, end - 1, 25).astype(int):
-        file.write_bytes(content[:cut])
-        kept = 0
-        inner = content[start:cut]
-        for message in messages:
-            kept += message.data in inner
-        read = read_all(bag)
-        assert read == messages[: len(read)]
-        assert len(read) >= kept - 1
-    assert len(read) == len(messages) - 1
 
 
 def attempt(action, *arguments):
@@ -342,8 +322,8 @@ def test_a_single_file_is_repaired_without_metadata(tmp_path, data):
     file.write_bytes(content[: len(content) // 2])
     (part,) = repair(file)
     assert sorted(item.name for item in tmp_path.iterdir()) == ["cub.mcap", "cub.mcap.damaged"]
-    # Uncompressed chunks of 0.8 MB: the cut one gives its whole messages too, so about half of them all.
-    assert 0.45 * 21258 < part.message_count < 0.55 * 21258
+    # Chunks of 0.8 MB: half of the file has one of the three large ones whole.
+    assert 0.3 * 21258 < part.message_count < 0.4 * 21258
     assert len(rosbags_messages(file)) == part.message_count
     with file.open("rb") as stream:
         assert (
@@ -358,7 +338,7 @@ def test_profile_and_attachments_of_a_file_are_kept(tmp_path):
         made = McapFile(stream, "lz4", profile="px4")
         channel = made.add_topic(TOPICS[0])
         made.write(channel, b"\0\1\0\0", 7, 6, 5)
-        made.add_attachment(Attachment(7, 8, "camera.yaml", "text/yaml", b"k: 1"))
+        made.add_attachment(Attachment(8, 7, "camera.yaml", "text/yaml", b"k: 1"))
         made.add_metadata("setup", {"robot": "six_link"})
         made.finish()
     file.write_bytes(file.read_bytes()[:-20])

@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from mcap.records import Attachment
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
@@ -29,7 +30,6 @@ from std_msgs.msg import Float64MultiArray, String
 
 from soro_core.bag import BagReader, BagWriter, Qos, Topic, repair
 from soro_core.bag.mcap_file import McapFile
-from soro_core.bag.part import Attachment
 from soro_ros.interfaces import definition
 from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
@@ -669,7 +669,7 @@ def test_soro_bag_info_prints_names_as_they_are(soro, tmp_path):
         file = McapFile(stream, "none")
         file.add_topic(Topic("/a[/b]\x1b[31m", "std_msgs/msg/String", "string data"))
         file.add_metadata("setup[/x]", {"robot": "six_link"})
-        file.add_attachment(Attachment(7, 8, "camera.yaml", "text/yaml", b"k: 1"))
+        file.add_attachment(Attachment(8, 7, "camera.yaml", "text/yaml", b"k: 1"))
         file.finish()
     told = soro("bag", "info", str(tmp_path / "bag.mcap"))
     assert told.status == 0, told.err

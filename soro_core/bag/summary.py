@@ -21,7 +21,10 @@ from soro_core.errors import BagError
 _FOOTER = struct.Struct("<BQQQI")
 _TAIL = _FOOTER.size + len(MAGIC)
 _DATA_END = PREFIX.size + 4
+_DATA_END_BEGIN = PREFIX.pack(Opcode.DATA_END, 4)
 _STEP = 1 << 20
+# Longest index in which topics are looked for where the footer does not lead to it [B].
+_LONGEST_INDEX = 1 << 24
 # Kinds of records that reading needs, so that the index has to name each.
 _NAMED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
 
@@ -64,12 +67,32 @@ def _opened(part: Part, index: bool) -> Part:
         part.remark("the first bytes are not those of an MCAP file")
     summary = _read_summary(part, end)
     if summary is None:
+        _describe_topics(part)
         Walk(part).run()
         return part
     if index and not part.problems and summary.is_complete():
         return summary.part
     summary.walk(part)
     return part
+
+
+def _describe_topics(part: Part) -> None:
+    """Take schemas and channels of an index that is elsewhere than the footer says.
+
+    Where bytes are missing from the file, or too many, the chunk that describes the topics may be lost.
+    """
+    begin = max(0, part.size - _LONGEST_INDEX)
+    at = bytes(part.source.bytes(begin, part.size)).rfind(_DATA_END_BEGIN)
+    position = begin + at + _DATA_END
+    while at >= 0 and (prefix := part.source.prefix(position)) is not None and prefix.end <= part.size:
+        if prefix.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            try:
+                record = part.source.parse(prefix)
+                assert isinstance(record, kinds.Schema | kinds.Channel)
+                part.describe(record, prefix.end - position)
+            except Damage:
+                return
+        position = prefix.end
 
 
 class _Summary:

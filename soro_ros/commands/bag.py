@@ -57,6 +57,9 @@ def repair_command(bag: Bag) -> None:
         _fail(error)
     for part in parts:
         _print_repair(console, part)
+    if any(part.original for part in parts) and not any(part.message_count for part in parts):
+        typer.echo(f"soro: {bag}: no message could be saved", err=True)
+        raise typer.Exit(1)
 
 
 @app.command("convert")
@@ -150,7 +153,7 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
         console.print(f"and {len(reader.topics) - _MOST_ROWS} more topics", highlight=False)
     for problem in reader.problems:
         console.print(_plain(problem), style="yellow", highlight=False, soft_wrap=True)
-    if reader.problems:
+    if reader.problems and reader.message_count:
         console.print(f"'soro bag repair {reader.path}' completes it", highlight=False, soft_wrap=True)
 
 

@@ -401,3 +401,24 @@ def test_samples_are_what_the_tests_assume():
     messages = random_messages(1, 200)
     assert {item.topic for item in messages} == {item.name for item in TOPICS[:3]}
     assert len({item.log_time_ns for item in messages}) < len(messages)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+@pytest.mark.parametrize("change", [-6, 6], ids=["bytes missing", "bytes too many"])
+def test_bytes_that_are_missing_or_too_many_cost_their_chunk(tmp_path, compression, change):
+    """The chunk that describes the topics is lost, and no offset of the index is right any more."""
+    file = tmp_path / "run_0.mcap"
+    with file.open("wb") as stream:
+        mcap = McapFile(stream, compression, chunk_bytes=4000)
+        channel = mcap.add_topic(TOPICS[0])
+        for k in range(2000):
+            mcap.write(channel, k.to_bytes(12, "little"), k, k, k)
+        mcap.finish()
+    content = file.read_bytes()
+    chunks = [place for place in record_places(content) if place[0] == Opcode.CHUNK]
+    at = chunks[0][1] + 200
+    file.write_bytes(content[:at] + (bytes(change) + content[at:] if change > 0 else content[at - change :]))
+    with BagReader(file) as reader:
+        found = [int.from_bytes(message.data, "little") for message in reader.messages()]
+    assert found == list(range(found[0], 2000))
+    assert found[0] < 2 * 2000 / len(chunks)

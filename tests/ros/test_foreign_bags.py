@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64
 
 from soro_core.bag import BagReader, BagWriter, Topic
+from soro_core.bag.mcap_file import McapFile
 from soro_core.errors import BagError
 from soro_core.scene import load_scene
 from soro_ros.decoding import Messages, playing, reading
@@ -357,3 +358,21 @@ def test_the_cases_from_outside(soro, tmp_path, data):
         assert ended.status == 2
         assert f"messages are {words}" in ended.err
         assert len(ended.err.splitlines()) == 1
+
+
+def test_a_repair_that_saves_nothing_is_no_success(soro, tmp_path):
+    """The one chunk claims what no chunk may have."""
+    path = tmp_path / "run_0.mcap"
+    with path.open("wb") as stream:
+        mcap = McapFile(stream, "zstd")
+        channel = mcap.add_topic(Topic("/x", "std_msgs/msg/Float64", "float64 data\n"))
+        mcap.write(channel, bytes(12), 1, 1, 1)
+        mcap.finish()
+    content = bytearray(path.read_bytes())
+    chunk = content.index(b"zstd") - 4
+    content[chunk - 12 : chunk - 4] = (1 << 40).to_bytes(8, "little")
+    path.write_bytes(content)
+    assert "'soro bag repair" not in soro("bag", "info", str(path)).out
+    ended = soro("bag", "repair", str(path))
+    assert (ended.status, ended.err) == (1, f"soro: {path}: no message could be saved\n")
+    assert path.with_name("run_0.mcap.damaged").read_bytes() == content

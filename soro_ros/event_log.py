@@ -136,7 +136,7 @@ def _append(line: str) -> None:
     place.parent.mkdir(parents=True, exist_ok=True)
     make_private(place, is_mended=True)
     older, file = files()
-    data = line.encode()
+    data = line.encode(errors="backslashreplace")
     lock = os.open(place / "lock", os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)

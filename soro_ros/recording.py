@@ -54,6 +54,8 @@ class Series:
         return np.column_stack(columns)
 
 
+# No arm has larger numbers [m, rad, Pa].
+_MOST = 1e8
 EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
 
 
@@ -97,9 +99,8 @@ def read(bag: Path, namespace: str) -> Recording:
         Namespace of the robot's nodes.
     """
     prefix = f"/{namespace}/" if namespace else "/"
-    rows: dict[str, list[tuple[int, list[float]]]] = {}
-    logged: dict[str, list[int]] = {}
-    names: dict[str, tuple[str, ...]] = {}
+    # Stamps, log times and values, by topic and names of their columns.
+    rows: dict[str, dict[tuple[str, ...], list[tuple[int, int, list[float]]]]] = {}
     diagnostics: dict[str, dict[str, str]] = {}
     faults: list[str] = []
     said: list[Said] = []
@@ -127,34 +128,38 @@ def read(bag: Path, namespace: str) -> Recording:
                 continue
             if isinstance(message, JointState):
                 values = list(message.effort if name.startswith("chambers") else message.position)
-                # Other names are other columns; what has no values has no column.
-                if not values or len(values) != len(message.name):
-                    continue
-                if names.setdefault(name, tuple(message.name)) != tuple(message.name):
+                names = tuple(message.name)
+                # What has no values has no column.
+                if not values or len(values) != len(names):
                     continue
             else:
+                names = ()
                 pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
                 values = [pose.position.x, pose.position.y, pose.position.z]
-            rows.setdefault(name, []).append((messages.to_ns(message.header.stamp), values))
-            logged.setdefault(name, []).append(item.log_time_ns)
+            if not any(abs(value) > _MOST for value in values):  # NaN is a chamber without a reading
+                row = messages.to_ns(message.header.stamp), item.log_time_ns, values
+                rows.setdefault(name, {}).setdefault(names, []).append(row)
         first_ns = reader.start_ns
         if not rows:
             recorded.need(kinds)
         problems = tuple(recorded.problems)
-    if "arm/desired/tip" in rows:
-        start = rows["arm/desired/tip"][0][0]
+    # Other names are other columns, from another program: those of most messages count.
+    kept = {name: max(groups.items(), key=lambda one: len(one[1])) for name, groups in rows.items()}
+    if "arm/desired/tip" in kept:
+        start = kept["arm/desired/tip"][1][0][0]
     else:
-        start = min((row[0][0] for row in rows.values()), default=first_ns)
+        start = min((listed[0][0] for _, listed in kept.values()), default=first_ns)
 
     def series(name: str) -> Series:
-        if name not in rows:
+        if name not in kept:
             return EMPTY
-        t = np.array([stamp - start for stamp, _ in rows[name]]) * 1e-9
-        return Series(t, np.array([values for _, values in rows[name]]), names.get(name, ()))
+        names, listed = kept[name]
+        t = np.array([stamp - start for stamp, _, _ in listed]) * 1e-9
+        return Series(t, np.array([values for _, _, values in listed]), names)
 
-    densest = max(rows, key=lambda name: len(rows[name]), default="")
-    stamps = [stamp for stamp, _ in rows.get(densest, [])]
-    events = events_of(said, clock(logged.get(densest, []), stamps, start))
+    _, densest = max(kept.values(), key=lambda one: len(one[1]), default=((), []))
+    stamps, logged = [row[0] for row in densest], [row[1] for row in densest]
+    events = events_of(said, clock(logged, stamps, start))
     return Recording(
         true_tip=series("truth/tip"),
         estimated_tip=series("arm/tip"),

@@ -94,7 +94,8 @@ def _read(name: str, text: str, encoding: str) -> tuple[Typestore, Fields]:
             raise ValueError(f"{len(text)} characters; allowed: up to {_LONGEST}")
         types: dict[str, Any] = {}
         if encoding == "ros2idl":
-            for part in text.split(_RULE):
+            # In MCAP a rule and a name stand before each definition.
+            for part in filter(str.strip, text.split(_RULE)):
                 types |= get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part)
         else:
             types |= get_types_from_msg(text, name)

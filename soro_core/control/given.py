@@ -28,6 +28,11 @@ from soro_core.robot.coordinates import StrainFields
 
 Array: TypeAlias = NDArray[np.float64]
 
+# Slices of a look within one tick, 0.3 ms each: commands that are later than 100 ms vent the arm.
+_MOST_SLICES = 120
+_TOO_LONG = "more than one tick can look at for obstacles"
+_SHORTER = "some 50 points; or a path (soro move, arm/reference/path), which is looked at between the ticks"
+
 
 class GivenReferences:
     """Makes references of one arm.
@@ -160,7 +165,9 @@ class GivenReferences:
             begin = reference_ahead(self.bounds, state.following, 0.0).q
         lookout = self.lookout(state.law, begin)
         if lookout is not None:
-            finished(keep_clear(lookout, begin, reference))
+            for slices, _ in enumerate(keep_clear(lookout, begin, reference)):
+                if slices >= _MOST_SLICES:
+                    raise MotionError("contact", "way", _TOO_LONG, _SHORTER)
 
     def check_way(self, law_state: object, start: Array) -> None:
         """Refuse the configured reference if the arm would meet an obstacle; parameters as in `lookout`.

@@ -87,12 +87,15 @@ class Lookout:
             yield
         bent = np.array(offsets)
         x, seen = knots, (yield from self._looked(way, knots, knots, bent))
-        while x.size < _MOST:
+        while True:
             moved = np.linalg.norm(np.diff(seen, axis=0), axis=2).max(axis=1, initial=0.0)
             pieces = np.ceil(moved / self.obstacles.step_m)
             far = np.flatnonzero(pieces > 1.0)
             if far.size == 0:
                 break
+            if x.size > _MOST:
+                allowed = f"{_MOST}: a shorter way"
+                raise MotionError("contact", "way", f"{x.size} places to look at for obstacles", allowed)
             between = [np.linspace(x[k], x[k + 1], int(pieces[k]) + 1)[1:-1] for k in far]
             new = np.concatenate(between)
             found = yield from self._looked(way, new, knots, bent)
@@ -122,7 +125,7 @@ class Lookout:
         known = self.obstacles
         clearance = known.clearance(seen)
         beyond = clearance - self._floor + np.where(self._floor < 0.0, ERROR_M, 0.0)
-        if beyond.min() < 0.0:
+        if not beyond.min() >= 0.0:  # NaN too
             place, index = np.unravel_index(int(np.argmin(beyond)), beyond.shape)
             touched = ", which it touches at the begin too" if self._floor[place, index] < 0.0 else ""
             raise MotionError(

@@ -10,6 +10,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.adaptation.learned import Learned
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
+from soro_core.control.lookout import line
 from soro_core.control.motion import finished
 from soro_core.control.motion_error import MotionError
 from soro_core.control.retune import retune
@@ -159,6 +160,36 @@ def test_a_way_past_an_obstacle_that_both_ends_keep_clear_of_is_refused_on_each_
     around = [one, one * [1, 1, -1], other * [1, 1, -1], other]
     assert control.tip(state, arm.pose(one, arm.length)[:3, 3]).sample(0.0).q == pytest.approx(one, abs=1e-2)
     control.trajectory(0.0, names, [0.0, 1.0, 2.0, 3.0], around, state=state)
+
+
+def test_a_trajectory_that_one_tick_cannot_look_at_is_refused():
+    """A command that is late by 100 ms vents the arm."""
+    control = controller([ball((0.09, 0.0, 0.04), 0.005)])
+    times = np.linspace(0.02, 30.0, 600)
+    rows = np.column_stack([0.05 + 0 * times, 8.0 * np.sin(times), 8.0 * np.cos(times)])
+    names, state = control.robot.coordinate_names, following(control, rows[0])
+    with pytest.raises(MotionError, match=r"more than one tick can look at .*50 points"):
+        control.trajectory(0.0, names, times, rows, state=state)
+    control.trajectory(0.0, names, times[:40], rows[:40], state=state)
+    controller().trajectory(0.0, names, times, rows)
+
+
+def test_a_place_that_is_no_number_is_not_clear(monkeypatch):
+    control = controller([ball((0.09, 0.0, 0.04), 0.005)])
+    state = following(control, REST)
+    whole = control.lookout(state.law, REST)
+    monkeypatch.setattr(
+        whole, "_seen", lambda q, offset: np.full((len(q), len(whole.obstacles.places), 3), np.nan)
+    )
+    with pytest.raises(MotionError, match="clearance of nan mm"):
+        finished(whole.follow(line(REST, REST, "on the way")))
+
+
+def test_a_way_that_needs_more_places_than_are_looked_at_is_refused(monkeypatch):
+    monkeypatch.setattr("soro_core.control.lookout._MOST", 5)
+    control = controller([ball((0.09, 0.0, 0.04), 0.005)])
+    with pytest.raises(MotionError, match="places to look at"):
+        planned(control)
 
 
 CONFIGURED = {

@@ -90,6 +90,44 @@ def test_fields_in_another_order_give_the_right_columns(soro, tmp_path):
     assert found == [state(k) for k in range(5)]
 
 
+IDL = """module lab_msgs { module msg {
+  struct Pair {
+    double first;
+    lab_msgs::msg::Part second;
+  };
+}; };
+"""
+PART = "module lab_msgs { module msg { struct Part { float x; }; }; };\n"
+
+
+@pytest.mark.parametrize("ruled", [True, False], ids=["a rule before each definition", "a rule between them"])
+def test_definitions_in_idl_are_read(soro, tmp_path, ruled):
+    """In MCAP a rule and a name stand before each definition."""
+    rule = "=" * 80 + "\nIDL: lab_msgs/msg/"
+    text = f"{rule}Pair\n{IDL}{rule}Part\n{PART}" if ruled else f"{IDL}{rule}Part\n{PART}"
+    topic = Topic("/p", "lab_msgs/msg/Pair", text, definition_encoding="ros2idl")
+    data = b"\0\1\0\0" + np.float64(0.5).tobytes() + np.float32(2.5).tobytes()
+    bag = write(tmp_path / "bag", {topic: [data] * 3})
+    ended = soro("bag", "convert", str(bag), str(tmp_path / "out"))
+    assert ended.status == 0, ended.err
+    assert [(row["first"], row["second.x"]) for row in table(tmp_path / "out" / "p.csv")] == [
+        ("0.5", "2.5")
+    ] * 3
+
+
+def test_messages_of_others_on_the_topics_of_a_run_do_not_end_its_report(tmp_path):
+    """Other columns, before those of the run too, and numbers of no arm."""
+    names = ["distance", "bending", "rotation", "x", "y", "z"]
+    good = [JointState(name=names, position=[1e-3 * k] * 6) for k in range(5)]
+    odd = [JointState(name=["a", "b", "c"], position=[1.0, 2.0, 3.0])] * 2
+    huge = [JointState(name=names, position=[1.8e307] * 6)]
+    rows = [serialize_message(message) for message in odd + good + huge]
+    topic = Topic("/arm/shadow/difference", JOINT)
+    found = read(write(tmp_path / "bag", {topic: rows}), "").shadow
+    assert found.names == tuple(names)
+    assert found.value == pytest.approx(np.array([message.position for message in good]))
+
+
 @pytest.mark.parametrize(
     ("text", "data", "column", "value"),
     [

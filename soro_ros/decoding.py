@@ -9,23 +9,12 @@ from typing import Any
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soro_core.bag import BagMessage, BagReader, Topic
-from soro_core.bag.decode import Decoder, Fields, is_empty_message
+from soro_core.bag.decode import Decoder, Fields, element_of, holds, is_empty_message
 from soro_core.bag.topics import check_encoding
 from soro_core.errors import BagError
 from soro_ros.interfaces import definition, message_class, type_name
 
 Read = Callable[[bytes], Any]
-
-# Types of numbers of which every value is one of another type.
-_NARROWER = {
-    "double": ("float",),
-    "int16": ("int8", "uint8"),
-    "int32": ("int8", "uint8", "int16", "uint16"),
-    "int64": ("int8", "uint8", "int16", "uint16", "int32", "uint32"),
-    "uint16": ("uint8",),
-    "uint32": ("uint8", "uint16"),
-    "uint64": ("uint8", "uint16", "uint32"),
-}
 
 
 class Messages:
@@ -214,15 +203,10 @@ def _layout(kind: type[Any], found: dict[str, tuple[tuple[str, str], ...]] | Non
     fields = kind.get_fields_and_field_types()
     found[type_name(kind).replace("/msg/", "/")] = tuple(fields.items())
     for text in fields.values():
-        name = _element(text)
+        name = element_of(text)
         if "/" in name and name not in found and (part := message_class(name)) is not None:
             _layout(part, found)
     return found
-
-
-def _element(text: str) -> str:
-    """Return the name of the type of which a sequence or an array is one."""
-    return text.removeprefix("sequence<").partition(",")[0].rstrip(">").partition("[")[0]
 
 
 def _difference(recorded: Fields, installed: Fields) -> str:
@@ -233,9 +217,7 @@ def _difference(recorded: Fields, installed: Fields) -> str:
         before, now = dict(recorded[name]), dict(fields)
         for field in [*now, *before]:
             old, new = before.get(field, "missing"), now.get(field, "missing")
-            element = _element(new)
-            narrower = (new.replace(element, other) for other in _NARROWER.get(element, ()))
-            if old != new and old not in narrower:
+            if not holds(new, old):
                 return f"{name}.{field} was {old}, and is {new}"
     return ""
 
@@ -249,7 +231,7 @@ def _as(kind: type[Any], value: Any) -> Any:
 
 
 def _converted(text: str, value: Any) -> Any:
-    element = _element(text)
+    element = element_of(text)
     if text != element:
         items = value.tolist() if hasattr(value, "tolist") else value
         return (

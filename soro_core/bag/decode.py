@@ -29,6 +29,17 @@ _LONGEST, _LARGEST, _DEEPEST = 1 << 18, 1 << 16, 20
 _RULE = "=" * 80 + "\n"
 _NAMES = {"float64": "double", "float32": "float", "bool": "boolean", "byte": "octet", "char": "uint8"}
 
+# Types of numbers of which every value is one of another type.
+_NARROWER = {
+    "double": ("float",),
+    "int16": ("int8", "uint8"),
+    "int32": ("int8", "uint8", "int16", "uint16"),
+    "int64": ("int8", "uint8", "int16", "uint16", "int32", "uint32"),
+    "uint16": ("uint8",),
+    "uint32": ("uint8", "uint16"),
+    "uint64": ("uint8", "uint16", "uint32"),
+}
+
 
 class Decoder:
     """Reads the messages of one topic of a bag.
@@ -151,3 +162,15 @@ def _full(name: str) -> str:
 
 def _short(name: str) -> str:
     return name.replace("/msg/", "/")
+
+
+def element_of(text: str) -> str:
+    """Return the name of the type of which a sequence or an array is one; of another type its own."""
+    return text.removeprefix("sequence<").partition(",")[0].rstrip(">").partition("[")[0]
+
+
+def holds(wanted: str, recorded: str) -> bool:
+    """Whether a field holds every value of a recorded one; types are named as in `Fields`."""
+    element = element_of(wanted)
+    narrower = (wanted.replace(element, other) for other in _NARROWER.get(element, ()))
+    return recorded == wanted or recorded in narrower

@@ -67,20 +67,33 @@ def _opened(part: Part, index: bool) -> Part:
         part.remark("the first bytes are not those of an MCAP file")
     summary = _read_summary(part, end)
     if summary is None:
-        _describe_topics(part)
-        Walk(part).run()
-        return part
+        return _walked(part)
     if index and not part.problems and summary.is_complete():
         return summary.part
     summary.walk(part)
     return part
 
 
-def _describe_topics(part: Part) -> None:
-    """Take schemas and channels of an index that is elsewhere than the footer says.
+def _walked(part: Part) -> Part:
+    """Return the part, filled by a walk; of an index elsewhere than the footer says, only topics count.
 
-    Where bytes are missing from the file, or too many, the chunk that describes the topics may be lost.
+    Where bytes are missing from a file, or too many, the chunk that describes the topics may be lost. What
+    the walk itself finds precedes such an index, whose checksum does not fit.
     """
+    again = Part(part.path, part.stream)
+    again.remarks = part.remarks[:]
+    Walk(part).run()
+    if part.losses and not part.over:
+        again.schemas, again.channels = {**part.schemas}, {**part.channels}
+        _describe_topics(again)
+        if again.channels.keys() > part.channels.keys():
+            Walk(again).run()
+            return again
+    return part
+
+
+def _describe_topics(part: Part) -> None:
+    """Add the schemas and channels behind the end of the data, wherever that is."""
     begin = max(0, part.size - _LONGEST_INDEX)
     at = bytes(part.source.bytes(begin, part.size)).rfind(_DATA_END_BEGIN)
     position = begin + at + _DATA_END

@@ -228,7 +228,7 @@ def test_a_bomb_takes_little_time_and_memory(tmp_path, name):
     measured = [line.split()[1:] for line in lines if line.startswith("measured ")]
     assert len(measured) == 2
     for status, peak_kb, seconds in measured:
-        assert int(status) in (0, 2)
+        assert int(status) in (0, 1, 2)  # 1: a repair that saves no message
         assert int(peak_kb) < MOST_KB
         assert float(seconds) < MOST_S  # of the processor: others may use the machine
     assert len(lines) < 1100

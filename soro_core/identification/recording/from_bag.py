@@ -135,10 +135,12 @@ def read_bag(
 
 def _check_fields(topic: Topic, fields: Fields, known: Fields, bag: Path) -> None:
     """Refuse a type that was recorded with a definition without the fields that are read."""
+    from soro_core.bag.decode import holds
+
     for name, listed in known.items():
         recorded = dict(fields.get(name, ()))
         for field, text in listed:
-            if recorded.get(field) != text:
+            if not holds(text, recorded.get(field, "missing")):
                 got = f"{name}.{field} is {recorded.get(field, 'missing')} in its definition"
                 raise BagError(f"{got}; allowed: {text}", bag, "value", topic.name)
 

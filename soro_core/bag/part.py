@@ -175,7 +175,15 @@ class Part:
             yield message_of(content[start:end])
 
     def record(self, opcode: int, start: int, length: int) -> kinds.McapRecord:
-        """Return a record of a kind, by its place and length [B]; raise Damage if another one is there."""
+        """Return a record that the index or a walk has found; raise Damage if another one is there.
+
+        Parameters
+        ----------
+        opcode : int
+            Its kind.
+        start, length : int
+            Its place and length in the file [B].
+        """
         prefix = self.source.prefix(start)
         if prefix is None or (prefix.opcode, prefix.end) != (opcode, start + length):
             raise Damage("another record is here")

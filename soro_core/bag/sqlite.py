@@ -27,7 +27,12 @@ class SqlitePart(Part):
     def messages(
         self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64
     ) -> Iterator[Message]:
-        """Yield messages of a stretch of time; parameters and errors as in `Part.messages`."""
+        """Yield messages of a stretch of time by their log times.
+
+        Parameters
+        ----------
+        block, channels, low, high : as in `Part.messages`
+        """
         listed = list(enumerate(self.database.connections))
         wanted = [connection for number, connection in listed if channels is None or number in channels]
         numbers = {connection.id: number for number, connection in listed}

@@ -18,6 +18,8 @@ from soro_core.hardware.canopen.cia408 import ValveState
 from soro_core.hardware.transport.frame import Frame
 from soro_core.hardware.transport.slcan_codec import encode
 
+# Closed twice, 1 Mbit/s, no time stamps, frames as they come, a filter that lets all through, open.
+SLCAN_OPENS = b"C\rC\rS8\rZ0\rX1\rM00000000\rmFFFFFFFF\rO\r"
 QUIET = {"emulation": {"regulator": {"reading_noise_pa": 0.0}}}
 
 
@@ -82,10 +84,12 @@ def test_bytes_over_a_pseudo_terminal(tmp_path):
     with emulator(tmp_path, "--lockstep", platform=path) as served, Tap(served.device) as tap:
         _start_up_and_two_cycles(served, tap)
         sent, received = tap.sent, tap.received
-    assert sent == b"C\rC\rS8\rO\r" + b"".join(_line(entry) for entry in log if entry[0] == ">")
-    # Every frame sent is acknowledged by "z"; C, S8 and O by an empty line.
+    assert sent == SLCAN_OPENS + b"".join(_line(entry) for entry in log if entry[0] == ">")
+    # Every frame sent is acknowledged by "z", C, S8 and O by an empty line; the plain emulated adapter knows
+    # none of the four settings between them, and answers a BEL to each.
     answers = [b"z\r" if entry[0] == ">" else _line(entry) for entry in log]
-    lines = [line for line in received.split(b"\r") if line]
+    assert received.count(b"\a") == 4
+    lines = [line for line in received.replace(b"\a", b"").split(b"\r") if line]
     assert sorted(lines) == sorted(answer.rstrip(b"\r") for answer in answers)
     assert [x for x in lines if x != b"z"] == [_line(e)[:-1] for e in log if e[0] == "<"]
 

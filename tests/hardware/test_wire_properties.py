@@ -97,17 +97,18 @@ class Wire:
         return data
 
     def _soro_board(self, line, data):
-        while len(data) >= 10:
-            magic, version, kind, length, _ = struct.unpack_from("<2sBBHI", data)
-            assert (magic, version) == (b"sB", 1)
-            body, crc = data[: 10 + length], data[10 + length : 14 + length]
+        while len(data) >= 18:
+            magic, version, kind, length, _, number = struct.unpack_from("<2sBBHIQ", data)
+            assert (magic, version) == (b"sB", 2)
+            assert (number == 0) == (kind == 1)  # only the greeting does not know the board's number yet
+            body, crc = data[: 18 + length], data[18 + length : 22 + length]
             assert zlib.crc32(body) == struct.unpack("<I", crc)[0]
             if kind == 2:
-                values = struct.unpack(f"<{length // 4}i", body[10:])
+                values = struct.unpack(f"<{length // 4}i", body[18:])
                 assert not any(values[3:])
                 for chamber, value in enumerate(values[:3]):
                     self._note(chamber, float(value))
-            data = data[14 + length :]
+            data = data[22 + length :]
         return data
 
     def _vtem_modbus(self, line, data):

@@ -101,7 +101,9 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
             raise ConfigError(str(path), "", f"{size} bytes", allowed)
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConfigError(str(path), "", "no such file", "an existing YAML file") from None
+        raise ConfigError(
+            str(path), "", "no such file", f"an existing YAML file{_shipped(Path(path))}"
+        ) from None
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, or no path
         raise ConfigError(str(path), "", str(error), "a readable UTF-8 file") from None
     return read_mapping(text, where=str(path))
@@ -184,6 +186,12 @@ def find_config(name: str | Path, kind: str) -> Path:
     raise ConfigError(
         str(name), "", f"no {kind} file of that name", f"a path ending in .yaml, or one of {known}"
     )
+
+
+def _shipped(path: Path) -> str:
+    """Say by which name a file of this folder and name comes with soro; "" where none does."""
+    is_shipped = (config_folder() / path.parent.name / path.name).is_file()
+    return f", or {path.stem} for the one that comes with soro" if is_shipped else ""
 
 
 def config_folder() -> Path:

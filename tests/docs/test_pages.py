@@ -83,17 +83,16 @@ def test_pictures_of_the_pages_are_used_and_small():
         assert picture.stat().st_size < 1.5e6, picture.name
 
 
-def test_the_changelog_is_one_screen():
-    lines = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()
-    assert len(lines) < 80
-    assert all(len(line) <= 140 for line in lines)
+def test_the_changelog_of_a_release_is_one_screen():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert all(len(release.splitlines()) < 70 for release in re.split("^## ", text, flags=re.MULTILINE))
+    assert all(len(line) <= 140 for line in text.splitlines())
 
 
 def test_the_citation_can_be_read():
     about = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors", "references"} <= about.keys()
     assert about["cff-version"] == "1.2.0"
-    assert f'version = "{about["version"]}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
 def test_the_gallery_shows_every_scene_as_its_file_describes_it():

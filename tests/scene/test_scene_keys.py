@@ -6,7 +6,7 @@ from soro_core.config import changed
 from soro_core.frames import Frames
 from soro_core.run_keys import SHARED
 from soro_core.safety import Limits
-from soro_core.scene import Scene
+from soro_core.scene import Scene, load_scene
 from soro_core.twin.config import TwinConfig, TwinSection
 from tests.refused import refused
 
@@ -43,3 +43,12 @@ def test_the_scene_and_the_twin_share_no_key_beside_those():
     """They differ in meaning: 0 is no end for a twin, and a scene may leave its model to be chosen."""
     shared = {name for keys in SHARED for name in keys.model_fields}
     assert (Scene.model_fields.keys() & TwinConfig.model_fields.keys()) - shared == {"duration_s", "model"}
+
+
+def test_a_path_of_the_checkout_is_answered_elsewhere_by_the_name_that_works(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with refused("", "no such file", names=("or track_circle for",)):
+        load_scene("config/scenes/track_circle.yaml")
+    with refused("", "no such file") as caught:
+        load_scene("config/scenes/mine.yaml")
+    assert "mine" not in caught.value.allowed

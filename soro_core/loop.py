@@ -23,10 +23,10 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
     from soro_core.control import Command, Controller, ControllerState, Reference
     from soro_core.control.laws import Certainty
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
-    from soro_core.hardware import PlatformBase
     from soro_core.integrate import Status
     from soro_core.robot import Discretisation, Robot
-    from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, Scene
+    from soro_hardware import PlatformBase
+    from soro_lab.scene import ControllerNodeConfig, EstimatorNodeConfig, Scene
 
 Array: TypeAlias = NDArray[np.float64]
 

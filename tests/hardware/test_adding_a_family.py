@@ -10,8 +10,8 @@ import yaml
 from hardware_bench import wait_for
 from served_bench import served
 
-from soro_core.hardware import doctor, families, load_platform, open_regulator
-from soro_core.hardware.port import FAULT_CODES
+from soro_hardware import doctor, families, load_platform, open_regulator
+from soro_hardware.port import FAULT_CODES
 from tests.refused import refused
 
 PAGE = (Path(__file__).parents[2] / "docs/adding_a_family.md").read_text(encoding="utf-8")

@@ -7,9 +7,9 @@ from board_bench import board_platform, veab_platform
 from serial_bench import alicat, itv
 from served_bench import served
 
-from soro_core.hardware import doctor, load_platform
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
+from soro_hardware import doctor, load_platform
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
 
 QUICK = {"boot_timeout_s": 0.3, "answer_timeout_s": 0.1, "check_s": 0.1}
 

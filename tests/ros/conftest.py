@@ -20,7 +20,9 @@ pytest.importorskip("rclpy", reason="the ROS part is not installed on this platf
 
 from rclpy.node import Node
 
-from soro_ros import cli, middleware, node_process, timing
+from soro_hardware import timing
+from soro_ros import cli
+from soro_ros.process import middleware, node_process
 
 
 class Ended(NamedTuple):

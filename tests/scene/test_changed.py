@@ -9,8 +9,8 @@ import soro_core
 from soro_core.config import changed
 from soro_core.errors import ConfigError
 from soro_core.safety import Limits
-from soro_core.scene import Scene
 from soro_core.twin import TwinConfig
+from soro_lab.scene import Scene
 
 
 def test_it_keeps_what_was_stated_and_what_was_left_out():

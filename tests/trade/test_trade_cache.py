@@ -9,11 +9,11 @@ from small import GRID, Counting, robot
 
 import soro_core
 from soro_core.robot import Discretisation
-from soro_core.scene import Requirement, Scene
-from soro_core.trade import Candidate, bare_case, run_study, sources
-from soro_core.trade import cache as keys
-from soro_core.trade import study as study_module
-from soro_core.trade.cache import Cache
+from soro_lab.scene import Requirement, Scene
+from soro_lab.trade import Candidate, bare_case, run_study, sources
+from soro_lab.trade import cache as keys
+from soro_lab.trade import study as study_module
+from soro_lab.trade.cache import Cache
 
 FEW = replace(GRID, polynomials=(), nodes=(0,), steps=(8,), most=0)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.actuation import DEFAULT_RATE_HZ
+from soro_core.control.pressures.actuation import DEFAULT_RATE_HZ
 from soro_core.errors import ConfigError
 from soro_core.integrate import State, make_stepper
 from soro_core.model.discretised import discretised

@@ -1,0 +1,1 @@
+"""Motions of the tip along paths: from the path to coordinates over time."""

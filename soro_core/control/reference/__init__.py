@@ -1,0 +1,1 @@
+"""References: where the arm ought to be, and whether it can be there."""

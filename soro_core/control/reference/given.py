@@ -1,0 +1,188 @@
+"""References that others give: trajectories and poses of the tip, checked against one arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.control.command import ControllerState
+from soro_core.control.config import ControllerConfig
+from soro_core.control.laws.protocol import Law
+from soro_core.control.motions.motion import finished
+from soro_core.control.motions.motion_error import MotionError
+from soro_core.control.obstacle.lookout import Lookout, keep_clear
+from soro_core.control.obstacle.obstacles import Obstacles
+from soro_core.control.reference.following import reference_ahead
+from soro_core.control.reference.passage import Bounds
+from soro_core.control.reference.references import key_of, tip_reference, trajectory_reference
+from soro_core.control.reference.resting_shape import resting_shape
+from soro_core.control.reference.trajectory import Reference
+from soro_core.control.reference.undriven import Undriven
+from soro_core.errors import ConfigError
+from soro_core.model import SoftArm
+from soro_core.robot import Robot
+from soro_core.robot.coordinates import StrainFields
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Slices of a look within one tick, 0.3 ms each: commands that are later than 100 ms vent the arm.
+_MOST_SLICES = 120
+_TOO_LONG = "more than one tick can look at for obstacles"
+_SHORTER = "some 50 points; or a path (soro move, arm/reference/path), which is looked at between the ticks"
+
+
+class GivenReferences:
+    """Makes references of one arm.
+
+    Attributes
+    ----------
+    arm, robot : SoftArm, Robot
+        Discretised model and its robot.
+    fields : StrainFields
+        Its strains.
+    config : ControllerConfig
+    bounds : Bounds
+        Limits of references.
+    limit : ndarray (n_q,)
+        Largest absolute strain.
+    obstacles : Obstacles or None
+        What the robot file knows around the arm.
+    law : Law
+    undriven : Undriven
+    configured : Reference or None
+        The configured reference; None to hold the arm where it is.
+    """
+
+    arm: SoftArm
+    robot: Robot
+    fields: StrainFields
+    config: ControllerConfig
+    bounds: Bounds
+    limit: Array
+    obstacles: Obstacles | None
+    law: Law[Any]
+    undriven: Undriven
+    configured: Reference | None
+    initial_state: Callable[[], ControllerState]
+
+    def trajectory(
+        self,
+        t: float,
+        names: Sequence[str],
+        times_s: Sequence[float],
+        positions: Array | Sequence[Sequence[float]],
+        velocities: Array | Sequence[Sequence[float]] | None = None,
+        accelerations: Array | Sequence[Sequence[float]] | None = None,
+        stamp_ns: int = 0,
+        state: ControllerState | None = None,
+    ) -> Reference:
+        """Return a reference from a JointTrajectory that starts at `t` [s].
+
+        Parameters
+        ----------
+        t : float
+            Time of the start [s].
+        names, times_s, positions, velocities, accelerations, stamp_ns : as in `trajectory_reference`
+        state : ControllerState or None
+            Its reference is where the arm begins; None: straight, with nothing learned.
+
+        Returns
+        -------
+        Reference
+
+        Raises
+        ------
+        ConfigError
+            If names, times or numbers are wrong, a strain or a rate is beyond `bounds`, or the arm meets an
+            obstacle.
+        """
+        found = trajectory_reference(
+            self.bounds,
+            self.robot.coordinate_names,
+            names,
+            times_s,
+            positions,
+            velocities,
+            accelerations,
+            start_s=t,
+            stamp_ns=stamp_ns,
+        )
+        self._keep_clear(state or self.initial_state(), found)
+        return found
+
+    def tip(self, state: ControllerState, position: Array, quaternion: Array | None = None) -> Reference:
+        """Return a set point that brings the tip to a pose.
+
+        Parameters
+        ----------
+        state : ControllerState
+            The search starts at its reference.
+        position : ndarray (3,)
+            Position of the tip in the world frame [m].
+        quaternion : ndarray (4,), optional
+            Orientation (x, y, z, w), weighted with `reference.rotation_weight_m`.
+
+        Returns
+        -------
+        Reference
+
+        Raises
+        ------
+        ConfigError
+            If a number is not finite, the arm misses the position by more than the configured tolerance, or
+            meets an obstacle on the way.
+        """
+        # From the reference in force, so that neighbouring poses get neighbouring coordinates.
+        start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
+        found = tip_reference(
+            self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion
+        )
+        self._keep_clear(state, found)
+        return found
+
+    def lookout(self, law_state: object, start: Array) -> Lookout | None:
+        """Return what looks out for the obstacles that the robot file knows; None where it knows none.
+
+        Parameters
+        ----------
+        law_state : object
+            State of the law, which holds the learned load.
+        start : ndarray (n_q,)
+            Coordinates of the reference at the begin.
+        """
+        if self.obstacles is None:
+            return None
+        shape = resting_shape(self.arm, self.law, law_state, self.undriven, self.obstacles.uneven)
+        return Lookout(self.obstacles, shape, start)
+
+    def _keep_clear(self, state: ControllerState, reference: Reference) -> None:
+        """Refuse a reference if the arm would meet an obstacle on the way from the one in force."""
+        begin = np.zeros(self.arm.n_q)
+        if state.following is not None:
+            begin = reference_ahead(self.bounds, state.following, 0.0).q
+        lookout = self.lookout(state.law, begin)
+        if lookout is not None:
+            for slices, _ in enumerate(keep_clear(lookout, begin, reference)):
+                if slices >= _MOST_SLICES:
+                    raise MotionError("contact", "way", _TOO_LONG, _SHORTER)
+
+    def check_way(self, law_state: object, start: Array) -> None:
+        """Refuse the configured reference if the arm would meet an obstacle; parameters as in `lookout`.
+
+        Raises
+        ------
+        ConfigError
+            With the key of the reference, the obstacle and the place.
+        """
+        # Also without a reference: its kernels are compiled here, and not in the tick that looks first.
+        reference, lookout = self.configured, self.lookout(law_state, start)
+        if reference is None or lookout is None:
+            return
+        try:
+            finished(keep_clear(lookout, start, reference))
+        except MotionError as error:
+            key = f"reference.{key_of(reference)}"
+            raise ConfigError("controller", key, error.got, error.allowed) from None

@@ -1,0 +1,125 @@
+"""Where the tip rests under the pressures that an arm may have."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import ModelError
+from soro_core.model import SoftArm
+from soro_core.model.equilibrium.statics import stable_equilibrium
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Combinations of pressures, at most so many; every chamber has at least two levels.
+MOST = 1000
+# Points along the drawn shapes.
+_POINTS = 25
+# Directions about the base, for the radius that the tip reaches in each.
+_DIRECTIONS = 12
+
+
+@dataclass(frozen=True)
+class Reachable:
+    """Places of the tip at rest.
+
+    Attributes
+    ----------
+    tip_m : ndarray (n, 3)
+        Positions in the world [m].
+    pressure_pa : ndarray (n, n_u)
+        Their pressures [Pa gauge].
+    q : ndarray (n, n_q)
+        Their coordinates.
+    rest_m : ndarray (3,)
+        Position at the lowest pressures [m].
+    failed : int
+        Combinations of pressures for which no stable rest was found.
+    """
+
+    tip_m: Array
+    pressure_pa: Array
+    q: Array
+    rest_m: Array
+    failed: int
+
+    def numbers(self) -> list[tuple[str, str]]:
+        """Return names and values for a table."""
+        low, high = _in_mm(self.tip_m.min(axis=0)), _in_mm(self.tip_m.max(axis=0))
+        rows = [(f"{axis}, mm", f"{a:.1f} to {b:.1f}") for axis, a, b in zip("xyz", low, high, strict=True)]
+        away = self.tip_m - self.rest_m
+        angle, radius = np.arctan2(away[:, 1], away[:, 0]), np.hypot(away[:, 0], away[:, 1])
+        sector = np.floor((angle + math.pi) / (2.0 * math.pi) * _DIRECTIONS).astype(int) % _DIRECTIONS
+        reach = [radius[sector == k].max(initial=0.0) for k in range(_DIRECTIONS)]
+        rows += [
+            ("sideways in the best direction, mm", f"{1e3 * max(reach):.1f}"),
+            (f"sideways in the worst of {_DIRECTIONS} directions, mm", f"{1e3 * min(reach):.1f}"),
+            ("tip at the lowest pressures, mm", ", ".join(f"{x:.1f}" for x in _in_mm(self.rest_m))),
+            ("combinations of pressures", f"{len(self.tip_m)}, {self.failed} without a stable rest"),
+        ]
+        return rows
+
+
+def reachable(
+    arm: SoftArm,
+    minimum_pa: float,
+    maximum_pa: float,
+    load_kg: float = 0.0,
+) -> Reachable:
+    """Return where the tip rests under a grid of pressures.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model.
+    minimum_pa, maximum_pa : float
+        Range of the pressures [Pa gauge].
+    load_kg : float
+        Mass at the tip beside that of the robot [kg].
+
+    Returns
+    -------
+    Reachable
+
+    Raises
+    ------
+    ModelError
+        If the arm has no stable rest under any of them.
+    """
+    grid = pressure_grid(np.full(arm.n_u, minimum_pa), np.full(arm.n_u, maximum_pa))
+    found: list[tuple[Array, Array]] = []
+    for pressure in grid:
+        try:
+            q = stable_equilibrium(arm, pressure, found[-1][1] if found else None, load_kg)
+        except ModelError:
+            continue
+        found.append((pressure, q))
+    if not found:
+        raise ModelError(f"{arm.robot.name} has no stable rest under any pressure", "load")
+    pressures, coordinates = (np.array(rows) for rows in zip(*found, strict=True))
+    tips = np.array([arm.pose(q, arm.length)[:3, 3] for q in coordinates])
+    return Reachable(tips, pressures, coordinates, tips[0], len(grid) - len(found))
+
+
+def _in_mm(position_m: Array) -> Array:
+    """Return a position [m] in tenths of a millimetre, as [mm], without a negative zero."""
+    return np.asarray(np.round(1e3 * position_m, 1) + 0.0)
+
+
+def shape(arm: SoftArm, q: Array) -> Array:
+    """Return positions (n, 3) along the arm [m]."""
+    return np.array([arm.pose(q, s)[:3, 3] for s in np.linspace(0.0, arm.length, _POINTS)])
+
+
+def pressure_grid(minimum_pa: Array, maximum_pa: Array) -> Array:
+    """Return at most `MOST` combinations of pressures (n, n_u), the lowest ones first."""
+    n = len(minimum_pa)
+    levels = max(2, int(MOST ** (1.0 / n) + 1e-9))
+    # Of many chambers, evenly spread combinations of the lowest and the highest pressures.
+    numbers = range(0, levels**n, max(1, levels**n // MOST))
+    digits = np.array([[k // levels**i % levels for i in reversed(range(n))] for k in numbers])
+    return np.asarray(minimum_pa + digits / (levels - 1) * (maximum_pa - minimum_pa))

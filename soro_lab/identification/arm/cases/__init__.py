@@ -1,0 +1,1 @@
+"""What a fit compares: cases from recordings, and their prediction."""

@@ -13,7 +13,6 @@ import yaml
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core.config import changed
-from soro_core.loop import loop_of
 from soro_core.twin import Twin
 from soro_design.parts.file import PartFile, load_part
 from soro_design.parts.geometry import RodGeometry
@@ -23,6 +22,7 @@ from soro_design.robot_of_part.snapshots import snapshots
 from soro_design.robot_of_part.stages import Identified, identify
 from soro_design.robot_of_part.written import mean_and_most, write_robot
 from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 
 TITLE = "Robots identified from finite elements"
 PARTS = ("silicone_rod_three_chambers", "tapered_rod_three_chambers")

@@ -1,8 +1,8 @@
-"""The list of all families of regulators.
+"""Families of regulators by name: shipped ones, and others by the entry point `soro.families`.
 
 A family has a model of its platform files, a function that makes its driver, and a function that makes its
-emulated devices, which `soro_hardware.emulation.families` calls. Each part is imported when it is used: a driver
-imports neither the library of another bus nor the emulator.
+emulated devices. Each part is imported when it is used: a driver imports neither the library of another bus
+nor the emulator.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,10 +21,12 @@ from soro_core.extras import named_packages
 from soro_hardware.platform import PlatformBase
 from soro_hardware.port import Regulator
 
+GROUP = "soro.families"
+
 
 @dataclass(frozen=True)
 class Family:
-    """Parts of one family, as ``module:name`` relative to a package.
+    """Parts of one family, each as ``module:name``.
 
     Attributes
     ----------
@@ -33,14 +36,11 @@ class Family:
         Function as `Family.open`.
     emulator : str
         Function ``emulate(platform, lockstep, seed) -> EmulatedDevices``.
-    package : str
-        Package of the parts; a family outside of soro states its own.
     """
 
     config: str
     driver: str
     emulator: str
-    package: str = "soro_core"
 
     def open(
         self, platform: PlatformBase, endpoint: str | None, clock: Callable[[], float], lockstep: bool
@@ -75,43 +75,77 @@ class Family:
         """
         module, name = place.split(":")
         with named_packages():
-            return getattr(import_module(f"{self.package}.{module}"), name)
+            return getattr(import_module(module), name)
 
 
 FAMILIES = {
     "canopen_408": Family(
-        config="hardware.canopen.config:CanopenPlatform",
-        driver="hardware.canopen.driver:open_driver",
-        emulator="emulation.canopen.world:emulate",
+        config="soro_hardware.canopen.config:CanopenPlatform",
+        driver="soro_hardware.canopen.driver:open_driver",
+        emulator="soro_hardware.emulation.canopen.world:emulate",
     ),
     "itv_rs232": Family(
-        config="hardware.serial_line.config:ItvPlatform",
-        driver="hardware.serial_line.dialects:open_itv",
-        emulator="emulation.serial_line.devices:ItvDevices",
+        config="soro_hardware.serial_line.config:ItvPlatform",
+        driver="soro_hardware.serial_line.dialects:open_itv",
+        emulator="soro_hardware.emulation.serial_line.devices:ItvDevices",
     ),
     "alicat": Family(
-        config="hardware.serial_line.config:AlicatPlatform",
-        driver="hardware.serial_line.dialects:open_alicat",
-        emulator="emulation.serial_line.devices:AlicatDevices",
+        config="soro_hardware.serial_line.config:AlicatPlatform",
+        driver="soro_hardware.serial_line.dialects:open_alicat",
+        emulator="soro_hardware.emulation.serial_line.devices:AlicatDevices",
     ),
     "veab_tcp": Family(
-        config="hardware.veab.config:VeabPlatform",
-        driver="hardware.veab.driver:open_driver",
-        emulator="emulation.veab:EmulatedVeabServer",
+        config="soro_hardware.veab.config:VeabPlatform",
+        driver="soro_hardware.veab.driver:open_driver",
+        emulator="soro_hardware.emulation.veab:EmulatedVeabServer",
     ),
     "soro_board": Family(
-        config="hardware.board.config:BoardPlatform",
-        driver="hardware.board.driver:open_driver",
-        emulator="emulation.board.board:EmulatedBoard",
+        config="soro_hardware.board.config:BoardPlatform",
+        driver="soro_hardware.board.driver:open_driver",
+        emulator="soro_hardware.emulation.board.board:EmulatedBoard",
     ),
     "vtem_modbus": Family(
-        config="hardware.vtem.config:VtemPlatform",
-        driver="hardware.vtem.driver:open_driver",
-        emulator="emulation.vtem:EmulatedTerminal",
+        config="soro_hardware.vtem.config:VtemPlatform",
+        driver="soro_hardware.vtem.driver:open_driver",
+        emulator="soro_hardware.emulation.vtem:EmulatedTerminal",
     ),
 }
 
 Platform: TypeAlias = PlatformBase
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all families: shipped ones first."""
+    others = sorted({entry.name for entry in entry_points(group=GROUP)} - FAMILIES.keys())
+    return (*FAMILIES, *others)
+
+
+def find_family(name: str) -> Family:
+    """Return the family of a name.
+
+    Raises
+    ------
+    ValueError
+        If there is none of this name, or its package does not load; the text says what is allowed.
+    """
+    if name in FAMILIES:
+        return FAMILIES[name]
+    found = entry_points(group=GROUP, name=name)
+    if not found:
+        raise ValueError(f"one of {', '.join(names())}")
+    return _loaded(next(iter(found)))
+
+
+def _loaded(entry: EntryPoint) -> Family:
+    others = ", ".join(name for name in names() if name != entry.name)
+    try:
+        family = entry.load()
+    except Exception as error:  # whatever another package does when it is imported
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{others}; {entry.value} does not load ({reason})") from None
+    if not isinstance(family, Family):
+        raise ValueError(f"{others}; {entry.value} is no soro_hardware.families.Family")
+    return family
 
 
 def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
@@ -123,9 +157,10 @@ def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
         If a key is wrong; the message states the allowed values.
     """
     found = data.get("family", "nothing")
-    family = FAMILIES.get(found) if isinstance(found, str) else None
-    if family is None:
-        raise ConfigError(where, "family", found, f"one of {', '.join(FAMILIES)}")
+    try:
+        family = find_family(found if isinstance(found, str) else "")
+    except ValueError as error:
+        raise ConfigError(where, "family", found, str(error)) from None
     model: type[PlatformBase] = family.find(family.config)
     return parse(data, model, where)
 
@@ -155,7 +190,7 @@ def require_driver(platform: PlatformBase) -> None:
     MissingPackageError
         If the library of the family's bus is not installed.
     """
-    family = FAMILIES[platform.family]
+    family = find_family(platform.family)
     family.find(family.driver)
 
 
@@ -183,4 +218,4 @@ def open_regulator(
     -------
     Regulator
     """
-    return FAMILIES[platform.family].open(platform, endpoint, clock, lockstep)
+    return find_family(platform.family).open(platform, endpoint, clock, lockstep)

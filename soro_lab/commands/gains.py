@@ -25,7 +25,7 @@ def gains(
     What the scene does not state comes from the model of the robot and from the platform (docs/gains.md).
     Units of elongation and bending: k_p J and J m^2, k_d J s and J m^2 s; of the other keys SI.
     """
-    from soro_core.loop import loop_of
+    from soro_lab.scene.loop import loop_of
 
     loaded = load_scene(scene, given_keys(change or []))
     check_gains(loaded, loaded.loaded_robot, scene)

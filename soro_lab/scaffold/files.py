@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from soro_core.errors import ConfigError
-from soro_core.loop import loop_of
 from soro_core.robot import load_robot
 from soro_lab.scaffold.arm import NewArm
 from soro_lab.scaffold.options import WHERE
@@ -17,6 +16,7 @@ from soro_lab.scaffold.robot_file import robot_header, robot_tree
 from soro_lab.scaffold.scene_file import scene_header, scene_tree
 from soro_lab.scaffold.text import commented
 from soro_lab.scene import check_scene, load_scene
+from soro_lab.scene.loop import loop_of
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.config import changed
-from soro_core.loop import loop_of
 from soro_core.robot import Discretisation
 from soro_core.twin import Twin, TwinConfig
 from soro_lab.scene import Scene
+from soro_lab.scene.loop import loop_of
 
 Array: TypeAlias = NDArray[np.float64]
 

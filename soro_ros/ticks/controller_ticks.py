@@ -20,11 +20,11 @@ from soro_core.control.motions.motion_config import MotionConfig
 from soro_core.control.reference.reach import check_reach
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError, SoroError
-from soro_core.loop import controller_of
 from soro_core.robot import load_robot
 from soro_core.safety import narrowed
 from soro_hardware import load_platform
 from soro_lab.scene import ControllerNodeConfig
+from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.ticks.control_report import ControlReport
 from soro_ros.ticks.motion_job import REPLACED

@@ -13,10 +13,11 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learned import size_of
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
-from soro_core.loop import certainty_of, estimator_of
+from soro_core.loop import certainty_of
 from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix
 from soro_lab.scene import EstimatorNodeConfig
+from soro_lab.scene.loop import estimator_of
 from soro_ros.conversion import learning, messages, qos
 from soro_ros.conversion.frame_check import FrameCheck
 from soro_ros.ticks.ports import Input, Inputs, Ports

@@ -10,7 +10,6 @@ import yaml
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.loop import loop_of
 from soro_core.robot import load_robot
 from soro_core.twin import Twin
 from soro_design.commands.fem import app as fem
@@ -18,6 +17,7 @@ from soro_design.commands.identify_fem import identify_fem
 from soro_design.robot_of_part import joint
 from soro_lab.identification.fit import fit
 from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from tests.fem.small_parts import ROD, TUBE, written
 
 app = typer.Typer()

@@ -9,7 +9,6 @@ import yaml
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.modes import first_mode
 from soro_core.control.reference.reach import check_reach
-from soro_core.loop import loop_of
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_hardware import load_platform
 from soro_lab.scaffold import Options, files, new_arm, write_arm
@@ -17,6 +16,7 @@ from soro_lab.scaffold.reference import LINK_BEND, LONGEST
 from soro_lab.scaffold.robot_file import DAMPING
 from soro_lab.scaffold.text import scalar
 from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
 ONE = Options("one", length="80mm", mass="30g")

@@ -145,7 +145,7 @@ def _active_set(hessian: Array, linear: Array, largest: float, x: Array) -> int:
 
 @entry
 def balance(root: Array, index: NDArray[np.int64], stretch: Flags, actuation: Array, weight: Array) -> None:
-    """weight <- A of `soro_core.control.pressures.allocation.balanced_weight`, with `stretch` (n_strains,)."""
+    """weight <- A of `control.pressures.allocation.balanced_weight`, with `stretch` (n_strains,)."""
     n_q, n_u = actuation.shape
     square, largest = np.zeros(stretch.shape[0]), np.zeros(2)
     for r in range(n_q):

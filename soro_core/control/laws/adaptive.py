@@ -1,4 +1,4 @@
-"""The law `adaptive`: passivity-based, driven by the tracking error (`soro_core.control.passivity.adaptive`)."""
+"""The law `adaptive`: passivity-based, driven by the tracking error (`soro_core.control.passivity`)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """The obstacles that a robot file knows, and how near the arm is to them.
 
-The arm is what a ball of its radius covers that moves along the backbone, as in `soro_core.model.forces.contact`.
+The arm is what a ball of its radius covers that moves along the backbone, as in
+`soro_core.model.forces.contact`.
 """
 
 from __future__ import annotations

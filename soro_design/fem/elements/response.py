@@ -1,7 +1,7 @@
 """Energy, stress and tangent of a material at one deformation gradient, docs/design.md (1) to (4).
 
-A law is a row of numbers, see `soro_design.fem.elements.material`. P and A are the first and second derivative of the
-energy by the deformation gradient F, with F in rows: A[3 i + j, 3 k + l] = dP_ij / dF_kl.
+A law is a row of numbers, see `soro_design.fem.elements.material`. P and A are the first and second
+derivative of the energy by the deformation gradient F, with F in rows: A[3 i + j, 3 k + l] = dP_ij / dF_kl.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from benchmarks.identified_asu import (
 from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
 from soro_core.robot import Robot
-from soro_lab.identification.arm.search.numbers import Number, numbers_of, with_numbers
+from soro_lab.identification.arm.cases.numbers import Number, numbers_of, with_numbers
 from soro_lab.identification.recording import Recording, read_csv
 
 Array: TypeAlias = NDArray[np.float64]

@@ -21,7 +21,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
 from soro_core.robot import Robot
 from soro_core.robot.parts import fields
-from soro_lab.identification.arm.search.numbers import with_numbers
+from soro_lab.identification.arm.cases.numbers import with_numbers
 from soro_lab.identification.tip_steps import (
     TipRun,
     are_sound,

@@ -19,7 +19,8 @@ from PIL import Image
 
 from soro_lab.scene import Scene
 from soro_lab.scene.listing import scenes_in, shipped_folder
-from soro_ros.pictures import film, panels, report
+from soro_ros.pictures import film, panels
+from soro_ros.recordings import report
 
 HERE = Path(__file__).parent
 PICTURES = HERE / "images" / "gallery"

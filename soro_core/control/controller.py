@@ -17,20 +17,20 @@ from soro_core.control.command import Command, ControllerState, ControllerStatus
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
 from soro_core.control.gains import gains_of
+from soro_core.control.given import GivenReferences
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
-from soro_core.control.laws.trial import refuse_lost_arm
 from soro_core.control.motions.demand import supply_of
 from soro_core.control.motions.motion import Planner
-from soro_core.control.obstacle.obstacles import obstacles_of
+from soro_core.control.motions.obstacles import obstacles_of
+from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
 from soro_core.control.pressures.actuation import complete_pressures
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.following import follow, reference_ahead
-from soro_core.control.reference.given import GivenReferences
-from soro_core.control.reference.references import bounds_of, check_configured, configured_reference
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.control.reference.undriven import Shape, Undriven
+from soro_core.control.trial import refuse_lost_arm
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
 from soro_core.frozen import replaced

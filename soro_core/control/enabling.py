@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.motions.motion_config import EnableBounds
-from soro_core.control.reference.kinematics import inverse_kinematics
-from soro_core.control.reference.references import bounds_of
+from soro_core.control.motion_config import EnableBounds
+from soro_core.control.motions.kinematics import inverse_kinematics
+from soro_core.control.motions.references import bounds_of
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium

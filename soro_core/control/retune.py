@@ -19,11 +19,11 @@ from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.registry import options_of
+from soro_core.control.motions.references import check_configured, configured_reference
 from soro_core.control.pressures.actuation import complete_pressures
 from soro_core.control.pressures.setpoints import SetpointMaker
+from soro_core.control.reach import check_reach
 from soro_core.control.reference.following import reference_ahead
-from soro_core.control.reference.reach import check_reach
-from soro_core.control.reference.references import check_configured, configured_reference
 from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
@@ -79,7 +79,7 @@ def retune(
     t : float
         Time of the last tick [s].
     reach : float
-        As of `soro_core.control.reference.reach.check_reach`, for another motion; 0 for no check.
+        As of `soro_core.control.reach.check_reach`, for another motion; 0 for no check.
 
     Raises
     ------

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
+from soro_core.estimation.admission import admit
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.known import updated
 from soro_core.estimation.replay import replay
 from soro_core.estimation.scaled import scaled_noise
-from soro_core.estimation.sensors.admission import admit
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.estimation.sensors.watch import Watch

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from soro_core.errors import ModelError
 from soro_design.fem.elements.element import element
 from soro_design.fem.elements.fibres import Fibres
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import Array, Indices
-from soro_design.fem.meshes.mesh import Mesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.errors import ModelError
-from soro_design.fem.elements.contact import Barrier, Contact, make_barrier
+from soro_design.fem.contact import Barrier, Contact, make_barrier
 from soro_design.fem.elements.element import element
 from soro_design.fem.elements.fibres import add_fibres
 from soro_design.fem.elements.follower import add_pressure
 from soro_design.fem.elements.material import Hyperelastic, Material
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.pattern import Pattern, make_pattern
 from soro_design.fem.elements.response import Array, Indices
-from soro_design.fem.elements.rim import check_closed
 from soro_design.fem.elements.solid import assemble, tables
 from soro_design.fem.loads import Loads
-from soro_design.fem.meshes.mesh import Mesh
+from soro_design.fem.rim import check_closed
 
 _NO_DATA = np.empty(0)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from soro_core.errors import ConfigError, ModelError
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.loads import Loads
-from soro_design.fem.meshes.mesh import Mesh
 from soro_design.fem.part import Part, make_part
 from soro_design.parts.file import PartFile, material_of
 from soro_design.parts.tendons import Routed, route

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from soro_core.config import Floats, Strict
-from soro_design.fem.elements.contact import Contact, Obstacle
+from soro_design.fem.contact import Contact, Obstacle
 
 
 class Plane(Strict):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict
-from soro_design.fem.meshes.mesh import Space
+from soro_design.fem.elements.mesh import Space
 
 Between = Annotated[tuple[float, float], Field(strict=False)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import State
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import Indices
 from soro_design.fem.loads import no_loads, spread_force
-from soro_design.fem.meshes.mesh import Mesh
 from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh
 from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part

@@ -14,9 +14,9 @@ from scipy.sparse.csgraph import dijkstra
 from soro_core.config import Strict
 from soro_core.errors import ModelError
 from soro_design.fem.elements.fibres import fibres, pieces_of
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.loads import Loads
-from soro_design.fem.meshes.mesh import Mesh
 
 
 class Tendon(Strict):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from soro_design.fem import Mesh, make_mesh
-from soro_design.fem.meshes.mesh import Space
+from soro_design.fem.elements.mesh import Space
 
 
 def mirrored(mesh: Mesh, axes: tuple[str, ...], space: Space = "plane_strain") -> Mesh:

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict
-from soro_hardware.board.pi.chips import CODES, FULL_SCALES_V, RATES_SPS
+from soro_hardware.board.chips import CODES, FULL_SCALES_V, RATES_SPS
 from soro_hardware.board.scaling import Scale
 from soro_hardware.platform import EmulationBase, Freshness, TcpPlatform, ValveBase, require_once
 

@@ -19,7 +19,6 @@ from soro_core.errors import HardwareError
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.boot import startup, watchdogs
 from soro_hardware.canopen.boot.bring_up import bring_up
-from soro_hardware.canopen.boot.sdo_client import SdoClient, SdoError
 from soro_hardware.canopen.cia408 import Control
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.device import check_sync_period, describe
@@ -27,6 +26,7 @@ from soro_hardware.canopen.frames import NmtCommand
 from soro_hardware.canopen.monitor import NodeMonitor
 from soro_hardware.canopen.node_bus import NodeBus
 from soro_hardware.canopen.probe import probe
+from soro_hardware.canopen.sdo_client import SdoClient, SdoError
 from soro_hardware.driver import Driver
 from soro_hardware.finding import Finding
 from soro_hardware.port import Array, Fault, Flags

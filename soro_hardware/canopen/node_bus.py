@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 
 from soro_hardware.canopen import frames
-from soro_hardware.canopen.boot.sdo_client import SdoClient
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.frames import NmtCommand, NmtState
 from soro_hardware.canopen.monitor import NodeMonitor
+from soro_hardware.canopen.sdo_client import SdoClient
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import CanLink
 

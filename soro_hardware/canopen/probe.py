@@ -9,11 +9,11 @@ from pathlib import Path
 from soro_core.errors import HardwareError
 from soro_hardware.canopen import cia408, frames
 from soro_hardware.canopen.boot import startup
-from soro_hardware.canopen.boot.sdo_client import SdoClient
 from soro_hardware.canopen.budget import USABLE, cycle_bits, highest_rate_hz, serial_rate_hz
 from soro_hardware.canopen.config import SYNC_LATE_PERIODS, CanopenOptions, CanopenPlatform
 from soro_hardware.canopen.device import Device
 from soro_hardware.canopen.frames import NmtCommand, NmtState
+from soro_hardware.canopen.sdo_client import SdoClient
 from soro_hardware.finding import Finding, examined, graded
 from soro_hardware.reason import IN_USE
 from soro_hardware.transport.config import SlcanTransport, SocketcanTransport

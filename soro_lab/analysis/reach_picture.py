@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from soro_core.control.reference.reachable import Reachable, shape
+from soro_core.control.reachable import Reachable, shape
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.modes import Modes

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.control.reference.reachable import Reachable
+from soro_core.control.reachable import Reachable
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.reach_picture import frequency, strain_shares

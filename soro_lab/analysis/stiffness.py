@@ -12,7 +12,7 @@ from soro_core.errors import ModelError
 from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.model.checks import refuse_underivable
-from soro_core.model.forces.rest_forces import NEUTRAL, RestForces
+from soro_core.model.equilibrium.rest_forces import NEUTRAL, RestForces
 
 Array: TypeAlias = NDArray[np.float64]
 

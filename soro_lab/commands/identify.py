@@ -124,9 +124,9 @@ def identify(
     from soro_lab.commands.identify_air import AirStage, sources
     from soro_lab.commands.identify_report import ReportOptions, write
     from soro_lab.commands.search_progress import SearchProgress
+    from soro_lab.identification.arm.cases.physical import check_described
     from soro_lab.identification.arm.laws import LAWS, NAMED
     from soro_lab.identification.arm.report.verdict import is_accepted, sentence
-    from soro_lab.identification.arm.search.physical import check_described
     from soro_lab.identification.arm.stages import Options
     from soro_lab.identification.arm.stages import identify as search
     from soro_lab.identification.arm.written import impossible, number_table, robot_text
@@ -186,8 +186,8 @@ def identify(
             mark = "*" if trial is found.choice.chosen else " "
             typer.echo(f"{mark} {100 * trial.error:6.2f} % of the range, held out: {trial.name}")
     for what, those in (("fitted", found.fitted), ("held out", found.held_out)):
-        for error in those:
-            typer.echo(f"  {what}: {error}")
+        for fit in those:
+            typer.echo(f"  {what}: {fit}")
     typer.echo("\n".join(number_table(found)))
     out.write_text(robot_text(found, [path.name for path in paths]), encoding="utf-8")
     typer.echo(f"written: {out}")
@@ -197,11 +197,11 @@ def identify(
         page, was_ended = write(found, wanted, 0.01 * accept, out, console)
         interrupted = interrupted or was_ended
         typer.echo(f"written: {page}")
-    odd = impossible(found)
-    accepted = is_accepted(found, 0.01 * accept, odd)
+    unphysical = impossible(found)
+    accepted = is_accepted(found, 0.01 * accept, unphysical)
     if interrupted and not found.interrupted:
         typer.echo("interrupted: the report lacks profiles", err=True)
-    typer.echo(sentence(found, 0.01 * accept, odd), err=not accepted)
+    typer.echo(sentence(found, 0.01 * accept, unphysical), err=not accepted)
     status = status if accepted else 1
     if interrupted or status:
         raise typer.Exit(130 if interrupted else status)

@@ -39,7 +39,7 @@ class ReportOptions:
         force : bool
             Whether a folder may exist.
         """
-        from soro_lab.identification.arm.search.numbers import numbers_of
+        from soro_lab.identification.arm.cases.numbers import numbers_of
 
         if self.folder is None:
             if self.profile is not None:
@@ -57,7 +57,7 @@ class ReportOptions:
 
     def names(self, found: Identified) -> tuple[str, ...]:
         """Return the numbers whose profile is simulated: none after Ctrl-C."""
-        from soro_lab.identification.arm.search.profiles import least_certain
+        from soro_lab.identification.arm.profiles import least_certain
 
         if found.interrupted:
             return ()
@@ -89,8 +89,8 @@ def write(
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    from soro_lab.identification.arm.profiles import profiles
     from soro_lab.identification.arm.report import Result, write_report
-    from soro_lab.identification.arm.search.profiles import profiles
     from soro_lab.identification.arm.written import impossible
 
     assert options.folder is not None

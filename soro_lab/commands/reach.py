@@ -39,7 +39,7 @@ def reach(
     from rich.table import Table
 
     from soro_core.control.config import require_chambers
-    from soro_core.control.reference.reachable import reachable
+    from soro_core.control.reachable import reachable
     from soro_core.model import SoftArm
     from soro_core.robot import load_robot
     from soro_lab.analysis.reach_picture import draw

@@ -9,11 +9,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.reference.kinematics import elongation_for_pressure
+from soro_core.control.motions.kinematics import elongation_for_pressure
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
+from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import equilibrium
-from soro_core.model.forces.rest_forces import RestForces
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields, strain_fields
 

@@ -63,7 +63,7 @@ def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> No
     try:
         line = check_gains(scene, scene.loaded_robot, where)
     except ConfigError as error:
-        from soro_ros.run.verdict import Verdict, write
+        from soro_ros.recordings.verdict import Verdict, write
 
         write(target, None, Verdict("refused", str(error)))
         raise
@@ -74,8 +74,8 @@ def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> No
 def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console) -> int:
     """Judge a run, write and print the result; return the exit status."""
     from soro_ros.pictures.picture import draw
-    from soro_ros.pictures.report import summarise, table
-    from soro_ros.run.verdict import advice, judge, with_verdict, write
+    from soro_ros.recordings.report import summarise, table
+    from soro_ros.recordings.verdict import advice, judge, with_verdict, write
 
     bag = folder / "bag"
     recorded = scene.recorder.enabled and bag.exists()

@@ -15,7 +15,7 @@ from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
 
 if TYPE_CHECKING:
-    from soro_ros.run.services import Call, ServiceCaller
+    from soro_ros.host.services import Call, ServiceCaller
 
 # The node that drives the valves publishes pressures. A controller has the same services, but no latch.
 READINGS = "chambers/state"
@@ -212,7 +212,7 @@ def _is_path(name: str) -> bool:
 def service_caller() -> Iterator[ServiceCaller]:
     """Join ROS for some calls; Ctrl-C ends them with exit status 130."""
     with signals.noted() as stopping:
-        from soro_ros.run.services import ServiceCaller
+        from soro_ros.host.services import ServiceCaller
 
         try:
             with ServiceCaller(lambda: bool(stopping)) as caller:

@@ -9,16 +9,16 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soro_core.control import Controller, ControllerState
-from soro_core.control.motions.motion_config import MotionConfig
+from soro_core.control.motion_config import MotionConfig
 from soro_lab.scene import ControllerNodeConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.enable_check import EnableCheck
-from soro_ros.ticks.motion_job import REPLACED, STATUS, VENTED
-from soro_ros.ticks.ports import Input, Ports, Publishers, subscribe
 from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.motion_job import REPLACED, STATUS, VENTED
+from soro_ros.topics.ports import Input, Ports, Publishers, subscribe
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):

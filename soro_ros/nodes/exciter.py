@@ -15,11 +15,11 @@ from soro_lab.excitation.procedure import Excitation, Tick, advance, initial_sta
 from soro_lab.scene import ExciterNodeConfig
 from soro_lab.scene.excitation import excitation_of
 from soro_ros.conversion import messages, qos
-from soro_ros.conversion.frame_check import FrameCheck
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
-from soro_ros.ticks.ports import subscribe
 from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.frame_check import FrameCheck
+from soro_ros.topics.ports import subscribe
 from soro_ros.topics.sample_inputs import SampleInputs
 
 

@@ -9,8 +9,8 @@ from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
-from soro_ros.ticks.ports import subscribe
 from soro_ros.topics.diagnostics import OK
+from soro_ros.topics.ports import subscribe
 from soro_ros.view.markers import TOPIC, ArmMarkers
 
 

@@ -27,11 +27,11 @@ from soro_lab.bag.config import PlayerConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.decoding import playing
 from soro_ros.conversion.interfaces import message_class, offer, topic_pattern
-from soro_ros.process.claims import Claims, readings, require_free
+from soro_ros.host.claims import Claims, readings, require_free
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
-from soro_ros.recordings.playback import Playback
-from soro_ros.recordings.player_controls import PlayerControls
+from soro_ros.recorder.playback import Playback
+from soro_ros.recorder.player_controls import PlayerControls
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 # History of a publisher whose recorded one is unknown (most middlewares do not report it).

@@ -17,8 +17,8 @@ from soro_lab.bag.config import RecorderConfig
 from soro_ros.conversion.interfaces import definition, message_class, offered, request, topic_pattern
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
-from soro_ros.recordings.recorder_controls import RecorderControls
-from soro_ros.recordings.recorder_stream import Stream, essence
+from soro_ros.recorder.recorder_controls import RecorderControls
+from soro_ros.recorder.recorder_stream import Stream, essence
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).

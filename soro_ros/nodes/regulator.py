@@ -14,8 +14,8 @@ from soro_hardware.limited import LimitedRegulator
 from soro_hardware.timing import LoopTimer
 from soro_lab.scene import RegulatorNodeConfig
 from soro_ros.conversion import messages, qos
-from soro_ros.process import claims
-from soro_ros.process.latch_file import LatchFile
+from soro_ros.host import claims
+from soro_ros.host.latch_file import LatchFile
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.topics.chambers import ChamberInterface

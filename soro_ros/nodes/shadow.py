@@ -13,10 +13,10 @@ from soro_core.robot import load_robot
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
 from soro_ros.conversion import messages, qos
-from soro_ros.conversion.frame_check import FrameCheck
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.frame_check import FrameCheck
 
 # Window of the differences in diagnostics [s], and longest time without a pose [s].
 WINDOW_S, SILENT_S = 1.0, 1.0

@@ -17,7 +17,7 @@ from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
 from soro_ros.conversion import messages, qos
-from soro_ros.process import claims
+from soro_ros.host import claims
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.run.faults import FaultInterface

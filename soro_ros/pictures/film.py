@@ -16,8 +16,8 @@ from soro_core.robot import Robot, load_robot
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
 from soro_lab.scene import Scene
-from soro_ros.pictures.report import pressure_bounds, read_run, tip_error
 from soro_ros.recordings.recording import Recording
+from soro_ros.recordings.report import pressure_bounds, read_run, tip_error
 from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, walls
 
 Array = NDArray[np.float64]

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from soro_lab.scene import Scene
-from soro_ros.pictures.report import WINDOW_S, Array, tip_error, within
+from soro_ros.recordings.events import Event
 from soro_ros.recordings.recording import Recording, Series
-from soro_ros.run.events import Event
+from soro_ros.recordings.report import WINDOW_S, Array, tip_error, within
 from soro_ros.view.arm_shape import COLOURS
 
 # Estimates of a law that belong to the matrix W of a learned force.

@@ -11,14 +11,14 @@ from soro_lab.scene import Scene
 from soro_ros.conversion.units import symbol_of
 from soro_ros.pictures import panels
 from soro_ros.pictures.panels import MOST_NAMES, Panel, View, mark
-from soro_ros.pictures.report import read_run
-from soro_ros.run import shadow_report
+from soro_ros.recordings import shadow_report
+from soro_ros.recordings.report import read_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from soro_ros.recordings.events import Event
     from soro_ros.recordings.selection import Field
-    from soro_ros.run.events import Event
 
 # Distance of a legend from its axes, which leaves room for the numbers and the name of the axis [inches].
 _LEGEND_IN = 0.6

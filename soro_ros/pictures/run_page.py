@@ -13,12 +13,12 @@ import yaml
 from soro_lab.bag import BagReader
 from soro_lab.reporting.drawing import png, style
 from soro_lab.reporting.html import PAGE, Cell, bullets, picture, table, words
+from soro_ros.host.versions import versions
 from soro_ros.pictures import panels
 from soro_ros.pictures.picture import draw_shadow, fill
-from soro_ros.pictures.report import Summary, rows, summarise
 from soro_ros.pictures.run_view import OpenRun, title_of
-from soro_ros.run.verdict import judge
-from soro_ros.run.versions import versions
+from soro_ros.recordings.report import Summary, rows, summarise
+from soro_ros.recordings.verdict import judge
 
 _CHAPTERS = (
     ("figures", "Figures"),

@@ -9,8 +9,8 @@ from pathlib import Path
 from soro_core.errors import BagError, ConfigError
 from soro_lab.run_folder import bag_and_scene, bag_of
 from soro_lab.scene import Scene, load_scene
-from soro_ros.pictures import report
 from soro_ros.pictures.panels import View
+from soro_ros.recordings import report
 from soro_ros.recordings.recording import Recording, arms, read
 
 

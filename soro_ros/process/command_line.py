@@ -12,7 +12,8 @@ from rclpy.utilities import remove_ros_args
 
 from soro_core.config import Strict, read_yaml
 from soro_core.errors import ConfigError
-from soro_ros.process import middleware, parameters
+from soro_ros.host import middleware
+from soro_ros.process import parameters
 
 # Errors of rcl about arguments.
 ARGUMENT_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)

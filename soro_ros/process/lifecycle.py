@@ -17,8 +17,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from soro_core.config import Strict
 from soro_core.errors import NEXT_CONFIGURE, ConfigError, SoroError
+from soro_ros.host.event_log import EventLog
 from soro_ros.process.clock_watch import ClockWatch, with_possible_time
-from soro_ros.process.event_log import EventLog
 from soro_ros.process.parameters import NodeWithParameters, declare, overrides, read
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.topics.handover import NodeWithHandover
@@ -112,7 +112,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     def compile(self, warm_up: Callable[[], None]) -> None:
         """Run `warm_up`, which calls every kernel once, so that the loop never compiles one."""
         from soro_core._jit import compiling_once
-        from soro_ros.run import kernels
+        from soro_ros.process import kernels
 
         begin = time.monotonic()
         if not kernels.compiled():

@@ -16,8 +16,9 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 
 from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals, timing
-from soro_ros.process import command_line, middleware
-from soro_ros.process.claims import Claims
+from soro_ros.host import middleware
+from soro_ros.host.claims import Claims
+from soro_ros.process import command_line
 from soro_ros.process.command_line import Program
 from soro_ros.process.lifecycle import Config, SoroNode
 from soro_ros.topics.diagnostics import WARN

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from soro_core.config import Strict, parse
 from soro_core.errors import ConfigError, SoroError
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from soro_ros.process.parameter_files import flattened, given_by_name
 from soro_ros.process.parameter_values import as_given, described_field, descriptor
 

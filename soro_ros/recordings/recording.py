@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from soro_lab.bag import BagReader
 from soro_ros.conversion import messages
 from soro_ros.conversion.decoding import Messages
-from soro_ros.run.events import Event, Said, clock, events_of
+from soro_ros.recordings.events import Event, Said, clock, events_of
 
 Array = NDArray[np.float64]
 

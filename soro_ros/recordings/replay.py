@@ -24,7 +24,7 @@ from soro_ros.conversion.interfaces import type_name
 from soro_ros.recordings.differences import TopicDifferences, stamp_of
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.estimator_ticks import EstimatorTicks
-from soro_ros.ticks.ports import Inputs, Ports
+from soro_ros.topics.ports import Inputs, Ports
 
 # Above the difference that other processors make, whose linear algebra rounds otherwise (docs/replay.md).
 TOLERANCE = 1e-5

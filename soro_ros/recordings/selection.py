@@ -15,10 +15,10 @@ from soro_lab.bag import BagReader, Topic
 from soro_ros.conversion.decoding import Messages
 from soro_ros.conversion.fields import flat
 from soro_ros.conversion.units import unit_of
-from soro_ros.pictures.report import Array
 from soro_ros.recordings.convert import wanted
 from soro_ros.recordings.differences import stamp_of
-from soro_ros.run.events import clock
+from soro_ros.recordings.events import clock
+from soro_ros.recordings.report import Array
 
 # What a picture can show; more is a mistake.
 MOST_LINES = 400

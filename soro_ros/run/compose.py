@@ -18,14 +18,15 @@ from soro_core.errors import SoroError
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_lab.bag.config import RecorderConfig
 from soro_lab.scene import Scene
-from soro_ros.process import claims
-from soro_ros.process.claims import Claims
-from soro_ros.process.pulse import Pulse
-from soro_ros.recordings.recorded_topics import recorded_topics
-from soro_ros.run import kernels, processes
+from soro_ros.host import claims
+from soro_ros.host.claims import Claims
+from soro_ros.host.pulse import Pulse
+from soro_ros.host.versions import versions
+from soro_ros.process import kernels
+from soro_ros.recorder.recorded_topics import recorded_topics
+from soro_ros.run import processes
 from soro_ros.run.processes import Child, NodeError
 from soro_ros.run.supervisor import Supervisor
-from soro_ros.run.versions import versions
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0

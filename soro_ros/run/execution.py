@@ -92,7 +92,7 @@ def prepare(
     where = str(find_config(name, "scenes"))
     warnings = check(scene, where)
     if scene.mode == "real_time" and scene.platform:
-        from soro_ros.process.middleware import stall_warning
+        from soro_ros.host.middleware import stall_warning
 
         warnings += stall_warning()
     for line in warnings:

@@ -15,8 +15,8 @@ from rclpy.parameter import Parameter
 from soro_core.errors import ConfigError
 from soro_core.frames import Frames
 from soro_ros.conversion import messages, qos
-from soro_ros.run.services import ServiceCaller
-from soro_ros.ticks.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS
+from soro_ros.host.services import ServiceCaller
+from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS
 from soro_ros.topics.motion_topic import TOPIC
 
 _DESIRED = "arm/desired/tip"

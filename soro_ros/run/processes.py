@@ -18,7 +18,7 @@ import yaml
 from pydantic import BaseModel
 
 from soro_core.errors import SoroError
-from soro_ros.process import pulse
+from soro_ros.host import pulse
 
 _PR_SET_PDEATHSIG = 1
 _PRCTL = ctypes.CDLL(None).prctl

@@ -18,8 +18,7 @@ from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
 from soro_ros.conversion import messages, qos
-from soro_ros.process import claims, middleware
-from soro_ros.run import services
+from soro_ros.host import claims, middleware, services
 from soro_ros.run.processes import NodeError
 from soro_ros.topics.diagnostics import ERROR
 

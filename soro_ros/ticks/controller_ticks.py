@@ -16,8 +16,8 @@ from trajectory_msgs.msg import JointTrajectory
 from soro_core.adaptation import Learned
 from soro_core.control import Reference
 from soro_core.control.laws import Certainty
-from soro_core.control.motions.motion_config import MotionConfig
-from soro_core.control.reference.reach import check_reach
+from soro_core.control.motion_config import MotionConfig
+from soro_core.control.reach import check_reach
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import load_robot
@@ -27,9 +27,9 @@ from soro_lab.scene import ControllerNodeConfig
 from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.ticks.control_report import ControlReport
-from soro_ros.ticks.motion_job import REPLACED
-from soro_ros.ticks.ports import Input, Inputs, Ports
+from soro_ros.topics.motion_job import REPLACED
 from soro_ros.topics.motion_topic import MotionTopic
+from soro_ros.topics.ports import Input, Inputs, Ports
 from soro_ros.topics.tick_inputs import TickInputs, unusable
 
 # What is learned is told again after this time: the filter forgets it after five times as long.

@@ -16,7 +16,7 @@ from soro_core.control import Controller
 from soro_core.control.enabling import Seen, pressure_findings, resting_arm
 from soro_lab.scene import ControllerNodeConfig
 from soro_ros.conversion import messages, qos
-from soro_ros.conversion.frame_check import FrameCheck
+from soro_ros.topics.frame_check import FrameCheck
 
 _KINDS = {"pose": PoseStamped, "imu": Imu}
 

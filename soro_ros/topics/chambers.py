@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from soro_core.safety import Limiter
 from soro_ros.conversion import messages, qos
-from soro_ros.process import pulse
+from soro_ros.host import pulse
 from soro_ros.topics.command_topic import CommandTopic
 from soro_ros.topics.diagnostics import ERROR, NONE, OK, VENTED, WARN
 

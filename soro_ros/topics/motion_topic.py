@@ -17,8 +17,8 @@ from nav_msgs.msg import Path
 
 from soro_core.config import changed
 from soro_core.control import Controller, ControllerState, Reference
+from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_config import MotionConfig
 from soro_core.control.motions.motion_parts import Motion
 from soro_core.control.motions.path_coordinates import Planning
 from soro_core.control.reference.following import STREAM_S, Following, at_rest, reference_ahead
@@ -27,8 +27,8 @@ from soro_core.errors import ConfigError, SoroError
 from soro_core.frames import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.path_message import poses_in_world
-from soro_ros.ticks.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
-from soro_ros.ticks.ports import Input, Inputs
+from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
+from soro_ros.topics.ports import Input, Inputs
 
 TOPIC = "arm/reference/path"
 # Part of a period, after a tick has begun, until which a plan is continued.

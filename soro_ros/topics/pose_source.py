@@ -14,7 +14,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from soro_core.errors import ConfigError, SoroError
 from soro_ros.conversion import messages, qos
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 
 FIRST_S = 10.0
 

@@ -15,8 +15,8 @@ from soro_core.twin import SensorConfig
 from soro_core.twin.sensors import SensorClock
 from soro_lab.scene import EstimatorNodeConfig, ExciterNodeConfig
 from soro_ros.conversion import messages, qos
-from soro_ros.conversion.frame_check import FrameCheck
-from soro_ros.ticks.ports import Input, Inputs
+from soro_ros.topics.frame_check import FrameCheck
+from soro_ros.topics.ports import Input, Inputs
 
 _Read: TypeAlias = Callable[[float, Any, float], Sample]
 

@@ -14,7 +14,7 @@ from std_msgs.msg import Bool
 from soro_core.safety import StopState, hear, why_stopped
 from soro_hardware.platform import PlatformBase
 from soro_ros.conversion import qos
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 
 # Longest wait [s] for a message at the start: it takes some time until a publisher is found.
 FIRST_S = 5.0

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu, JointState
 from soro_core.robot import Robot
 from soro_core.twin import Observation, Twin, TwinState
 from soro_ros.conversion import messages, qos
-from soro_ros.ticks.ports import is_read
+from soro_ros.topics.ports import is_read
 
 
 class TwinTopics:

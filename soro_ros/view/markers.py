@@ -25,7 +25,7 @@ from soro_core.robot import Robot
 from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.marker_bytes import MarkerBytes
-from soro_ros.ticks.ports import Input, Inputs
+from soro_ros.topics.ports import Input, Inputs
 from soro_ros.view.arm_shape import Array, between
 from soro_ros.view.skin import Skin
 

@@ -10,7 +10,7 @@ from soro_core import SoftArm, robot_from_dict
 from soro_core.config import changed, find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.config import Gains
-from soro_core.control.reference.kinematics import (
+from soro_core.control.motions.kinematics import (
     elongation_for_pressure,
     inverse_kinematics,
     mean_static_pressure,

@@ -9,7 +9,7 @@ from soro_core import load_robot
 from soro_core.config import find_config
 from soro_core.control import Controller
 from soro_core.control.enabling import Seen, pressure_findings, resting_arm
-from soro_core.control.motions.motion_config import EnableBounds
+from soro_core.control.motion_config import EnableBounds
 from soro_core.estimation import Estimator
 from soro_core.pneumatics import RegulatorModel
 from soro_core.twin import SensorConfig, Twin, TwinConfig

@@ -3,7 +3,6 @@
 import numpy as np
 from scipy.special import ellipk
 
-from soro_design.fem.elements.mass import modes
 from soro_design.fem.elements.material import material_from_dict
 from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.bellows import Bellows, bellows_mesh
@@ -11,6 +10,7 @@ from soro_design.fem.meshes.blocks import block, mapped, sphere
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.arc import follow
 from soro_design.fem.solve.dynamics import march
+from soro_design.fem.solve.mass import modes
 from soro_design.fem.solve.newton import solve
 from soro_design.fem.solve.states import Settings
 

@@ -8,9 +8,9 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
+from soro_design.fem.elements.mesh import make_mesh
 from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.blocks import block, tube
-from soro_design.fem.meshes.mesh import make_mesh
 from soro_design.fem.meshes.mesh_files import mesh_step, read_mesh, write_mesh
 from soro_design.fem.meshes.simplices import split
 from soro_design.fem.meshes.surface import is_closed, solid_surface, volume

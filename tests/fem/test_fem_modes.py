@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_design.fem.elements.mass import mass_entries, modes
 from soro_design.fem.loads import no_loads
 from soro_design.fem.meshes.blocks import block
 from soro_design.fem.part import make_part
+from soro_design.fem.solve.mass import mass_entries, modes
 from soro_design.fem.solve.newton import solve
 from tests.fem.moving_parts import BEAM, DENSITY, E, cantilever_modes, pinned
 from tests.fem.test_fem_part import MESHES

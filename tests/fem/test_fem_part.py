@@ -5,9 +5,9 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_design.fem.elements.material import load_material, material_from_dict
+from soro_design.fem.elements.mesh import make_mesh
 from soro_design.fem.loads import no_loads, spread_spring, traction
 from soro_design.fem.meshes.blocks import block, grid, mapped, revolved_tube, tube
-from soro_design.fem.meshes.mesh import make_mesh
 from soro_design.fem.part import make_part
 from tests.refused import fails
 

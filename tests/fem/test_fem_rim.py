@@ -5,10 +5,10 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_design.fem.elements.material import load_material
-from soro_design.fem.elements.rim import rim
 from soro_design.fem.loads import no_loads
 from soro_design.fem.meshes.blocks import block, revolved_tube, tube
 from soro_design.fem.part import make_part
+from soro_design.fem.rim import rim
 from tests.refused import fails
 
 SOFT = load_material("dragonskin_10")

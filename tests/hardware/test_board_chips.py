@@ -4,7 +4,7 @@ import errno
 
 import pytest
 
-from soro_hardware.board.pi import chips
+from soro_hardware.board import chips
 from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 
 MS = 1_000_000

@@ -9,12 +9,12 @@ from made_arm import record
 from soro_core import load_robot
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import Whole
-from soro_lab.identification.arm.cases.prepare import first_errors
 from soro_lab.identification.arm.choose import Choice, Trial
 from soro_lab.identification.arm.frames import frame_numbers
 from soro_lab.identification.arm.judge import errors, ranges, share_of_range, squares
 from soro_lab.identification.arm.laws import LAWS, freed, plain
 from soro_lab.identification.arm.search.certainty import certainty
+from soro_lab.identification.arm.search.prepare import first_errors
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import evaluated
 from soro_lab.identification.arm.stages import Identified

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import minimize
 
 from soro_core import load_robot
+from soro_lab.identification.arm.cases.numbers import Number
 from soro_lab.identification.arm.search.certainty import certainty
-from soro_lab.identification.arm.search.numbers import Number
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
 from soro_lab.identification.recording.place import Place

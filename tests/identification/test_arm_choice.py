@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from soro_lab.identification.arm.cases.numbers import Number
 from soro_lab.identification.arm.choose import Trial, choose
 from soro_lab.identification.arm.laws import LAWS, Law
 from soro_lab.identification.arm.search.certainty import certainty
-from soro_lab.identification.arm.search.numbers import Number
 from soro_lab.identification.arm.search.solve import Solution
 from soro_lab.identification.arm.stages import Options
 

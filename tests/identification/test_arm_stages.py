@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from soro_core import load_robot
 from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
-from soro_lab.identification.arm.search.numbers import numbers_of, with_numbers
 from soro_lab.identification.arm.stages import Identified, Options, identify
 from soro_lab.identification.arm.written import number_table, robot_text
 

@@ -11,8 +11,8 @@ from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, robot_from_dict
 from soro_lab.identification.arm.cases.case import Whole
+from soro_lab.identification.arm.cases.numbers import with_numbers
 from soro_lab.identification.arm.cases.predict import shown
-from soro_lab.identification.arm.search.numbers import with_numbers
 from soro_lab.identification.arm.stages import Options, identify
 from soro_lab.identification.recording import Bend, Columns, Recording, Series, read_csv, summary
 from tests.refused import fails

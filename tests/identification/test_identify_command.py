@@ -193,7 +193,7 @@ def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytes
 def test_ctrl_c_during_profiles_keeps_the_file_and_the_report(
     found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soro_lab.identification.arm.search import profiles
+    from soro_lab.identification.arm import profiles
 
     def interrupt(*given: Any, **named: Any) -> Any:
         raise KeyboardInterrupt

@@ -20,7 +20,7 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.errors import HardwareError
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from soro_ros.conversion import messages, qos
-from soro_ros.run import services
+from soro_ros.host import services
 from soro_ros.run.supervisor import Supervisor
 from soro_ros.topics.diagnostics import ERROR
 from tests.patience import LIMIT_S, patient_platform

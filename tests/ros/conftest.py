@@ -22,7 +22,8 @@ from rclpy.node import Node
 
 from soro_hardware import timing
 from soro_ros import cli
-from soro_ros.process import middleware, node_process
+from soro_ros.host import middleware
+from soro_ros.process import node_process
 
 
 class Ended(NamedTuple):

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Clock
 
 from soro_lab.bag import BagReader
 from soro_ros.conversion import messages, qos
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from tests.patience import LIMIT_S
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]

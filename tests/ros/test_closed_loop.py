@@ -10,7 +10,7 @@ import pytest
 from soro_lab.bag import BagReader
 from soro_lab.identification.recording import Place, read_bag
 from soro_lab.scene import load_scene
-from soro_ros.process.middleware import DELIVERY_S
+from soro_ros.host.middleware import DELIVERY_S
 from soro_ros.recordings.recording import read
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.ros.conftest import own_domain

@@ -10,8 +10,8 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 
 from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
-from soro_ros.process import middleware
 from tests.ros.conftest import own_domain
 from tests.ros.direct import receive, request
 from tests.ros.running import wait_until

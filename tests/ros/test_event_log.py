@@ -9,10 +9,10 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 
+from soro_ros.host import event_log, middleware
+from soro_ros.host.event_log import EventLog
 from soro_ros.nodes.player import Player
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.process import event_log, middleware
-from soro_ros.process.event_log import EventLog
 from tests.refused import refused_keys
 from tests.ros.direct import request
 

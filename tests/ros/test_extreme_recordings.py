@@ -14,7 +14,7 @@ from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_ros.conversion import messages
 from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
-from soro_ros.recordings.playback import Playback
+from soro_ros.recorder.playback import Playback
 from tests.patience import LIMIT_S
 from tests.ros.direct import active, captured, receive, request
 from tests.ros.extremes import extremes

@@ -19,7 +19,7 @@ from soro_hardware.emulation.faults.schedule import Faults
 from soro_hardware.emulation.sockets.control import ControlServer
 from soro_lab.scene import load_scene
 from soro_ros.conversion import qos
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from soro_ros.run import compose
 from soro_ros.run.faults import FaultInterface
 from tests.patience import patient_platform

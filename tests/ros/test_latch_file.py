@@ -2,7 +2,7 @@
 
 import pytest
 
-from soro_ros.process.latch_file import LatchFile
+from soro_ros.host.latch_file import LatchFile
 
 
 @pytest.fixture(autouse=True)

@@ -13,10 +13,11 @@ from soro_core.config import Floats
 from soro_core.twin.config import TwinConfig
 from soro_lab.scene import ControllerNodeConfig
 from soro_ros.conversion import messages
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.process import middleware, parameters
+from soro_ros.process import parameters
 from soro_ros.process.parameter_values import READ_ONLY, as_given, descriptor
 from tests.ros.direct import receive, request
 

@@ -21,8 +21,8 @@ from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import messages
 from soro_ros.conversion.interfaces import definition
 from soro_ros.conversion.marker_bytes import MarkerBytes
+from soro_ros.host import middleware
 from soro_ros.nodes.markers import MarkersNode
-from soro_ros.process import middleware
 from soro_ros.view.markers import TOPIC, ArmMarkers
 from tests.ros.direct import fire, receive
 

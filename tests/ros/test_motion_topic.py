@@ -12,8 +12,8 @@ from nav_msgs.msg import Path
 
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_ros.conversion import messages
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
-from soro_ros.process import middleware
 from soro_ros.topics.diagnostics import WARN
 from tests.ros.direct import captured, receive, request
 

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from soro_ros.commands import move
 from soro_ros.conversion import messages
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from soro_ros.run import moving
 from tests.refused import refused
 from tests.ros.direct import captured, receive

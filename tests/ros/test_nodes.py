@@ -31,14 +31,14 @@ from soro_lab.scene import (
     load_scene,
 )
 from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware, services
+from soro_ros.host.latch_file import LatchFile
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.process import command_line, middleware, node_process, parameters
-from soro_ros.process.latch_file import LatchFile
-from soro_ros.run import services
+from soro_ros.process import command_line, node_process, parameters
 from soro_ros.run import supervisor as supervisor_module
 from soro_ros.run.processes import NodeError
 from soro_ros.run.supervisor import Supervisor

@@ -9,7 +9,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
 from soro_hardware import timing
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from tests.ros.conftest import own_domain
 
 

@@ -7,7 +7,7 @@ import textwrap
 
 import pytest
 
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from tests.patience import LIMIT_S
 from tests.refused import refused_keys
 

@@ -20,9 +20,9 @@ from soro_ros.conversion import messages
 from soro_ros.pictures import panels
 from soro_ros.pictures.picture import picture
 from soro_ros.pictures.run_view import open_run
+from soro_ros.recordings.events import Said, clock, events_of
 from soro_ros.recordings.recording import Series
 from soro_ros.recordings.selection import fields_of
-from soro_ros.run.events import Said, clock, events_of
 
 BAGS = Path(__file__).parents[2] / "bags"
 WHOLE = BAGS / "track_circle_lockstep_2s"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from soro_ros.run.supervisor import Supervisor
 from tests.patience import COMPILED_S
 from tests.ros import two_hosts

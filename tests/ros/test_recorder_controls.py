@@ -12,8 +12,8 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from soro_lab.bag import BagReader
+from soro_ros.host import middleware
 from soro_ros.nodes.recorder import Recorder
-from soro_ros.process import middleware
 from tests.ros.direct import receive, request
 from tests.ros.running import wait_until
 

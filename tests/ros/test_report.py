@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from soro_core.config import find_config, read_yaml
 from soro_lab.scene import load_scene
-from soro_ros.pictures import panels, picture, report
-from soro_ros.recordings import recording
+from soro_ros.pictures import panels, picture
+from soro_ros.recordings import recording, report
 from soro_ros.recordings.recording import EMPTY, Recording, Series
 
 

@@ -17,6 +17,7 @@ from soro_hardware import load_platform
 from soro_lab.bag import BagWriter, Topic
 from soro_ros.conversion import messages
 from soro_ros.conversion.interfaces import message_class, type_name
+from soro_ros.host import middleware
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
@@ -25,7 +26,7 @@ from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.process import middleware, parameters
+from soro_ros.process import parameters
 from soro_ros.run import faults
 from tests.ros.direct import captured, receive
 from tests.ros.test_motion_topic import controller

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.config import changed
-from soro_core.control.reference.reach import check_reach
+from soro_core.control.reach import check_reach
 from soro_lab.scene import check_scene, load_scene
 from soro_lab.scene.listing import scenes_in, shipped_folder
 from soro_lab.scene.loop import loop_of

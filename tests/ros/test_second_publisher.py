@@ -17,7 +17,7 @@ from std_msgs.msg import Float64MultiArray
 
 from soro_core.safety import Limiter, Limits
 from soro_ros.conversion import messages, qos
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 from soro_ros.topics.chambers import ChamberInterface
 from tests.patience import LIMIT_S
 from tests.ros.bench import NAMES, Bench

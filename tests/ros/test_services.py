@@ -19,7 +19,7 @@ from soro_core.errors import HardwareError, SoroError
 from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
 from soro_ros.conversion import qos
-from soro_ros.run import services
+from soro_ros.host import services
 from soro_ros.run.supervisor import Supervisor
 from soro_ros.topics.diagnostics import ERROR, Diagnostics
 from tests.refused import refused, refused_keys

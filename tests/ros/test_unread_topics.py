@@ -9,9 +9,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from soro_ros.conversion import qos
-from soro_ros.process import middleware
-from soro_ros.ticks import ports
+from soro_ros.host import middleware
 from soro_ros.ticks.control_report import ControlReport
+from soro_ros.topics import ports
 from tests.ros.running import wait_until
 
 

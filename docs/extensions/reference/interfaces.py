@@ -54,7 +54,7 @@ def interfaces(name: str, node_class: Any, arguments: list[str]) -> dict[str, li
     """
     import rclpy
 
-    from soro_ros.process import middleware
+    from soro_ros.host import middleware
 
     sys.argv = [
         name,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from soro_core._box import Box, view
 from soro_core._jit import entry, inner, kernel
 from soro_core.model.dynamics import GOOD, SINGULAR, check, motion_forces
-from soro_core.model.links.exact import link_ends, tip_mass_force
+from soro_core.model.exact import link_ends, tip_mass_force
 from soro_core.model.links.linear import clear_matrix, lu_factor, lu_solve_rows
 from soro_core.model.method import make_work
 from soro_core.model.tables import Tables

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.demand import Supply, shortage
+from soro_core.control.motions.lookout import Lookout, line, ways_along
 from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, Motion, Part, Slower, ToRest
 from soro_core.control.motions.motion_time import ON_THE_WAY, Timing
 from soro_core.control.motions.path_coordinates import PathCoordinates, Planning, listed
 from soro_core.control.motions.speed_law import STEEPEST, speed_law
 from soro_core.control.motions.tip_path import SAME_M, TipLeg, legs_of
-from soro_core.control.obstacle.lookout import Lookout, line, ways_along
 from soro_core.control.reference.passage import Bounds
 from soro_core.control.reference.trajectory import Point
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
+from soro_core.control.motions.kinematics import inverse_kinematics
 from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.tip_path import TipLeg
-from soro_core.control.reference.kinematics import inverse_kinematics
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 

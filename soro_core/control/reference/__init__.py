@@ -1,1 +1,1 @@
-"""References: where the arm ought to be, and whether it can be there."""
+"""References in coordinates of the arm: where it ought to be, and the way from one to the next."""

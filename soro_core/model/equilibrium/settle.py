@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
-from soro_core.model.forces.rest_forces import NEUTRAL, RestForces
+from soro_core.model.equilibrium.rest_forces import NEUTRAL, RestForces
 from soro_core.robot.coordinates import strain_fields
 
 Array: TypeAlias = NDArray[np.float64]

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from soro_core.errors import ModelError
 from soro_core.model.checks import finite, listed, require, shaped
 from soro_core.model.equilibrium.branch import follow
+from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
-from soro_core.model.forces.rest_forces import RestForces
 from soro_core.model.soft_arm import SoftArm
 from soro_core.robot.coordinates import strain_fields
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core._jit import inner, kernel
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import BULK, Array, Indices, add_volume_curvature, cofactor, respond
-from soro_design.fem.meshes.mesh import Mesh
 
 
 class Work(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 
 from soro_core.errors import ModelError
 from soro_design.fem.elements.element import SOLIDS, element
+from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
 from soro_design.fem.elements.response import Array, Indices
-from soro_design.fem.meshes.mesh import Mesh, Space, make_mesh
 
 
 def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Indices]:

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
+from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
 from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.meshes.foreign_mesh import read_foreign
-from soro_design.fem.meshes.mesh import Mesh, Space, make_mesh
 from soro_design.fem.meshes.simplices import split
 
 # Kinds of meshio by ours, the best first; simplices are split.

@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 
 from soro_core.errors import ModelError
 from soro_design.fem.elements.fibres import pieces_of
+from soro_design.fem.elements.mesh import Mesh, make_mesh
 from soro_design.fem.elements.response import Array, Indices
-from soro_design.fem.meshes.mesh import Mesh, make_mesh
 
 # Diagonal of the square in the middle of a plug, over the diameter of the hole.
 SQUARE = 0.6

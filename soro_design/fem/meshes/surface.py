@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.errors import ModelError
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import Array, Indices
-from soro_design.fem.meshes.mesh import Mesh
 
 # Straight pieces of a face, by its number of nodes.
 _LINES = {2: ((0, 1),), 3: ((0, 2), (2, 1))}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
-from soro_design.fem.meshes.mesh import Mesh
+from soro_design.fem.elements.mesh import Mesh
 
 _TYPES = {"f8": "Float64", "i8": "Int64", "u1": "UInt8"}
 

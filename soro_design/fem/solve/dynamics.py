@@ -13,11 +13,11 @@ from functools import partial
 import numpy as np
 
 from soro_core.errors import ModelError
-from soro_design.fem.elements.mass import mass_entries
 from soro_design.fem.elements.response import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.equilibrium import inversion, moved
+from soro_design.fem.solve.mass import mass_entries
 
 
 @dataclass(frozen=True)

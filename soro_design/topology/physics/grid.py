@@ -15,11 +15,11 @@ from scipy.sparse import csc_matrix
 
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh
+from soro_design.fem.elements.mesh import Space
 from soro_design.fem.elements.pattern import Pattern, make_pattern
 from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.meshes.blocks import block
-from soro_design.fem.meshes.mesh import Space
 
 Flags: TypeAlias = NDArray[np.bool_]
 

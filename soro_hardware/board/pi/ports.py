@@ -9,9 +9,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 from soro_core.errors import HardwareError
+from soro_hardware.board import chips
 from soro_hardware.board.config import BoardPlatform
 from soro_hardware.board.messages import PortFlag
-from soro_hardware.board.pi import chips
 
 _HIGHEST_CODE = chips.CODES - 1
 _RAIL = 2047  # counts of the ADC at the end of its range

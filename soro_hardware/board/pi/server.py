@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 from soro_core.errors import ConfigError, HardwareError, SoroError
+from soro_hardware.board.chips import I2cBus
 from soro_hardware.board.config import BoardPlatform, StopContact
 from soro_hardware.board.pi.board import Board, describe
-from soro_hardware.board.pi.chips import I2cBus
 from soro_hardware.board.pi.contact import ContactLine, GpioLine, StopInput
 from soro_hardware.board.pi.i2c import LinuxI2c
 from soro_hardware.board.pi.loop import Server

@@ -8,13 +8,13 @@ for its first exchange for any time.
 from __future__ import annotations
 
 from soro_hardware.canopen.boot import startup, watchdogs
-from soro_hardware.canopen.boot.sdo_client import SdoClient
 from soro_hardware.canopen.boot.valve_states import to_hold
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.device import Device
 from soro_hardware.canopen.frames import NmtCommand, NmtState
 from soro_hardware.canopen.monitor import NodeMonitor
 from soro_hardware.canopen.node_bus import NodeBus
+from soro_hardware.canopen.sdo_client import SdoClient
 
 
 def bring_up(bus: NodeBus, platform: CanopenPlatform, device: Device) -> None:

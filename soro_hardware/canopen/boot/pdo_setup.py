@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from soro_hardware.canopen import cia408
-from soro_hardware.canopen.boot.sdo_client import SdoAbortError, SdoClient
 from soro_hardware.canopen.device import Device, Pdo
 from soro_hardware.canopen.frames import COB_DISABLED
 from soro_hardware.canopen.mapping import PDO_NUMBERS
+from soro_hardware.canopen.sdo_client import SdoAbortError, SdoClient
 from soro_hardware.canopen.sdo_frames import SdoAbort
 
 _EVERY_SYNC, _BY_DEVICE = 1, 255

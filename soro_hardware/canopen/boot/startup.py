@@ -11,12 +11,12 @@ import logging
 from soro_hardware.canopen import cia408
 from soro_hardware.canopen.boot import watchdogs
 from soro_hardware.canopen.boot.pdo_setup import disable_other_pdos, map_pdo
-from soro_hardware.canopen.boot.sdo_client import SdoClient
 from soro_hardware.canopen.boot.valve_states import to_init
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.device import Device, Object
 from soro_hardware.canopen.mapping import FixedScaling, Linear
 from soro_hardware.canopen.pdo import Scaling
+from soro_hardware.canopen.sdo_client import SdoClient
 
 _BOOT_POLL_S = 0.1
 

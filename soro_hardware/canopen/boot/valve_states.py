@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from soro_hardware.canopen import cia408
-from soro_hardware.canopen.boot.sdo_client import SdoClient
 from soro_hardware.canopen.cia408 import Control, ValveState
 from soro_hardware.canopen.device import Device
+from soro_hardware.canopen.sdo_client import SdoClient
 
 
 def to_hold(sdo: SdoClient, device: Device, channel: int, timeout_s: float) -> None:

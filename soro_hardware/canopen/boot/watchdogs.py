@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from soro_hardware.canopen import cia408
-from soro_hardware.canopen.boot.sdo_client import SdoAbortError, SdoClient
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.device import Device
+from soro_hardware.canopen.sdo_client import SdoAbortError, SdoClient
 
 
 def set_times(sdo: SdoClient, platform: CanopenPlatform, device: Device) -> None:

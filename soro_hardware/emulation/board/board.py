@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 
+from soro_hardware.board import chips
 from soro_hardware.board.config import BoardPlatform
-from soro_hardware.board.pi import chips
 from soro_hardware.board.pi.board import Board
 from soro_hardware.board.pi.contact import StopInput
 from soro_hardware.board.pi.ports import Ports

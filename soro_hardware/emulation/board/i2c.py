@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable
 
-from soro_hardware.board.pi.chips import FULL_SCALES_V, RATES_SPS
+from soro_hardware.board.chips import FULL_SCALES_V, RATES_SPS
 
 _STORE_NS = 25_000_000  # typical time of an EEPROM write
 _FACTORY_CODE = 0x800  # middle of the range

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Case, Whole, clock
-from soro_lab.identification.arm.search.numbers import Number
+from soro_lab.identification.arm.cases.numbers import Number
 from soro_lab.identification.recording.streams import Attitude, Curvature, Marker, Plate, Shape
 
 Array: TypeAlias = NDArray[np.float64]

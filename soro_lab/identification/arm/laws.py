@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
-from soro_lab.identification.arm.search.numbers import Number, numbers_of, with_numbers
+from soro_lab.identification.arm.cases.numbers import Number, numbers_of, with_numbers
 
 # Found for every arm: stiffness at rest, damping, gains.
 _ALWAYS = ("k_{}", "damping_{}", "gain", "arm", "chamber*/gain")

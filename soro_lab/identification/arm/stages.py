@@ -13,20 +13,20 @@ from numpy.typing import NDArray
 from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.blind import check_motion, check_numbers
 from soro_lab.identification.arm.cases.case import Case, Whole
+from soro_lab.identification.arm.cases.numbers import Number, is_of_robot, with_numbers
 from soro_lab.identification.arm.cases.pace import longest_step
-from soro_lab.identification.arm.cases.prepare import first_errors, residual_errors, rests_of, split
 from soro_lab.identification.arm.cases.starts import is_release, start_numbers
-from soro_lab.identification.arm.cases.swing import swinging
 from soro_lab.identification.arm.choose import Choice, Trial, choose
 from soro_lab.identification.arm.frames import calibrated, clock_numbers, frame_numbers
 from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range, squares
 from soro_lab.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
+from soro_lab.identification.arm.search.blind import check_motion, check_numbers
 from soro_lab.identification.arm.search.certainty import Certainty, certainty, not_determined
-from soro_lab.identification.arm.search.numbers import Number, is_of_robot, with_numbers
+from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
 from soro_lab.identification.arm.search.problem import Problem, modelled
 from soro_lab.identification.arm.search.solve import Solution, evaluated, solve
+from soro_lab.identification.arm.search.swing import swinging
 from soro_lab.identification.interrupts import only_in_searches
 from soro_lab.identification.recording import (
     Marker,

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import yaml
 
 from soro_core.robot.parts import fields
+from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.cases.physical import Unphysical, unphysical
 from soro_lab.identification.arm.laws import is_of_law
 from soro_lab.identification.arm.search.combinations import Combination, combinations
-from soro_lab.identification.arm.search.numbers import Number
-from soro_lab.identification.arm.search.physical import Unphysical, unphysical
 from soro_lab.identification.arm.stages import Identified
 
 # What would determine a number that a recording leaves open, by the begin of its own name.

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import eigh
 
 from soro_core.model import SoftArm
+from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import equilibrium
-from soro_core.model.forces.rest_forces import RestForces
 
 # No step is longer: pressures of regulators change within some 50 ms.
 LONGEST_S = 0.01

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from soro_core.model import SoftArm
 from soro_core.model.tables import CREEP
 from soro_core.robot.coordinates import strain_fields
-from soro_lab.identification.arm.search.numbers import Number
+from soro_lab.identification.arm.cases.numbers import Number
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.sections import sections
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from soro_lab.identification.arm.cases.physical import Unphysical
 from soro_lab.identification.arm.judge import Error, unit_of
 from soro_lab.identification.arm.report.data import data_of
 from soro_lab.identification.arm.report.found import (
@@ -21,7 +22,6 @@ from soro_lab.identification.arm.report.found import (
 from soro_lab.identification.arm.report.repeats import repeats
 from soro_lab.identification.arm.report.traces import Trace
 from soro_lab.identification.arm.report.verdict import verdict_of
-from soro_lab.identification.arm.search.physical import Unphysical
 from soro_lab.identification.arm.search.profile import Profile
 from soro_lab.identification.arm.stages import Identified
 from soro_lab.identification.arm.written import combined

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_lab.identification.arm.search.physical import Unphysical
+from soro_lab.identification.arm.cases.physical import Unphysical
 from soro_lab.identification.arm.search.profile import Profile
 from soro_lab.identification.arm.stages import Identified
 from soro_lab.identification.arm.written import experiment, marks, origin

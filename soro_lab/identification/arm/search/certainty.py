@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from soro_lab.identification.arm.search.numbers import Number, is_of_robot
+from soro_lab.identification.arm.cases.numbers import Number, is_of_robot
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
 

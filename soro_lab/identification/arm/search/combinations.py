@@ -12,8 +12,8 @@ from itertools import combinations as pairs
 
 import numpy as np
 
+from soro_lab.identification.arm.cases.numbers import Number, is_of_robot
 from soro_lab.identification.arm.search.certainty import Certainty
-from soro_lab.identification.arm.search.numbers import Number, is_of_robot
 
 # Only numbers that are less sure than this have combinations, and only those that are so many times surer.
 _UNSURE, _SURER = 0.03, 4.0

@@ -15,8 +15,8 @@ from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 from soro_lab.identification.arm.cases.case import Case, Path
+from soro_lab.identification.arm.cases.numbers import Number, is_of_robot, with_numbers
 from soro_lab.identification.arm.cases.predict import difference, shown
-from soro_lab.identification.arm.search.numbers import Number, is_of_robot, with_numbers
 from soro_lab.identification.search import LOSSES, Settings
 
 Array: TypeAlias = NDArray[np.float64]

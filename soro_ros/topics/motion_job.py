@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from soro_core.control.motions.motion_config import MotionConfig
+from soro_core.control.motion_config import MotionConfig
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 STATUS = "arm/motion"

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from soro_lab.scene import Scene
+from soro_ros.recordings import shadow_report
+from soro_ros.recordings.events import Event
 from soro_ros.recordings.recording import Recording, Series, read
-from soro_ros.run import shadow_report
-from soro_ros.run.events import Event
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from soro_core.errors import short
 from soro_core.frames import Frames
-from soro_ros.ticks.ports import ignore
+from soro_ros.topics.ports import ignore
 
 # Frames that are named in the log; a publisher that makes up new ones does not fill it.
 _MOST = 100

@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from rclpy.node import Node
 
 from soro_core.errors import ConfigError
-from soro_ros.run import services
+from soro_ros.host import services
 
 # Newcomers that are told which process has a name; later ones are refused without its number.
 _ASKING = 128

@@ -8,8 +8,8 @@ import numpy as np
 
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
+from soro_lab.identification.arm.cases.numbers import is_of_robot
 from soro_lab.identification.arm.cases.predict import shown
-from soro_lab.identification.arm.search.numbers import is_of_robot
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
 from soro_lab.identification.recording import Recording

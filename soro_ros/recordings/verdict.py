@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from soro_lab.scene import Scene
-from soro_ros.pictures.report import WINDOW_S, Summary
+from soro_ros.recordings.report import WINDOW_S, Summary
 
 Word = Literal["good", "lost", "vented", "refused"]
 

@@ -13,7 +13,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from soro_ros.process import security
+from soro_ros.host import security
 
 _THIS_HOST = Path(__file__).with_name("fastdds.xml")
 _NETWORK = Path(__file__).with_name("fastdds_network.xml")

@@ -14,7 +14,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from soro_core.errors import ConfigError, SoroError
-from soro_ros.process import middleware
+from soro_ros.host import middleware
 
 # Time of a search for nodes [s]; by default Fast DDS announces a node every 3 s.
 FIND_S = 4.0

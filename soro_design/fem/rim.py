@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import Indices
 from soro_design.fem.loads import Loads
-from soro_design.fem.meshes.mesh import Mesh
 
 # A rim whose tangent leaves a plane of symmetry by less than this share lies in it.
 LEVEL = 1e-6

@@ -7,9 +7,9 @@ from typing import Any
 from rclpy.parameter import Parameter
 
 from soro_core.errors import ConfigError
+from soro_ros.process.keyboard import Keyboard
 from soro_ros.process.lifecycle import SoroNode
-from soro_ros.recordings.playback import Playback
-from soro_ros.run.keyboard import Keyboard
+from soro_ros.recorder.playback import Playback
 from soro_ros.topics.triggers import create_triggers
 
 _SEEK_S = 5.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 
-from soro_ros.process.state_folder import state_folder
+from soro_ros.host.state_folder import state_folder
 
 
 class LatchFile:

@@ -14,8 +14,8 @@ from scipy.sparse import coo_array
 
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
+from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import Array, Indices
-from soro_design.fem.meshes.mesh import Mesh
 from soro_design.fem.meshes.surface import pieces
 
 

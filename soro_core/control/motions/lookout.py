@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, Motion, Part
 from soro_core.control.motions.motion_time import ON_THE_WAY
+from soro_core.control.motions.obstacles import ERROR_M, Obstacles
 from soro_core.control.motions.path_coordinates import Planning
+from soro_core.control.motions.resting_shape import Shape
 from soro_core.control.motions.speed_law import SpeedLaw
-from soro_core.control.obstacle.obstacles import ERROR_M, Obstacles
-from soro_core.control.reference.resting_shape import Shape
 from soro_core.control.reference.trajectory import Circle, Reference, Waypoints
 
 Array: TypeAlias = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """The path of the tip that a configuration states, as a motion in coordinates.
 
 `soro_core.control.motions.motion` plans a path of a running arm against its pressures, and extends its time.
-This one is made before the arm moves: `soro_core.control.reference.reach` checks its pressures at rest, and
+This one is made before the arm moves: `soro_core.control.reach` checks its pressures at rest, and
 a path that is too fast is refused.
 """
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig, ReferenceConfig
+from soro_core.control.motions.configured_path import configured_path
+from soro_core.control.motions.kinematics import elongation_for_pressure, inverse_kinematics
 from soro_core.control.motions.motion_parts import Motion
-from soro_core.control.reference.configured_path import configured_path
-from soro_core.control.reference.kinematics import elongation_for_pressure, inverse_kinematics
 from soro_core.control.reference.passage import Bounds
 from soro_core.control.reference.spread import per_coordinate
 from soro_core.control.reference.trajectory import Circle, Hold, Reference, Waypoints

@@ -1,1 +1,0 @@
-"""Obstacles that a robot file knows: how near the arm comes, and what is refused for it."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.safety import Limits, check_rating, for_regulators
-from soro_hardware.families import open_regulator
+from soro_hardware.families import find_family, open_regulator
 from soro_hardware.finding import Finding, examined, graded
 from soro_hardware.platform import IN_TURN, PlatformBase
 from soro_hardware.port import FAULT_CODES, Array, Regulator
@@ -49,6 +49,7 @@ def examine(
     clock : callable
         Returns a monotonic time [s].
     """
+    yield Finding("family", "ok", f"{platform.family}, tried on: {find_family(platform.family).tried_on}")
     yield check_range(platform)
     yield check_real_time(*resource.getrlimit(resource.RLIMIT_RTPRIO), os.geteuid() == 0)
     address = endpoint or platform.device

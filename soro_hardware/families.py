@@ -36,11 +36,14 @@ class Family:
         Function as `Family.open`.
     emulator : str
         Function ``emulate(platform, lockstep, seed) -> EmulatedDevices``.
+    tried_on : str
+        What driver and emulated devices were held against; `soro doctor` says it, and docs/hardware.md.
     """
 
     config: str
     driver: str
     emulator: str
+    tried_on: str = "not stated by its package"
 
     def open(
         self, platform: PlatformBase, endpoint: str | None, clock: Callable[[], float], lockstep: bool
@@ -83,31 +86,37 @@ FAMILIES = {
         config="soro_hardware.canopen.config:CanopenPlatform",
         driver="soro_hardware.canopen.driver:open_driver",
         emulator="soro_hardware.emulation.canopen.world:emulate",
+        tried_on="no device; node and master of the package canopen",
     ),
     "itv_rs232": Family(
         config="soro_hardware.serial_line.config:ItvPlatform",
         driver="soro_hardware.serial_line.dialects:open_itv",
         emulator="soro_hardware.emulation.serial_line.devices:ItvDevices",
+        tried_on="no device and no program of another author",
     ),
     "alicat": Family(
         config="soro_hardware.serial_line.config:AlicatPlatform",
         driver="soro_hardware.serial_line.dialects:open_alicat",
         emulator="soro_hardware.emulation.serial_line.devices:AlicatDevices",
+        tried_on="no device; the client alicatlib on the emulated units",
     ),
     "veab_tcp": Family(
         config="soro_hardware.veab.config:VeabPlatform",
         driver="soro_hardware.veab.driver:open_driver",
         emulator="soro_hardware.emulation.veab:EmulatedVeabServer",
+        tried_on="no device and no program of another author",
     ),
     "soro_board": Family(
         config="soro_hardware.board.config:BoardPlatform",
         driver="soro_hardware.board.driver:open_driver",
         emulator="soro_hardware.emulation.board.board:EmulatedBoard",
+        tried_on="no device and no program of another author",
     ),
     "vtem_modbus": Family(
         config="soro_hardware.vtem.config:VtemPlatform",
         driver="soro_hardware.vtem.driver:open_driver",
         emulator="soro_hardware.emulation.vtem:EmulatedTerminal",
+        tried_on="no device; client and server of pyModbusTCP",
     ),
 }
 

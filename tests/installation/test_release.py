@@ -73,6 +73,8 @@ def sources(tmp_path_factory):
     pytest.importorskip("setuptools", "70.1", reason="older setuptools make no wheels alone")
     folder = tmp_path_factory.mktemp("release") / "soro"
     copy_sources(folder)
+    (folder / "tests").mkdir()
+    (folder / "tests/test_one.py").touch()
     return folder
 
 

@@ -48,14 +48,17 @@ def default_limits(scene: Scene, where: str) -> Limits:
 def unused_range(scene: Scene) -> list[str]:
     """Return a line each where the robot or the limits state a range of which other parts allow less."""
     robot, limits, lines = scene.loaded_robot, scene.limits, []
-    for name, low, high in (
-        (f"pressure_range_pa of {robot.name} is", *robot.pressure_range_pa),
-        ("limits are", limits.minimum_pa, limits.maximum_pa),
+    own = robot.pressure_range_pa[0], robot.pressure_range_pa[1]
+    for name, stated in (
+        (f"pressure_range_pa of {robot.name} is", own),
+        ("limits are", (limits.minimum_pa, limits.maximum_pa)),
     ):
-        less = {part: ends for part, ends in _allowed(scene).items() if low < ends[0] or high > ends[1]}
+        less = {
+            part: ends for part, ends in _allowed(scene).items() if stated[0] < ends[0] or stated[1] > ends[1]
+        }
         if less:
             text = f"{_named(less)} {'allow' if len(less) > 1 else 'allows'} less"
-            lines.append(f"{name} {_kpa((low, high))}, but {text}")
+            lines.append(f"{name} {_kpa(stated)}, but {text}")
     return lines
 
 

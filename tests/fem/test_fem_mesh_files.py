@@ -242,6 +242,85 @@ def test_a_surface_with_textures_is_read(meshio, tmp_path):
     assert read_mesh(tmp_path / "part.obj", "plane_strain").mesh.kind == "quad4"
 
 
+SQUARE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n"
+SQUARES = {
+    "counted from the last": "v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 1 1 0\nf -3 -1 -2\n",
+    "with textures": "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf -3/-1 -2/-1 -1/-1\nv 1 1 0\nf -3//1 4/1/1 -2/1\n",
+    "with colours": SQUARE.replace(" 0\nv", " 0 0.5 0.5 0.5\nv"),
+    "in groups": SQUARE.replace("f 2", "g second\nusemtl red\nf 2"),
+    "over two lines": SQUARE.replace("f 2 4", "f 2 \\\n4"),
+    "small numbers": SQUARE.replace("v 0 0 0", "v 0e-5 0E+0 0"),
+    "a mark": "\N{BYTE ORDER MARK}" + SQUARE,
+    "windows": SQUARE.replace("\n", "\r\n"),
+}
+
+
+@pytest.mark.parametrize("name", SQUARES)
+def test_faces_of_obj_are_those_that_are_meant(meshio, tmp_path, name):
+    (tmp_path / "right.obj").write_text(SQUARE)
+    (tmp_path / "part.obj").write_bytes(SQUARES[name].encode())
+    right = read_mesh(tmp_path / "right.obj", "plane_strain").mesh
+    found = read_mesh(tmp_path / "part.obj", "plane_strain").mesh
+    assert len(right.cells) == 6
+    np.testing.assert_array_equal(found.points, right.points)
+    np.testing.assert_array_equal(found.cells, right.cells)
+
+
+def stl(*facets):
+    """A surface in text whose facets have these points."""
+    loops = ["".join(f"vertex {x} {y} 0\n" for x, y in facet) for facet in facets]
+    inner = "".join(f"facet normal 0 0 1\nouter loop\n{loop}endloop\nendfacet\n" for loop in loops)
+    return f"solid part\n{inner}endsolid part\n"
+
+
+LEFT, RIGHT, WHOLE = ((0, 0), (1, 0), (0, 1)), ((1, 0), (1, 1), (0, 1)), ((0, 0), (1, 0), (1, 1), (0, 1))
+MIXED = {
+    "no point 0": (
+        "part.obj",
+        SQUARE.replace("f 1 2", "f 0 1"),
+        "face 'f 0 1 3' names a point that is not among the 4",
+    ),
+    "before the first": (
+        "part.obj",
+        SQUARE.replace("f 1", "f -5"),
+        "face 'f -5 2 3' names a point that is not among the 4",
+    ),
+    "beyond the last": ("part.obj", SQUARE.replace("f 2 4", "f 2 9"), "a face of point 9 of 4"),
+    "no number": ("part.obj", SQUARE.replace("f 1", "f x"), "damaged: face 'f x 2 3'"),
+    "quads and triangles": (
+        "part.obj",
+        SQUARE + "f 1 2 4 3\n",
+        "elements quad and triangle; allowed: one kind",
+    ),
+    "a pentagon": ("part.obj", SQUARE + "v 2 2 0\nf 1 2 5 4 3\n", "elements triangle and polygon; allowed"),
+    "a line as a face": ("part.obj", SQUARE + "f 1 2\n", "elements triangle and polygon; allowed"),
+    "facets of four": ("part.stl", stl(*[WHOLE] * 4), "facet 0 of 4 points"),
+    "a facet of four": ("part.stl", stl(LEFT, WHOLE), "facet 1 of 4 points"),
+    "a facet of two": ("part.stl", stl(LEFT, RIGHT[:2], RIGHT), "facet 1 of 2 points"),
+    "a quad in off": ("part.off", "OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n", "triangular"),
+}
+
+
+@pytest.mark.parametrize("name", MIXED)
+def test_a_surface_that_is_not_read_says_what_it_has(meshio, tmp_path, name):
+    file, content, words = MIXED[name]
+    (tmp_path / file).write_text(content)
+    with fails(ModelError, words, key="path") as caught:
+        read_mesh(tmp_path / file, "plane_strain")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("form", ["text", "bytes"])
+def test_triangles_of_stl_are_read(meshio, tmp_path, form):
+    path = tmp_path / "part.stl"
+    path.write_text(stl(LEFT, RIGHT))
+    if form == "bytes":  # with a head as that of text
+        points = np.array([(*point, 0.0) for point in WHOLE])
+        meshio.Mesh(points, [("triangle", np.array([[0, 1, 3], [1, 2, 3]]))]).write(path, binary=True)
+        path.write_bytes(b"solid of bytes".ljust(80) + path.read_bytes()[80:])
+    assert len(read_mesh(path, "plane_strain").mesh.cells) == 6
+
+
 def test_nothing_of_a_mesh_is_dropped(meshio, tmp_path):
     """Elements of a second kind, and heights of a mesh that is read as flat."""
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.5, 0.0]])
@@ -249,6 +328,10 @@ def test_nothing_of_a_mesh_is_dropped(meshio, tmp_path):
     meshio.Mesh(points, mixed).write(tmp_path / "mixed.vtu")
     with fails(ModelError, "quad and triangle", key="path"):
         read_mesh(tmp_path / "mixed.vtu", "plane_strain")
+    solid = [("tetra", np.array([[0, 1, 2, 3]])), ("pyramid", np.array([[0, 1, 2, 3, 4]]))]
+    meshio.Mesh(np.array([*TETRA, [1.0, 1.0, 1.0]]), solid).write(tmp_path / "solid.vtu")
+    with fails(ModelError, "tetra and pyramid", key="path"):
+        read_mesh(tmp_path / "solid.vtu", "solid")
     meshio.Mesh(points + np.array([0.0, 0.0, 2.0]), mixed[:1]).write(tmp_path / "flat.vtu")
     assert read_mesh(tmp_path / "flat.vtu", "plane_strain").mesh.kind == "quad4"
     points[3, 2] = 0.1

@@ -14,6 +14,7 @@ from soro_core.csv_rows import read_matrix
 from soro_core.errors import ConfigError
 from soro_lab.identification import read_pressures
 from soro_lab.identification.recording import Columns, read_csv, summary
+from soro_lab.identification.records import read_columns, read_table
 from tests.refused import fails
 
 CASES = Path(__file__).parents[3] / "shared/data/outside_cases"
@@ -147,10 +148,40 @@ def test_a_file_may_be_cut_in_its_last_row(tmp_path, cut):
     assert found.notes[0].startswith("1 of 40 rows left out; the first is line 41: ")
 
 
+FORMATS = {
+    "exponents": ("{:.3e}", ["-4.210e-0", "-4.210e-", "-4.210e", "-4.21", "-4.", "-", ""]),
+    "exponents of one digit": ("{:.3e}", ["2.000e-1", "2.000e+0", "2.000E0"]),
+    "the shortest numbers": ("{:g}", ["0.1", "0.123", "0.1234567", "12", "1e-05", "1.5e-05"]),
+    "whole numbers": ("{:.0f}", ["10", "1013"]),
+    "decimal commas": ("{:.4f}", ["1,0", "1,000"]),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_no_last_number_that_may_be_cut_counts(tmp_path, name):
+    """What is left of a number is one too: only a format that all rows have shows that it is whole."""
+    form, ends = FORMATS[name]
+    rows = ["t;angle", *(f"{0.5 * k:.1f};{form.format(-3.0 + 0.25 * k)}" for k in range(1, 9))]
+
+    def last(end: str) -> tuple[int, str]:
+        text = "\n".join([*rows, f"4.5;{end}"])
+        (tmp_path / "run.csv").write_text(text.replace(".", ",") if "," in end else text)
+        table, note = read_table(tmp_path / "run.csv", ("t", "angle"))
+        return len(table["angle"]), note
+
+    for end in ends:
+        count, note = last(end)
+        assert (count, note[:53]) == (8, "1 of 9 rows left out; the first is line 10: the file "), end
+    whole = form.format(-0.75)
+    assert last(whole)[0] == (9 if name in ("exponents", "exponents of one digit", "decimal commas") else 8)
+    assert last(whole + "\n") == (9, "")
+
+
 @pytest.mark.parametrize(
     ("text", "key", "words"),
     [
-        (plain().replace("pb", "pa (kPa)", 1), "pb", ("columns t, pa (kPa), pa (kPa), angle",)),
+        (plain().replace("pa (kPa)", '"a, b (kPa)"'), "'pa (kPa)'", ("columns t, 'a, b (kPa)', pb",)),
+        (plain().replace("pb", "pa (kPa)", 1), "pb", ("columns t, 'pa (kPa)', 'pa (kPa)', angle\"",)),
         (plain().replace("t,pa (kPa),pb,angle", "t,pa (kPa),pb,angle,pb").replace("\n", ",1\n"), "pb", ()),
         ("\n".join(line.replace(".", ",") for line in lines()) + "\n", "line 2", ("8 cells", "4 names")),
         (plain().replace("\n", "\n2026-01-01 12:00:0"), "line 2", ("no number",)),
@@ -168,6 +199,24 @@ def test_what_cannot_be_read_is_one_line(tmp_path, text, key, words):
     assert key in ("", caught.value.key)
     assert all(word in str(caught.value) for word in words)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_names_with_spaces_and_commas_have_quotes(tmp_path):
+    path = tmp_path / "run.csv"
+    with fails(ConfigError, "the columns 'time, s', b", where=str(path)):
+        read_table(path, ("time, s", "b"))
+    path.write_text('"time, s","a b","a b"\n0,1,2\n1,1,2\n')
+    with fails(ConfigError, "2 columns", where=str(path), key="'a b'"):
+        read_table(path, ("time, s", "a b"))
+    path.write_text('"time, s","a b"\n0,inf\n1,inf\n')
+    with fails(ConfigError, "inf in row 1", where=str(path), key="'a b'"):
+        read_columns(path, ("time, s", "a b"))
+    path.write_text('"time, s","a b"\n1,0\n0,1\n')
+    with fails(ConfigError, "do not rise", where=str(path), key="'time, s'"):
+        read_columns(path, ("time, s",))
+    path.write_text("t,pd_left arm\n0,0\n1,1\n")
+    with fails(ConfigError, "only 'pd_left arm'", where=str(path), key="'pm_left arm'"):
+        read_pressures(path)
 
 
 def test_two_columns_of_a_name_that_the_map_uses_are_refused(tmp_path):

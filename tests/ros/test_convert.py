@@ -137,7 +137,7 @@ def test_csv_of_other_programs_becomes_a_bag_without_its_damaged_rows(soro, tmp_
     text = "\N{BYTE ORDER MARK}exported today\nlog_time_ns;effort.c0_pa;effort.c1_pa\n" + "\n".join(rows)
     ended = soro("bag", "convert", str(own_tables(tmp_path / "mine", text[:-2])), str(tmp_path / "bag"))
     assert ended.status == 0, ended.err
-    assert "mine.csv: 3 of 9 rows left out; the first is line 6: effort.0: got 'x'" in ended.err
+    assert "mine.csv: 3 of 9 rows left out; the first is line 6: effort.0: 'x' is no double" in ended.err
     with BagReader(tmp_path / "bag") as reader:
         found = [deserialize_message(m.data, JointState) for m in reader.messages()]
     assert [list(state.effort) for state in found] == [[k * 1e3, k + 0.5] for k in (1, 2, 3, 5, 7, 8)]
@@ -164,9 +164,28 @@ WRONG = {
         "got 'effort.c0_kpa'; allowed: effort.c0_pa",
     ),
     "no unit": ("log_time_ns,effort.c0\n1,2\n", {}, "got 'effort.c0'; allowed: effort.c0_pa"),
+    "no unit of a name with spaces": (
+        "log_time_ns,effort.left arm\n1,2\n",
+        {"names": ["left arm", "c1"]},
+        "got 'effort.left arm'; allowed: 'effort.left arm_pa'",
+    ),
+    "joint beside names with spaces": (
+        "log_time_ns,effort.c9_pa\n1,2\n",
+        {"names": ["left arm", "up, right"]},
+        "sensor_msgs/msg/JointState, of 'left arm', 'up, right'",
+    ),
+    "no time beside names with spaces": (
+        '"effort.left arm_pa","effort.a, b_pa"\n1,2\n',
+        {"names": ["left arm", "a, b"]},
+        "columns 'effort.left arm_pa', 'effort.a, b_pa'",
+    ),
     "twice": ("log_time_ns,effort.c0_pa,effort.c0_pa\n1,2,3\n", {}, "allowed: each column once"),
     "no time": ("effort.c0_pa\n1\n", {}, "log_time_ns: got 'columns effort.c0_pa'"),
-    "cell": ("log_time_ns,effort.c0_pa,effort.c1_pa\n1,x,2\n", {}, "line 2: got \"effort.0: got 'x'"),
+    "cell": (
+        "log_time_ns,effort.c0_pa,effort.c1_pa\n1,x,2\n",
+        {},
+        "line 2: got \"effort.0: 'x' is no double\";",
+    ),
     "time": ("log_time_ns,effort.c0_pa,effort.c1_pa\n-1,1,2\n", {}, "line 2: got 'log_time_ns: -1'"),
     "short": (
         "log_time_ns,effort.c0_pa,effort.c1_pa\n1,2\n",

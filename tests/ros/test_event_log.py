@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import stat
 import threading
+import time
 
 import pytest
 import rclpy
@@ -27,7 +29,8 @@ def test_an_event_is_one_line_of_this_user_alone(folder):
     log = EventLog("/left", "regulator", pytest.fail)
     log.note("vented", "leak:\tlink0/chamber1\nopen the dump valve")
     log.note("reset refused", "not empty")
-    log.note("reset refused", "not empty")  # a button that is held
+    for _ in range(3):
+        log.note("reset refused", "not empty")  # a button that is held
     log.note("reset")
     log.note("parameter", "name: \udc80")  # bytes of a file name that are no UTF-8
     log.close()
@@ -35,7 +38,7 @@ def test_an_event_is_one_line_of_this_user_alone(folder):
     assert found == [
         ("/left", "regulator", "vented", "leak: link0/chamber1 open the dump valve"),
         ("/left", "regulator", "reset refused", "not empty"),
-        ("/left", "regulator", "reset", ""),
+        ("/left", "regulator", "reset", "[left out before: 3 repeated]"),
         ("/left", "regulator", "parameter", r"name: \udc80"),
     ]
     assert all(one.time.endswith("Z") for one in event_log.entries())
@@ -87,6 +90,53 @@ def test_a_log_that_cannot_be_written_is_one_warning(folder, monkeypatch, obstac
     log.close()
     (line,) = warnings
     assert str(folder) in line
+
+
+def test_repeats_up_to_the_end_of_a_node_are_counted(folder):
+    log = EventLog("/", "regulator", pytest.fail)
+    for _ in range(4):
+        log.note("vented", "leak")
+    log.close()
+    log.note("vented", "leak")  # of the next life of the node
+    log.close()
+    found = [(one.event, one.text) for one in event_log.entries()]
+    assert found == [("vented", "leak"), ("end", "[left out before: 3 repeated]"), ("vented", "leak")]
+
+
+def test_events_that_a_full_disk_refuses_are_counted(folder, monkeypatch):
+    write, is_full = os.write, [True, True, False]
+    monkeypatch.setattr(event_log.os, "write", lambda *of: 3 if is_full.pop(0) else write(*of))
+    log = EventLog("/", "regulator", [].append)
+    for k in range(3):
+        log.note("parameter", str(k))
+    log.close()
+    assert [one.text for one in event_log.entries()] == ["2 [left out before: 2 refused by the disk]"]
+
+
+def test_events_that_a_slow_disk_loses_are_counted(folder, monkeypatch):
+    append, goes_on, begun = event_log._append, threading.Event(), threading.Event()
+
+    def slow(line):
+        begun.set()
+        assert goes_on.wait(60)
+        append(line)
+
+    monkeypatch.setattr(event_log, "_append", slow)
+    monkeypatch.setattr(event_log, "_WAITING", 4)
+    log = EventLog("/", "regulator", pytest.fail)
+    log.note("parameter", "first")
+    assert begun.wait(60)
+    for k in range(10):
+        log.note("parameter", str(k))  # four wait
+    goes_on.set()
+    deadline = time.monotonic() + 60
+    while log._waiting.qsize():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    log.note("parameter", "9")  # the last one that was lost, again
+    log.close()
+    found = [one.text for one in event_log.entries()]
+    assert found == ["first", "0", "1", "2", "3", "9 [left out before: 6 lost because the disk was slow]"]
 
 
 def test_a_disk_that_stands_still_holds_up_nobody(folder, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -326,6 +327,9 @@ def test_messages_of_another_encoding_are_named(soro, tmp_path, encoding, words)
         assert ended.status == 2
         assert ": messages are " in ended.err
         assert words in ended.err
+    # The last one says what, where and what is allowed, each once.
+    line = rf"soro: {re.escape(str(bag))}: /\w+: messages are [^:;]+; allowed: ROS 2 messages \(cdr\)\n"
+    assert re.fullmatch(line, ended.err)
     assert not (tmp_path / "out").exists()
     told = soro("bag", "info", str(bag))
     assert told.status == 0

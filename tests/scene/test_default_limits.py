@@ -67,19 +67,23 @@ def test_what_a_scene_states_stays(tmp_path):
 
 def test_a_range_that_another_part_does_not_allow_is_named(tmp_path):
     found = scene(tmp_path, (-40e3, 90e3), (0.0, 90e3), (0.0, 90e3))
-    first, second = check_scene(found, "scene")
-    assert "of arm is -40 to 90 kPa, but range of valves allows 0 to 90 kPa" in first
-    assert "emulation.regulator" in second
+    assert check_scene(found, "scene") == [
+        "pressure_range_pa of arm is -40 to 90 kPa, but range of valves (0 to 90 kPa) and "
+        "emulation.regulator of valves (0 to 90 kPa) allow less"
+    ]
     assert check_scene(scene(tmp_path, (0.0, 90e3), (0.0, 90e3), (0.0, 90e3)), "scene") == []
     alone = check_scene(scene(tmp_path, (-40e3, 90e3)), "scene")
     assert len(alone) == 1
-    assert "twin.regulator allows 0 to 90 kPa" in alone[0]
+    assert alone[0].endswith("but twin.regulator (0 to 90 kPa) allows less")
     wide = scene(tmp_path, (-40e3, 90e3), (-40e3, 90e3), **{"limits.minimum_pa": -60e3})
-    assert any("limits of -60 to 90 kPa, but range of" in line for line in check_scene(wide, "scene"))
+    assert check_scene(wide, "scene") == [
+        "limits are -60 to 90 kPa, but range of valves (-40 to 90 kPa) allows less"
+    ]
 
 
 def test_ranges_that_do_not_meet_are_refused(tmp_path):
-    with fails(ConfigError, "60 to 90 kPa", "0 to 50 kPa", where=str(tmp_path / "scene.yaml"), key="robot"):
+    allowed = "overlaps range of valves (0 to 50 kPa) and emulation.regulator of valves"
+    with fails(ConfigError, "60 to 90 kPa", allowed, where=str(tmp_path / "scene.yaml"), key="robot"):
         scene(tmp_path, (60e3, 90e3), (0.0, 50e3))
 
 

@@ -33,7 +33,7 @@ docs: $(VENV)/.installed-test
 
 # The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
 alicatlib: $(VENV)/.installed-test
-	$(BIN)/pytest tests/hardware/test_alicatlib.py
+	$(BIN)/pytest tests/soro_hardware/test_alicatlib.py
 
 # Builds with the colcon from PyPI as in a conventional ROS 2 installation, and starts what it installs.
 COLCON := .venv-colcon

@@ -115,11 +115,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 # Whole runs of nodes: one worker takes them all, as only one at a time may use real time, and first what
 # compiles their kernels.
-_COMPILES = "tests/loop/test_closed_loop.py::test_the_main_job"
-_NODES = (_COMPILES, "tests/twin/", "tests/ros/")
+_COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
+_NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
 # Long runs of nodes that keep no time: either worker takes them, a file at a time, so that both end together.
 _LOCKSTEP = tuple(
-    f"tests/ros/test_{name}.py"
+    f"tests/soro_ros/test_{name}.py"
     for name in ("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes")
 )
 # The other worker computes meanwhile: first what needs no kernels, or only its own (finite elements), until
@@ -127,23 +127,23 @@ _LOCKSTEP = tuple(
 # compile; last what keeps time by the clock, when the nodes are done or nearly so.
 _ORDER = (
     *_NODES,
-    "tests/bag/",
-    "tests/safety/",
-    "tests/fem/",
-    "tests/design/",
-    "tests/robot/",
+    "tests/soro_lab/bag/",
+    "tests/soro_core/safety/",
+    "tests/soro_design/fem/",
+    "tests/soro_design/topology/",
+    "tests/soro_core/robot/",
     "tests/apparatus/",
-    "tests/integrate/",
-    "tests/model/",
+    "tests/soro_core/integrate/",
+    "tests/soro_core/model/",
     "",
     *_LOCKSTEP,
     "tests/benchmarks/",
-    "tests/hardware/",
+    "tests/soro_hardware/",
 )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort by the place of a test's folder or file in `_ORDER`, and group what one worker takes (`loadgroup`)."""
+    """Sort by the place of a test's folder or file in `_ORDER`, and group what one worker takes."""
 
     def rank(item: pytest.Item) -> int:
         return _ORDER.index(max((one for one in _ORDER if item.nodeid.startswith(one)), key=len))

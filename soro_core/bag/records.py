@@ -47,7 +47,7 @@ class _Fields(io.BytesIO):
 
 def parse(raw: bytes | memoryview) -> kinds.McapRecord:
     """Return the record in bytes; raise Damage if its fields, or an attachment's checksum, do not fit."""
-    reader = StreamReader(_Fields(raw), skip_magic=True, emit_chunks=True, record_size_limit=None)
+    reader = StreamReader(_Fields(raw), skip_magic=True, emit_chunks=True, record_size_limit=len(raw))
     try:
         record = next(reader.records)
     except (McapError, ValueError) as error:

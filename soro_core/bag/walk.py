@@ -23,7 +23,7 @@ _MESSAGE_BYTES = PREFIX.size + 22
 _LOOKS = re.compile(rb"[\x03-\x07\x09\x0c\x0f](?=.{5}\0{3})", re.DOTALL)
 _WINDOW = 1 << 16
 # Bytes of a chunk that take as long to read as a message, a record, a byte that is searched, and a try there.
-_MESSAGE_WORK, RECORD_WORK, _SEARCH_WORK, _TRY_WORK = 200, 3000, 10, 700
+_MESSAGE_WORK, RECORD_WORK, _SEARCH_WORK, _TRY_WORK = 150, 3000, 10, 700
 
 
 class Walk:

@@ -677,6 +677,27 @@ def test_soro_bag_info_prints_names_as_they_are(soro, tmp_path):
         assert words in told.out
 
 
+def test_soro_bag_info_says_how_much_of_many_things_it_leaves_out(soro, tmp_path):
+    with (tmp_path / "bag.mcap").open("wb") as stream:
+        file = McapFile(stream, "none")
+        for number in range(1007):
+            file.add_topic(Topic(f"/topic{number}", "std_msgs/msg/String", "string data"))
+        for number in range(1008):
+            file.add_metadata(f"note{number}", {})
+        for number in range(1009):
+            file.add_attachment(Attachment(0, 0, f"{number}.txt", "", b""))
+        file.finish()
+    told = soro("bag", "info", str(tmp_path / "bag.mcap"))
+    assert told.status == 0, told.err
+    lines = [line.strip() for line in told.out.splitlines()]
+    assert [line for line in lines if line.startswith("and ")] == [
+        "and 9 more attachments",
+        "and 8 more metadata",
+        "and 7 more topics",
+    ]
+    assert len(lines) < 3020
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "name"),
     [

@@ -169,6 +169,12 @@ def schema_of(size: int, number: int = 1) -> bytes:
     return record(Opcode.SCHEMA, head + text("x" * size))
 
 
+def chunk_index_of(place: int) -> bytes:
+    """One that names the message indexes of 65,000 channels from a place on."""
+    offsets = b"".join(struct.pack("<HQ", number, place + number) for number in range(65_000))
+    return struct.pack("<QQQQI", 0, 0, 8, 57, len(offsets)) + offsets + bytes(8) + text("") + bytes(16)
+
+
 NUMBERS = range(65_536)
 CHUNK_INDEX = struct.pack("<QQQQIQ", 0, 0, 8, 57, 0, 0) + text("") + bytes(16)
 BOMBS = {
@@ -194,7 +200,14 @@ BOMBS = {
         schema_of(1),
         *(named_channel(number, f"- {{depth: {number}, a: [{'1, ' * 40}1]}}") for number in NUMBERS),
     ),
+    "qualities of one publisher": lambda: file_of(
+        channel(qos="".join(f"- {{depth: {number}}}\n" for number in range(50_000)))
+    ),
+    "small schemas in zstd": lambda: file_of(packed(schema_of(0) * 1_000_000, "zstd") * 4),
     "indexes of chunks": lambda: with_index(many(record(Opcode.CHUNK_INDEX, CHUNK_INDEX))),
+    "indexes of messages of chunks": lambda: with_index(
+        *(record(Opcode.CHUNK_INDEX, chunk_index_of(65_000 * number)) for number in range(30))
+    ),
     "lengths within lengths": lambda: file_of(
         channel(), b"".join(PREFIX.pack(Opcode.CHUNK, SIZE - 9 * k) for k in range(SIZE // 9))
     ),

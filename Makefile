@@ -1,9 +1,9 @@
-# `make run` shows the product, `make test` runs everything that CI runs, `make bench` measures.
+# `make run` shows the product, `make check` is for each edit, `make test` is all that CI runs, `make bench` measures.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench soak newest numerics clean
+.PHONY: run gallery identify check quick test pytest docs alicatlib colcon lint bench soak newest numerics clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -16,6 +16,14 @@ gallery: $(VENV)/.installed
 # Three arms that no file states, from a description to a controlled tip; some half an hour.
 identify: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks --only whole_way
+
+# What to run after each edit: the tests that start no process, open no socket, need no node and take no whole run.
+check: $(VENV)/.installed-test
+	@$(MAKE) --no-print-directory --keep-going -j 2 lint quick
+
+quick: export PYTHONDONTWRITEBYTECODE =
+quick: $(VENV)/.installed-test
+	$(BIN)/pytest -n 2 --dist loadgroup --quiet --durations=0 --durations-min=5 -m "not process and not ros and not slow"
 
 # In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test

@@ -19,8 +19,10 @@ from scipy.optimize import least_squares
 
 from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
-from soro_core.identification.arm.numbers import with_numbers
-from soro_core.identification.tip_steps import (
+from soro_core.robot import Robot
+from soro_core.robot.parts import fields
+from soro_lab.identification.arm.cases.numbers import with_numbers
+from soro_lab.identification.tip_steps import (
     TipRun,
     are_sound,
     end_of,
@@ -32,8 +34,6 @@ from soro_core.identification.tip_steps import (
     shown,
     swung,
 )
-from soro_core.robot import Robot
-from soro_core.robot.parts import fields
 
 GUESS = Path("examples/srl_guess.yaml")
 MAPS = {"step_A": "srl_step_a", "step_C": "srl_step_c"}

@@ -5,8 +5,8 @@ import rclpy
 from pydantic import BaseModel
 
 from soro_core.errors import ConfigError
-from soro_core.scene import load_scene
-from soro_ros import middleware, parameters, processes
+from soro_lab.scene import load_scene
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.player import Player
@@ -14,7 +14,9 @@ from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.parameter_files import given_by_name
+from soro_ros.process import parameters
+from soro_ros.process.parameter_files import given_by_name
+from soro_ros.run import processes
 from tests.refused import fails
 
 NODES = (RegulatorNode, EstimatorNode, ControllerNode, TwinNode, ShadowNode, Recorder, Player)

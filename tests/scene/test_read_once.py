@@ -9,11 +9,11 @@ import typer
 import yaml
 
 from soro_core.robot import Discretisation
-from soro_core.scene import load_scene
-from soro_core.scene.model import ModelSection
-from soro_core.trade.closed_loop import drive
-from soro_ros import compose, processes
+from soro_lab.scene import load_scene
+from soro_lab.scene.model import ModelSection
+from soro_lab.trade.closed_loop import drive
 from soro_ros.commands import run as command
+from soro_ros.run import compose, processes
 
 
 @pytest.fixture

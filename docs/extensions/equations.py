@@ -1,7 +1,7 @@
 r"""Equations of the pages as MathML, which a browser typesets itself: no script, no network.
 
-The pages write LaTeX between dollars or in a fence ``math``, as GitHub shows it. docutils, which Sphinx brings,
-converts it, and refuses what it does not know.
+The pages write LaTeX between dollars or in a fence ``math``, as GitHub shows it. docutils, which Sphinx
+brings, converts it, and refuses what it does not know.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def numbered(text: str) -> str:
     equation = mathml(TAG.sub("", text), as_block=True)
     if tag is None:
         return f'<div class="equation">{equation}</div>'
-    number = tag[1]
-    return f'<div class="equation" id="equation-{number}">{equation}<span class="number">({number})</span></div>'
+    number = f'<span class="number">({tag[1]})</span>'
+    return f'<div class="equation" id="equation-{tag[1]}">{equation}{number}</div>'
 
 
 def visit_inline(writer: Any, node: nodes.math) -> None:

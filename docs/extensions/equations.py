@@ -15,6 +15,8 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.errors import ExtensionError
 
 TAG = re.compile(r"\s*\\tag\{([^}]*)\}")
+# docutils would put the index of a letter with an accent below that letter.
+ACCENT = re.compile(r"(\\(?:ddot|dot|hat|bar|tilde) ?(?:\\[a-zA-Z]+|\w|\{[^{}]*\}))(?=_)")
 
 
 def mathml(text: str, *, as_block: bool) -> str:
@@ -33,7 +35,7 @@ def mathml(text: str, *, as_block: bool) -> str:
         For a command that the converter does not know.
     """
     try:
-        return str(tex2mathml(text, as_block=as_block))
+        return str(tex2mathml(ACCENT.sub(r"\1{}", text), as_block=as_block))
     except (MathError, SyntaxError) as error:
         raise ExtensionError(f"equation {text!r}: {error}") from error
 

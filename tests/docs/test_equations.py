@@ -83,3 +83,8 @@ def test_an_unknown_command_of_an_equation_ends_the_build(tmp_path):
     done, _ = build(tmp_path, page, source=tmp_path)
     assert done.returncode != 0
     assert "unheard" in done.stderr
+
+
+def test_an_index_stands_beside_its_letter_also_under_an_accent(site):
+    for page, html in site.items():
+        assert "<munderover>" not in re.sub(r"<munderover>\s*<mo\b", "", html), page.name

@@ -17,10 +17,7 @@ import numpy as np
 import yaml
 from scipy.optimize import least_squares
 
-from soro_core import SoftArm, load_robot
-from soro_core.errors import SoroError
-from soro_core.identification.arm.numbers import with_numbers
-from soro_core.identification.tip_steps import (
+from benchmarks.tip_steps import (
     TipRun,
     are_sound,
     end_of,
@@ -32,6 +29,9 @@ from soro_core.identification.tip_steps import (
     shown,
     swung,
 )
+from soro_core import SoftArm, load_robot
+from soro_core.errors import SoroError
+from soro_core.identification.arm.numbers import with_numbers
 from soro_core.robot import Robot
 from soro_core.robot.parts import fields
 

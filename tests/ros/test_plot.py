@@ -12,12 +12,16 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from matplotlib import pyplot
 from PIL import Image
 from rclpy.serialization import serialize_message
+from rich.console import Console
 from typer.testing import CliRunner
 
 from soro_core.bag import BagReader, BagWriter, Topic
+from soro_core.scene import load_scene
 from soro_ros import messages, panels
 from soro_ros.cli import application
+from soro_ros.commands import run
 from soro_ros.events import Said, clock, events_of
+from soro_ros.execution import End
 from soro_ros.picture import picture
 from soro_ros.recording import Series
 from soro_ros.run_view import open_run
@@ -321,6 +325,30 @@ def test_the_page_of_a_run_stands_alone(tripped):
     assert rows["measured pressures"][0].endswith("kPa")
     assert "controller:" in text
     assert rows["numpy"][1] == np.__version__
+
+
+@pytest.fixture
+def readings(monkeypatch):
+    """Every opening of a bag, and every pass through its messages."""
+    found = []
+    opened, passed = BagReader.__init__, BagReader.messages
+    monkeypatch.setattr(BagReader, "__init__", lambda *given: (found.append("opened"), opened(*given))[1])
+    monkeypatch.setattr(BagReader, "messages", lambda *given: (found.append("passed"), passed(*given))[1])
+    return found
+
+
+def test_a_page_reads_its_bag_once(tmp_path, readings):
+    result = soro("report", WHOLE, "--out", tmp_path / "page.html")
+    assert result.exit_code == 0, result.output
+    assert readings == ["opened", "passed"]
+
+
+def test_the_end_of_a_run_reads_its_bag_once(tmp_path, readings):
+    shutil.copytree(WHOLE, tmp_path / "bag")
+    scene = load_scene(WHOLE / "scene.yaml")
+    run._report(scene, tmp_path, End(0, ""), True, Console(quiet=True))
+    assert readings == ["opened", "passed"]
+    assert (tmp_path / "run.png").exists()
 
 
 def test_a_page_without_a_scene_says_so(tmp_path):

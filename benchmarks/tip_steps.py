@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from benchmarks.ring import Ring, ring_of
 from soro_core.config import find_config, load
 from soro_core.errors import ModelError
 from soro_core.identification.arm.cases import Path
 from soro_core.identification.recording import Columns, read_csv
 from soro_core.identification.recording.stated import stated_pressure
-from soro_core.identification.ring import Ring, ring_of
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.statics import equilibrium

@@ -14,8 +14,8 @@ from benchmarks import air_picture
 from benchmarks.air_picture import Pumped
 from benchmarks.options import Options
 from benchmarks.report import figure, table
-from soro_core.identification import air
-from soro_core.identification.pump import (
+from soro_lab.identification import air
+from soro_lab.identification.pump import (
     FULL,
     InnerPI,
     PumpRun,
@@ -25,10 +25,10 @@ from soro_core.identification.pump import (
     pump_response,
     read_pump_run,
 )
-from soro_core.identification.recording import read_csv
-from soro_core.identification.regulators.leak import find_leak
-from soro_core.identification.regulators.sources import leak_runs
-from soro_core.identification.steps import FoundSteps, Step, find_steps, read_pressures
+from soro_lab.identification.recording import read_csv
+from soro_lab.identification.regulators.leak import find_leak
+from soro_lab.identification.regulators.sources import leak_runs
+from soro_lab.identification.steps import FoundSteps, Step, find_steps, read_pressures
 
 TITLE = "Measured step responses"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -9,11 +9,11 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from soro_core.identification.air import AirFit
-from soro_core.identification.air_picture import DOT, responses, times
-from soro_core.identification.pump import PumpModel, PumpRun, pump_response
-from soro_core.identification.steps import FoundSteps
-from soro_core.identification.valves import grid
+from soro_lab.identification.air import AirFit
+from soro_lab.identification.air_picture import DOT, responses, times
+from soro_lab.identification.pump import PumpModel, PumpRun, pump_response
+from soro_lab.identification.steps import FoundSteps
+from soro_lab.identification.valves import grid
 
 # Lines of the picture: the one that answers at once, and one that waits before it vents.
 PROMPT, LATE = "s2r", "s1r"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
-from soro_core.bag import BagReader, BagWriter, Topic
+from soro_lab.bag import BagReader, BagWriter, Topic
 
 TITLE = "Reading bags"
 TARGET_S = 0.1

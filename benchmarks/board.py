@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
-from soro_core.hardware import Regulator, load_platform, open_regulator
-from soro_core.hardware.platform import PlatformBase
+from soro_hardware import Regulator, load_platform, open_regulator
+from soro_hardware.platform import PlatformBase
 
 TITLE = "Boards of 12 ports over TCP"
 # Of the cycles, and of the readings in them, that must be there; both sides keep their own time.
@@ -23,7 +23,7 @@ NEAR = 0.995
 _TICKS = os.sysconf("SC_CLK_TCK")
 SERVERS = {
     "soro_board": ["-m", "benchmarks.board_server", "soro_board"],
-    "veab_tcp": ["-m", "soro_core.emulation", "veab_tcp"],
+    "veab_tcp": ["-m", "soro_hardware.emulation", "veab_tcp"],
 }
 
 

@@ -6,10 +6,10 @@ import sys
 import time
 from functools import partial
 
-from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
-from soro_core.hardware import load_platform
-from soro_core.hardware.board.config import BoardPlatform
-from soro_core.hardware.board.server import serve
+from soro_hardware import load_platform
+from soro_hardware.board.config import BoardPlatform
+from soro_hardware.board.pi.server import serve
+from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 
 
 class TimedI2c(EmulatedI2c):

@@ -18,9 +18,9 @@ import yaml
 
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
-from soro_core.hardware import Regulator, load_platform, open_regulator
-from soro_core.hardware.canopen.budget import cycle_bits, highest_rate_hz
-from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_hardware import Regulator, load_platform, open_regulator
+from soro_hardware.canopen.budget import cycle_bits, highest_rate_hz
+from soro_hardware.canopen.config import CanopenPlatform
 
 TITLE = "CANopen over the paced bus"
 CPU_SHARE = 0.25
@@ -99,7 +99,7 @@ def driven(layout: Layout) -> Iterator[tuple[Regulator, CanopenPlatform]]:
         path = Path(folder, "platform.yaml")
         path.write_text(yaml.safe_dump(platform(layout)))
         process = subprocess.Popen(
-            [sys.executable, "-m", "soro_core.emulation", str(path)],
+            [sys.executable, "-m", "soro_hardware.emulation", str(path)],
             stdout=subprocess.PIPE,
             text=True,
         )

@@ -19,7 +19,7 @@ from benchmarks.composed_process import percentiles_ms
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from benchmarks.timing import all_cores
-from soro_ros.timing import punctual
+from soro_hardware.timing import punctual
 
 TITLE = "The loop in one process, in real time"
 DOMAIN = "59"

@@ -21,11 +21,11 @@ from soro_core.control import Controller
 from soro_core.estimation import Estimator
 from soro_core.safety import Limiter
 from soro_core.twin import Twin, TwinConfig
-from soro_ros.node_process import run_nodes
 from soro_ros.nodes.arm import PROGRAM
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.twin import TwinNode
+from soro_ros.process.node_process import run_nodes
 
 # What the work of a cycle is counted as; all else is Python's messages, the executor and the middleware.
 PARTS = {

@@ -14,7 +14,7 @@ from benchmarks.report import table
 from soro_core import load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import ControllerConfig, Point, Reference
-from soro_core.control.trajectory import smooth_step
+from soro_core.control.reference.trajectory import smooth_step
 from soro_core.errors import SoroError
 from soro_core.pneumatics import RegulatorModel
 from tests.loop.loop_harness import Record, Setup

@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import figure, table
 from benchmarks.timing import CLOCK
-from soro_core.fem import Contact, Mesh, Part, block, linear, load_material, make_part, no_loads, solve, tube
+from soro_design.fem import Contact, Mesh, Part, block, load_material, make_part, no_loads, solve, tube
+from soro_design.fem.solve import linear
 from tests.fem import closed_forms as closed
 from tests.fem import moving_parts as moving
 from tests.fem.three_bellow import THESIS, forces

@@ -13,16 +13,16 @@ import yaml
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core.config import changed
-from soro_core.fem.parts.file import PartFile, load_part
-from soro_core.fem.parts.geometry import RodGeometry
-from soro_core.fem.parts.specimen import RodSpecimen, make_specimen
-from soro_core.fem.parts.sweeps import Backbone, backbone, follow
-from soro_core.identification.fem.snapshots import snapshots
-from soro_core.identification.fem.stages import Identified, identify
-from soro_core.identification.fem.written import mean_and_most, write_robot
-from soro_core.loop import loop_of
-from soro_core.scene import load_scene
 from soro_core.twin import Twin
+from soro_design.parts.file import PartFile, load_part
+from soro_design.parts.geometry import RodGeometry
+from soro_design.parts.specimen import RodSpecimen, make_specimen
+from soro_design.parts.sweeps import Backbone, backbone, follow
+from soro_design.robot_of_part.snapshots import snapshots
+from soro_design.robot_of_part.stages import Identified, identify
+from soro_design.robot_of_part.written import mean_and_most, write_robot
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 
 TITLE = "Robots identified from finite elements"
 PARTS = ("silicone_rod_three_chambers", "tapered_rod_three_chambers")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core.config import changed
-from soro_core.design import (
+from soro_design.topology import (
     Reanalysis,
     Shape,
     State,
@@ -65,7 +65,7 @@ def topology(options: Options) -> tuple[str, str]:
         f"{table(('case', '', 'found', 'target', ''), rows)}\n\n"
         "Tasks: those of `config/design`. Disc, gripper and PneuNet move the wanted way where their motion "
         "is positive. Times are those of one core, kernels compiled. "
-        "Own mesh: the part cut along the contour of its densities, computed by `soro_core.fem` "
+        "Own mesh: the part cut along the contour of its densities, computed by `soro_design.fem` "
         "([how](../docs/design.md))."
     )
 

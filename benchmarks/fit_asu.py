@@ -33,9 +33,9 @@ from benchmarks.identified_asu import (
 )
 from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
-from soro_core.identification.arm.numbers import Number, numbers_of, with_numbers
-from soro_core.identification.recording import Recording, read_csv
 from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.numbers import Number, numbers_of, with_numbers
+from soro_lab.identification.recording import Recording, read_csv
 
 Array: TypeAlias = NDArray[np.float64]
 

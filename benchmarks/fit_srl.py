@@ -31,9 +31,9 @@ from benchmarks.tip_steps import (
 )
 from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
-from soro_core.identification.arm.numbers import with_numbers
 from soro_core.robot import Robot
 from soro_core.robot.parts import fields
+from soro_lab.identification.arm.cases.numbers import with_numbers
 
 GUESS = Path("examples/srl_guess.yaml")
 MAPS = {"step_A": "srl_step_a", "step_C": "srl_step_c"}

@@ -15,8 +15,8 @@ from benchmarks.asu_wires import wires
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core import SoftArm, load_robot
-from soro_core.identification.arm.cases import Whole
-from soro_core.identification.recording import Plate, Recording, read_csv
+from soro_lab.identification.arm.cases.case import Whole
+from soro_lab.identification.recording import Plate, Recording, read_csv
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -11,7 +11,9 @@ import numpy as np
 
 from benchmarks.options import Options
 from benchmarks.report import figure, table
-from soro_core.identification import (
+from soro_core.model import SoftArm
+from soro_core.robot import Robot, load_robot
+from soro_lab.identification import (
     curvature_errors,
     fit_frame,
     forced_curvature,
@@ -19,15 +21,13 @@ from soro_core.identification import (
     read_release,
     release_bend,
 )
-from soro_core.identification.arm.cases import Whole
-from soro_core.identification.arm.frames import frame_numbers
-from soro_core.identification.arm.numbers import numbers_of, with_numbers
-from soro_core.identification.arm.problem import Problem, modelled
-from soro_core.identification.arm.solve import solve
-from soro_core.identification.arm.starts import start_numbers
-from soro_core.identification.recording import read_csv
-from soro_core.model import SoftArm
-from soro_core.robot import Robot, load_robot
+from soro_lab.identification.arm.cases.case import Whole
+from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.starts import start_numbers
+from soro_lab.identification.arm.frames import frame_numbers
+from soro_lab.identification.arm.search.problem import Problem, modelled
+from soro_lab.identification.arm.search.solve import solve
+from soro_lab.identification.recording import read_csv
 
 TITLE = "Identified: the three-bellow arm"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks.can_rates import apart
 from benchmarks.options import Options
 from benchmarks.report import met, table
-from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_core.hardware import Regulator, load_platform, open_regulator
+from soro_hardware import Regulator, load_platform, open_regulator
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 
 TITLE = "Processes that are killed"
 # Names of shipped platforms, and what vents when the driver is killed, within which time [ms].
@@ -40,7 +40,7 @@ _PATIENCE_S = 30.0
 _DRIVER = """
 import sys, time
 import numpy as np
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
 platform = load_platform(sys.argv[1])
 regulator = open_regulator(platform, sys.argv[2])
 regulator.configure()
@@ -161,7 +161,7 @@ def served(name: str, folder: str | None = None) -> Iterator[Served]:
         device, plant = where / "device", where / "plant"
         process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "soro_core.emulation", name),
+                *(sys.executable, "-m", "soro_hardware.emulation", name),
                 *("--device-link", str(device), "--plant-link", str(plant)),
             ],
             stdout=subprocess.PIPE,

@@ -13,13 +13,14 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.control import Reference
-from soro_core.control.following import reference_ahead
-from soro_core.control.motion import finished
-from soro_core.control.motion_parts import Motion
-from soro_core.control.tip_path import corners
-from soro_core.loop import Loop, LoopState, loop_of
-from soro_core.scene import Scene, load_scene
+from soro_core.control.motions.motion import finished
+from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.motions.tip_path import corners
+from soro_core.control.reference.following import reference_ahead
+from soro_core.loop import Loop, LoopState
 from soro_core.twin import Twin
+from soro_lab.scene import Scene, load_scene
+from soro_lab.scene.loop import loop_of
 
 TITLE = "Motions of the tip"
 # The law learns on the circle of the scene before the motion begins.

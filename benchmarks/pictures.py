@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from soro_core.trade.picture import logarithmic
+from soro_lab.trade.picture import logarithmic
 
 
 def six_link(

@@ -13,7 +13,7 @@ from pathlib import Path
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from benchmarks.timing import all_cores
-from soro_core.bag import BackgroundWriter, BagReader, BagWriter, Topic
+from soro_lab.bag import BackgroundWriter, BagReader, BagWriter, Topic
 
 TITLE = "Recording"
 DOMAIN = "58"

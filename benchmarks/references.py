@@ -12,9 +12,10 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.control import Reference
-from soro_core.loop import LoopState, loop_of
-from soro_core.scene import load_scene
+from soro_core.loop import LoopState
 from soro_core.twin import Twin
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 
 TITLE = "References by topic"
 RADIUS_M, PERIOD_S, HEIGHT_M = 0.012, 6.0, 0.066

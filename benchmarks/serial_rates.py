@@ -21,7 +21,7 @@ import yaml
 
 from benchmarks.options import Options
 from benchmarks.report import met, table
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
 
 TITLE = "Serial regulators"
 PERIOD_S = 0.005
@@ -154,7 +154,7 @@ def _served(case: Case, budget_s: float, answer_s: float) -> Iterator[tuple[str,
         path.write_text(yaml.safe_dump({**common, **case.keys}))
         process = subprocess.Popen(
             [
-                *(sys.executable, "-m", "soro_core.emulation", str(path)),
+                *(sys.executable, "-m", "soro_hardware.emulation", str(path)),
                 *("--device-link", str(device), "--plant-link", str(plant)),
             ],
             stdout=subprocess.PIPE,

@@ -22,8 +22,8 @@ from rich.console import Console
 from benchmarks.composed_arm import parameter_file
 from benchmarks.report import figure, table
 from soro_core.errors import SoroError
-from soro_ros.diagnostics import ERROR
-from soro_ros.supervisor import Supervisor
+from soro_ros.run.supervisor import Supervisor
+from soro_ros.topics.diagnostics import ERROR
 
 NAMESPACE = "soak"
 START_S = 240.0

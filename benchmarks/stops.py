@@ -21,9 +21,9 @@ from pathlib import Path
 from benchmarks.kills import CASES, served
 from benchmarks.options import Options
 from benchmarks.report import met, table
-from soro_core.emulation.plant_link import PlantLinkClient
-from soro_core.hardware import load_platform
-from soro_core.hardware.port import EMPTY_PA
+from soro_hardware import load_platform
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.port import EMPTY_PA
 
 TITLE = "Processes that are stopped or killed, in every state"
 STATES = ("starting", "at 0 Pa", "under pressure", "tripped", "closing")
@@ -35,7 +35,7 @@ import sys, time
 import numpy as np
 from soro_core.config import changed
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
 
 name, device, state = sys.argv[1:]
 platform = changed(load_platform(name), shutdown_ramp_pa_s=20e3)

@@ -18,13 +18,13 @@ from scipy.optimize import least_squares
 from benchmarks.ring import Ring, ring_of
 from soro_core.config import find_config, load
 from soro_core.errors import ModelError
-from soro_core.identification.arm.cases import Path
-from soro_core.identification.recording import Columns, read_csv
-from soro_core.identification.recording.stated import stated_pressure
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.case import Path
+from soro_lab.identification.recording import Columns, read_csv
+from soro_lab.identification.recording.sources.stated import stated_pressure
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from benchmarks.options import Options
 from benchmarks.report import figure, table
 from benchmarks.sixlink import LINKS, PUBLISHED, RATE_HZ, Case, Point
 from soro_core import SoftArm
-from soro_core.trade.picture import logarithmic
+from soro_lab.trade.picture import logarithmic
 
 TITLE = "Trade: mde and exact on the six-link benchmark"
 RECOMPUTED = dict(zip(PUBLISHED, (9.2, 5.3, 3.4, 1.6, 1.1, 0.9), strict=True))

@@ -29,7 +29,7 @@ include_patterns = [
     "examples/*.ipynb",
     "tests/apparatus/*.md",
 ]
-exclude_patterns = [".*", "build", "runs", "*.egg-info", "lib", "soro_core", "soro_ros"]
+exclude_patterns = [".*", "build", "runs", "*.egg-info", "lib", "soro_*"]
 
 # Anchors of headings as on a forge.
 myst_heading_anchors = 6

@@ -15,7 +15,9 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from soro_core.design import (
+from soro_design.fem import Contact, Mesh, bellows_mesh, make_part, no_loads, solve
+from soro_design.parts.picture import section_faces
+from soro_design.topology import (
     Domain,
     State,
     load_state,
@@ -26,11 +28,9 @@ from soro_core.design import (
     save,
     shape,
 )
-from soro_core.design.optimise import STATE, TONES
-from soro_core.design.pictures import picture, whole
-from soro_core.design.task import Farthest
-from soro_core.fem import Contact, Mesh, bellows_mesh, make_part, no_loads, solve
-from soro_core.fem.parts.picture import section_faces
+from soro_design.topology.optimise import STATE, TONES
+from soro_design.topology.pictures import picture, whole
+from soro_design.topology.task import Farthest
 from tests.fem import moving_parts as moving
 from tests.fem.three_bellow import MATERIAL, SHAPE, THESIS
 
@@ -65,7 +65,7 @@ def picture_of_bellows(path: Path) -> None:
     left.set(xlim=(-16, 80), ylim=(-8, 88), aspect="equal", xlabel="r [mm]", ylabel="z [mm]", xticks=[])
     x = np.array([0.0, *states])
     force = [0.0, *(3.0 * state.reaction[top, 1].sum() for state in states.values())]
-    right.plot(x, force, label="soro_core.fem, both ends clamped")
+    right.plot(x, force, label="soro_design.fem, both ends clamped")
     right.plot(list(THESIS), list(THESIS.values()), "o", color="tab:red", label="thesis")
     right.set(xlabel="extension [mm]", ylabel="force of three bellows [N]", xlim=(0, None), ylim=(0, None))
     right.grid(alpha=0.3)

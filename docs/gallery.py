@@ -17,9 +17,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from soro_core.scene import Scene
-from soro_core.scene.listing import scenes_in, shipped_folder
-from soro_ros import film, panels, report
+from soro_lab.scene import Scene
+from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_ros.pictures import film, panels
+from soro_ros.recordings import report
 
 HERE = Path(__file__).parent
 PICTURES = HERE / "images" / "gallery"

@@ -17,12 +17,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from soro_core.emulation.devices import ServedDevices
 from soro_core.errors import HardwareError
-from soro_core.hardware.link_driver import LinkDriver
-from soro_core.hardware.platform import Freshness, TcpPlatform, ValveBase
-from soro_core.hardware.port import Array
-from soro_core.hardware.transport.tcp import ByteLink
+from soro_hardware.emulation.devices import ServedDevices
+from soro_hardware.families import Family
+from soro_hardware.link_driver import LinkDriver
+from soro_hardware.platform import Freshness, TcpPlatform, ValveBase
+from soro_hardware.port import Array
+from soro_hardware.transport.tcp import ByteLink
 
 # -- the platform file -----------------------------------------------------------------------------
 
@@ -152,3 +153,10 @@ class LineDevice(ServedDevices):
     def poll(self, now_ns: int) -> None:
         if now_ns - self._last_command_ns > self._watchdog_ns:
             self._setpoint_pa = [0.0] * len(self._setpoint_pa)
+
+
+# -- its name, which the entry point `soro.families` of the package announces -----------------------
+
+LINE = Family(
+    config="line_family:LinePlatform", driver="line_family:open_driver", emulator="line_family:LineDevice"
+)

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot, shape_values
 
 LENGTH, RADIUS = 0.2, 0.015

@@ -8,10 +8,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from soro_core.fem.parts.file import load_part
-from soro_core.fem.parts.picture import draw_shapes
-from soro_core.fem.parts.specimen import make_specimen
-from soro_core.fem.parts.sweeps import follow
+from soro_design.parts.file import load_part
+from soro_design.parts.picture import draw_shapes
+from soro_design.parts.specimen import make_specimen
+from soro_design.parts.sweeps import follow
 
 SHOWN = {
     "silicone_rod_three_chambers": ("pull", "all", "one"),

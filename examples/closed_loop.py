@@ -7,9 +7,9 @@ import sys
 
 import numpy as np
 
-from soro_core.loop import loop_of
-from soro_core.scene import load_scene
 from soro_core.twin import Twin
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 4.0
 # Without a platform the twin has the regulators in it, and nothing else stands between command and air.

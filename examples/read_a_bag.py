@@ -8,7 +8,7 @@ import sys
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagReader
+from soro_lab.bag import BagReader
 
 with BagReader(sys.argv[1] if len(sys.argv) > 1 else "bags/track_circle_lockstep_2s") as bag:
     for topic, count in zip(bag.topics, bag.counts, strict=True):

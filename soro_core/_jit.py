@@ -26,18 +26,23 @@ from soro_core.kernel_folder import kernel_folder, locked
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+# Packages that hold kernels; they stand side by side.
+PACKAGES = ("soro_core", "soro_design")
+
 
 def source_hash() -> str:
-    """Hash of every source file of the package that holds or feeds kernels, and of what compiles them."""
+    """Hash of every source file that holds or feeds kernels, of all packages, and of what compiles them."""
     package = Path(__file__).resolve().parent
+    beside = package.parent
     digest = hashlib.sha256()
     digest.update(f"{numba.__version__} {np.__version__} {platform.python_version()}".encode())
-    kernels = [path for path in package.rglob("*.py") if b"soro_core._jit" in path.read_bytes()]
+    files = (path for name in PACKAGES for path in (beside / name).rglob("*.py"))
+    kernels = [path for path in files if b"soro_core._jit" in path.read_bytes()]
     # Whole folders: a table that kernels read may lie in a file without any.
     folders = {path.parent for path in kernels} - {package}
     feeding = {path for folder in folders for path in folder.glob("*.py")} | set(package.glob("_*.py"))
     for path in sorted(feeding):
-        digest.update(path.relative_to(package).as_posix().encode())
+        digest.update(path.relative_to(beside).as_posix().encode())
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -54,7 +59,7 @@ class _Announcement(event.Listener):  # type: ignore[misc]
     def on_start(self, event: Any) -> None:
         # Functions that numba makes up have no module.
         function = getattr(event.data.get("dispatcher"), "py_func", None)
-        ours = str(getattr(function, "__module__", "")).startswith("soro_core.")
+        ours = str(getattr(function, "__module__", "")).partition(".")[0] in PACKAGES
         # The process that started a worker logs it in the worker's place.
         if self.is_logged or not ours or multiprocessing.parent_process() is not None:
             return

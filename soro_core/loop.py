@@ -1,7 +1,7 @@
-"""The closed loop: estimator and controller, built in one place, and run on a plant in lockstep.
+"""The closed loop: estimator and controller, stepped together, and run on a plant in lockstep.
 
-The nodes build their halves with `estimator_of` and `controller_of` and step them over topics. `soro trade`,
-the tests and the benchmarks build the same halves and close the loop with `Loop.run`.
+`soro_lab.scene.loop` builds estimator and controller from the keys of nodes and of scenes. The nodes step
+theirs over topics; `soro trade`, the tests and the benchmarks close the loop with `Loop.run`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.config import changed
 from soro_core.errors import ModelError
 
 if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
@@ -23,10 +22,7 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
     from soro_core.control import Command, Controller, ControllerState, Reference
     from soro_core.control.laws import Certainty
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
-    from soro_core.hardware import PlatformBase
     from soro_core.integrate import Status
-    from soro_core.robot import Discretisation, Robot
-    from soro_core.scene import ControllerNodeConfig, EstimatorNodeConfig, Scene
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -232,68 +228,3 @@ def certainty_of(estimate: Estimate) -> Certainty | None:
     covariance, n = estimate.covariance.copy(), len(estimate.q)
     covariance[:n, :n] += estimate.unseen
     return Certainty(covariance, estimate.positions)
-
-
-def estimator_of(config: EstimatorNodeConfig, robot: Robot) -> Estimator:
-    """Return the estimator that a node's parameters describe.
-
-    Raises
-    ------
-    ConfigError
-        If the parameters do not fit the robot.
-    """
-    from soro_core.estimation import Estimator
-
-    return Estimator(robot, config.filter, 1.0 / config.rate_hz, config.model)
-
-
-def controller_of(
-    config: ControllerNodeConfig,
-    robot: Robot,
-    platform: PlatformBase | None = None,
-    say: Callable[[str], None] = lambda line: None,
-) -> Controller:
-    """Return the controller that a node's parameters describe.
-
-    Parameters
-    ----------
-    config : ControllerNodeConfig
-    robot : Robot
-        As its file describes it.
-    platform : PlatformBase, optional
-        The platform that `config` names, where it is read already.
-    say : callable
-        Takes a line for each key of the law that limits or regulators contradict.
-
-    Raises
-    ------
-    ConfigError
-        If the parameters do not fit the robot or the platform.
-    """
-    from soro_core.control import Controller
-
-    pressures, contradictions = config.known_pressures(platform)
-    for line in contradictions:
-        say(line)
-    return Controller(robot, config.control, config.model, pressures)
-
-
-def loop_of(scene: Scene, model: Discretisation | None = None) -> Loop:
-    """Return the loop that the nodes of a scene make.
-
-    Parameters
-    ----------
-    scene : Scene
-    model : Discretisation, optional
-        How estimator and controller compute the arm; default as the scene says.
-
-    Raises
-    ------
-    ConfigError
-        If estimator or controller do not fit the robot.
-    """
-    estimator, controller = scene.estimator_node(), scene.controller_node()
-    if model is not None:
-        estimator, controller = changed(estimator, model=model), changed(controller, model=model)
-    robot = scene.loaded_robot
-    return Loop(estimator_of(estimator, robot), controller_of(controller, robot, scene.loaded_platform))

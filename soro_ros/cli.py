@@ -28,26 +28,28 @@ def application() -> typer.Typer:
     """Import every command; this takes half a second or more."""
     import typer
 
-    from soro_ros.commands import bag, design, fem, fit, hil, services
-    from soro_ros.commands.board import board
+    from soro_design.commands import design, fem
+    from soro_design.commands.identify_fem import identify_fem
+    from soro_hardware.commands.board import board
+    from soro_hardware.commands.emulate import emulate
+    from soro_lab.commands import fit
+    from soro_lab.commands.gains import gains
+    from soro_lab.commands.identify import identify
+    from soro_lab.commands.new import new
+    from soro_lab.commands.place_sensors import place_sensors
+    from soro_lab.commands.reach import reach
+    from soro_lab.commands.scenes import scenes
+    from soro_lab.commands.trade import trade
+    from soro_ros.commands import bag, hil, services
     from soro_ros.commands.doctor import doctor
-    from soro_ros.commands.emulate import emulate
     from soro_ros.commands.excite import excite
     from soro_ros.commands.film import film
-    from soro_ros.commands.gains import gains
-    from soro_ros.commands.identify import identify
-    from soro_ros.commands.identify_fem import identify_fem
     from soro_ros.commands.log import log
     from soro_ros.commands.move import CONTEXT, move
-    from soro_ros.commands.new import new
-    from soro_ros.commands.place_sensors import place_sensors
     from soro_ros.commands.play import play
     from soro_ros.commands.plot import plot, report
-    from soro_ros.commands.reach import reach
     from soro_ros.commands.replay import replay
     from soro_ros.commands.run import run
-    from soro_ros.commands.scenes import scenes
-    from soro_ros.commands.trade import trade
     from soro_ros.commands.view import view
 
     app = typer.Typer(

@@ -9,7 +9,7 @@ from unittest.mock import ANY
 import pytest
 
 from soro_core.errors import BAG_CODES, HARDWARE_CODES, ConfigError, SoroError
-from soro_core.hardware.port import FAULT_CODES
+from soro_hardware.port import FAULT_CODES
 
 CODES = {"", *HARDWARE_CODES, *BAG_CODES, *FAULT_CODES}
 

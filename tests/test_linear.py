@@ -14,15 +14,15 @@ from scipy.sparse import csc_array
 from soro_core import SoftArm, linear, load_robot
 from soro_core.adaptation import Learner
 from soro_core.adaptation.config import LearnerConfig
-from soro_core.analysis.stiffness import tip_stiffness
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.uneven import Uneven
 from soro_core.errors import ModelError
-from soro_core.fem.linear import regular_factors
-from soro_core.model.articulated import cholesky
-from soro_core.model.linear import cholesky_solve, lu_factor
+from soro_core.model.links.articulated import cholesky
+from soro_core.model.links.linear import cholesky_solve, lu_factor
 from soro_core.robot import Discretisation
+from soro_design.fem.solve.linear import regular_factors
+from soro_lab.analysis.stiffness import tip_stiffness
 
 pytestmark = pytest.mark.numerics
 

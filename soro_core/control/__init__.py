@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from soro_core.control.command import Command, ControllerState, ControllerStatus
     from soro_core.control.config import ControllerConfig
     from soro_core.control.controller import Controller
-    from soro_core.control.trajectory import Point, Reference
+    from soro_core.control.reference.trajectory import Point, Reference
 
 __all__ = [
     "Command",
@@ -30,7 +30,7 @@ __getattr__ = lazy(
         "ControllerConfig": "soro_core.control.config",
         "ControllerState": "soro_core.control.command",
         "ControllerStatus": "soro_core.control.command",
-        "Point": "soro_core.control.trajectory",
-        "Reference": "soro_core.control.trajectory",
+        "Point": "soro_core.control.reference.trajectory",
+        "Reference": "soro_core.control.reference.trajectory",
     },
 )

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.regulators import RegulatorState
 from soro_core.control.bumpless import Transfer
-from soro_core.control.following import Following
 from soro_core.control.laws.protocol import Terms
-from soro_core.control.trajectory import Hold, Point
-from soro_core.control.undriven import Shape
+from soro_core.control.reference.following import Following
+from soro_core.control.reference.trajectory import Hold, Point
+from soro_core.control.reference.undriven import Shape
 from soro_core.control.watch import WatchState
 from soro_core.model import SoftArm
 

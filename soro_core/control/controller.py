@@ -11,25 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.regulators import RegulatorObserver
-from soro_core.control.actuation import CompletePressures, complete_pressures
 from soro_core.control.bumpless import transferred
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.creep import advance_creep
-from soro_core.control.demand import supply_of
-from soro_core.control.following import follow, reference_ahead
 from soro_core.control.gains import gains_of
 from soro_core.control.given import GivenReferences
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
-from soro_core.control.laws.trial import refuse_lost_arm
-from soro_core.control.motion import Planner
-from soro_core.control.obstacles import obstacles_of
-from soro_core.control.references import bounds_of, check_configured, configured_reference
-from soro_core.control.setpoints import SetpointMaker
-from soro_core.control.trajectory import Point, Reference
-from soro_core.control.undriven import Shape, Undriven
+from soro_core.control.motions.demand import supply_of
+from soro_core.control.motions.motion import Planner
+from soro_core.control.motions.obstacles import obstacles_of
+from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
+from soro_core.control.pressures.setpoints import SetpointMaker
+from soro_core.control.reference.following import follow, reference_ahead
+from soro_core.control.reference.trajectory import Point, Reference
+from soro_core.control.reference.undriven import Shape, Undriven
+from soro_core.control.trial import refuse_lost_arm
 from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
 from soro_core.frozen import replaced
@@ -53,7 +53,7 @@ class Controller(GivenReferences):
         Discretisation of the robot; the attributes `arm` and `robot` are the discretised ones.
     pressures : CompletePressures, optional
         The section of that name with what limits and regulators add; default: as
-        `soro_core.control.actuation.complete_pressures` has it without them.
+        `soro_core.control.pressures.actuation.complete_pressures` has it without them.
 
     Raises
     ------

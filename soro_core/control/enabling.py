@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.kinematics import inverse_kinematics
 from soro_core.control.motion_config import EnableBounds
-from soro_core.control.references import bounds_of
+from soro_core.control.motions.kinematics import inverse_kinematics
+from soro_core.control.motions.references import bounds_of
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot.coordinates import StrainFields, strain_fields
 from soro_core.robot.description import END_TOLERANCE
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_log

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.modes import first_mode, losses
-from soro_core.control.adaptive import FeedbackGains
 from soro_core.control.config import Gains
-from soro_core.control.spread import gain_matrix, per_coordinate
+from soro_core.control.passivity.adaptive import FeedbackGains
+from soro_core.control.reference.spread import gain_matrix, per_coordinate
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import StrainFields
 

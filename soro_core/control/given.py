@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
-from soro_core.control.following import reference_ahead
 from soro_core.control.laws.protocol import Law
-from soro_core.control.lookout import Lookout, keep_clear
-from soro_core.control.motion import finished
-from soro_core.control.motion_error import MotionError
-from soro_core.control.obstacles import Obstacles
-from soro_core.control.passage import Bounds
-from soro_core.control.references import key_of, tip_reference, trajectory_reference
-from soro_core.control.resting_shape import resting_shape
-from soro_core.control.trajectory import Reference
-from soro_core.control.undriven import Undriven
+from soro_core.control.motions.lookout import Lookout, keep_clear
+from soro_core.control.motions.motion import finished
+from soro_core.control.motions.motion_error import MotionError
+from soro_core.control.motions.obstacles import Obstacles
+from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
+from soro_core.control.motions.resting_shape import resting_shape
+from soro_core.control.reference.following import reference_ahead
+from soro_core.control.reference.passage import Bounds
+from soro_core.control.reference.trajectory import Reference
+from soro_core.control.reference.undriven import Undriven
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot

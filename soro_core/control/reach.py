@@ -7,16 +7,16 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.allocation import balanced_weight
 from soro_core.control.config import ReferenceConfig
 from soro_core.control.controller import Controller
-from soro_core.control.motion_parts import Motion
-from soro_core.control.references import key_of
-from soro_core.control.trajectory import Circle, Reference
+from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.motions.references import key_of
+from soro_core.control.pressures.allocation import balanced_weight
+from soro_core.control.reference.trajectory import Circle, Reference
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
-from soro_core.model.rest_forces import RestForces
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.rest_forces import RestForces
+from soro_core.model.equilibrium.statics import equilibrium
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
-from soro_core.model.statics import stable_equilibrium
+from soro_core.model.equilibrium.statics import stable_equilibrium
 
 Array: TypeAlias = NDArray[np.float64]
 

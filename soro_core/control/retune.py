@@ -14,17 +14,17 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core.config import Strict
-from soro_core.control.actuation import CompletePressures, complete_pressures
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
-from soro_core.control.following import reference_ahead
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.registry import options_of
+from soro_core.control.motions.references import check_configured, configured_reference
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
+from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reach import check_reach
-from soro_core.control.references import check_configured, configured_reference
-from soro_core.control.setpoints import SetpointMaker
-from soro_core.control.trajectory import Hold, Reference
+from soro_core.control.reference.following import reference_ahead
+from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
 # Keys of the reference in force, without its limits: under a passage that is under way those do not change.

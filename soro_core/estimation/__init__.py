@@ -9,7 +9,7 @@ from soro_core._lazy import lazy
 if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
     from soro_core.estimation.estimator import Estimator
-    from soro_core.estimation.samples import ImuSample, PoseSample, Sample
+    from soro_core.estimation.sensors.samples import ImuSample, PoseSample, Sample
     from soro_core.estimation.state import EstimatorState
     from soro_core.estimation.status import Counts, Estimate, EstimatorStatus
 
@@ -34,8 +34,8 @@ __getattr__ = lazy(
         "EstimatorConfig": "soro_core.estimation.config",
         "EstimatorState": "soro_core.estimation.state",
         "EstimatorStatus": "soro_core.estimation.status",
-        "ImuSample": "soro_core.estimation.samples",
-        "PoseSample": "soro_core.estimation.samples",
-        "Sample": "soro_core.estimation.samples",
+        "ImuSample": "soro_core.estimation.sensors.samples",
+        "PoseSample": "soro_core.estimation.sensors.samples",
+        "Sample": "soro_core.estimation.sensors.samples",
     },
 )

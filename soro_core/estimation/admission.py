@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.draft import Draft
 from soro_core.estimation.kernel.advance import SAME_S
-from soro_core.estimation.samples import PoseSample, Sample
-from soro_core.estimation.tracker import Tracker
+from soro_core.estimation.sensors.samples import PoseSample, Sample
+from soro_core.estimation.sensors.tracker import Tracker
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16

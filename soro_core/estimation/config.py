@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from soro_core.config import Strict
-from soro_core.estimation.watch_config import WatchConfig
+from soro_core.estimation.sensors.watch_config import WatchConfig
 from soro_core.robot.discretisation import Integrator
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.known import Known
-from soro_core.estimation.monitor import Innovation, SensorMonitor
-from soro_core.estimation.samples import Sample
+from soro_core.estimation.sensors.monitor import Innovation, SensorMonitor
+from soro_core.estimation.sensors.samples import Sample
 from soro_core.estimation.state import EstimatorState, Segment, Sensor
 from soro_core.estimation.status import Counts
 

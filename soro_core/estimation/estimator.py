@@ -20,13 +20,13 @@ from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.known import updated
 from soro_core.estimation.replay import replay
-from soro_core.estimation.samples import ImuSample, PoseSample
 from soro_core.estimation.scaled import scaled_noise
+from soro_core.estimation.sensors.samples import ImuSample, PoseSample
+from soro_core.estimation.sensors.tracker import Tracker
+from soro_core.estimation.sensors.watch import Watch
 from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
-from soro_core.estimation.tracker import Tracker
 from soro_core.estimation.unseen import unseen_covariance
-from soro_core.estimation.watch import Watch
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 

@@ -28,7 +28,7 @@ from soro_core.estimation.kernel.parts import (
     Settings,
 )
 from soro_core.estimation.known import Known
-from soro_core.estimation.samples import PoseSample, Sample
+from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.settings import settings_of
 from soro_core.estimation.uneven import uneven_of
 from soro_core.model import SoftArm

@@ -13,8 +13,8 @@ from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import FOUND, FROZEN, MISSED, SAME_S
 from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
-from soro_core.estimation.monitor import Innovation
-from soro_core.estimation.samples import PoseSample, Sample
+from soro_core.estimation.sensors.monitor import Innovation
+from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.state import Segment, Sensor
 
 _STAMP = attrgetter("stamp_s")

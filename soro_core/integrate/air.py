@@ -15,9 +15,9 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
-from soro_core.model.chambers import add_gradient, volumes
 from soro_core.model.checks import listed
-from soro_core.model.linear import assign, clear
+from soro_core.model.forces.chambers import add_gradient, volumes
+from soro_core.model.links.linear import assign, clear
 from soro_core.model.tables import AIR, Tables
 from soro_core.pneumatics.chamber import Gas, chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.valve_model import ValveModel

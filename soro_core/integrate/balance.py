@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
-from soro_core.integrate.scheme import Dissipative, Scheme
+from soro_core.integrate.steppers.scheme import Dissipative, Scheme
 from soro_core.integrate.system import NOT_RESOLVED, StepWork
-from soro_core.model.chambers import acting, volumes
 from soro_core.model.dynamics import GOOD
-from soro_core.model.elasticity import elastic_energy
-from soro_core.model.external import add_external_forces
-from soro_core.model.internal import internal_energy
+from soro_core.model.forces.chambers import acting, volumes
+from soro_core.model.forces.elasticity import elastic_energy
+from soro_core.model.forces.external import add_external_forces
+from soro_core.model.forces.internal import internal_energy
 from soro_core.model.method import energy
 from soro_core.model.tables import Tables
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
-from soro_core.integrate.scheme import RESOLVED
+from soro_core.integrate.steppers.scheme import RESOLVED
+from soro_core.integrate.steppers.tableau import Tableau
 from soro_core.integrate.system import (
     LATEST,
     NOT_RESOLVED,
@@ -19,10 +20,9 @@ from soro_core.integrate.system import (
     interpolate,
     jumps,
 )
-from soro_core.integrate.tableau import Tableau
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
-from soro_core.model.internal import internal_rate
-from soro_core.model.linear import assign
+from soro_core.model.forces.internal import internal_rate
+from soro_core.model.links.linear import assign
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

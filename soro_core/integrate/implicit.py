@@ -16,12 +16,12 @@ from soro_core._jit import inner, kernel
 from soro_core.integrate.air import Air, breathe
 from soro_core.integrate.balance import begin_balance, keep_balance
 from soro_core.integrate.newton import solve_stage
-from soro_core.integrate.scheme import Scheme, stage_of
+from soro_core.integrate.steppers.scheme import Scheme, stage_of
 from soro_core.integrate.system import CLOSED, EARLIER, LATEST, NOT_RESOLVED, StepWork, interpolate, jumps
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite
-from soro_core.model.internal import advance_internal
-from soro_core.model.linear import assign, clear
-from soro_core.model.sweep import NO, YES
+from soro_core.model.forces.internal import advance_internal
+from soro_core.model.links.linear import assign, clear
+from soro_core.model.links.sweep import NO, YES
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

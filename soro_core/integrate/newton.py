@@ -17,9 +17,9 @@ from soro_core._jit import inner
 from soro_core.integrate.air import Air, breathe
 from soro_core.integrate.system import CLOSED, StepWork, factor, force_residual
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, check, finite
-from soro_core.model.internal import advance_internal
+from soro_core.model.forces.internal import advance_internal
+from soro_core.model.links.sweep import NO, YES
 from soro_core.model.method import solve_system
-from soro_core.model.sweep import NO, YES
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

@@ -17,7 +17,7 @@ from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
-from soro_core.model.statics import carried_share
+from soro_core.model.equilibrium.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
 

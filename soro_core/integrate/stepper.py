@@ -14,19 +14,19 @@ from soro_core._box import Box
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, Air, air_behind, air_pressures, initial_air, with_air
 from soro_core.integrate.causes import describe_at
-from soro_core.integrate.dopri5 import DOPRI5
 from soro_core.integrate.explicit import explicit_run
 from soro_core.integrate.implicit import implicit_run
-from soro_core.integrate.midpoint import MIDPOINT
-from soro_core.integrate.midpoint_linear import MIDPOINT_LINEAR
-from soro_core.integrate.rk4 import RK4
-from soro_core.integrate.scheme import Dissipative, Scheme
 from soro_core.integrate.state import OK, State, Status
+from soro_core.integrate.steppers.dopri5 import DOPRI5
+from soro_core.integrate.steppers.midpoint import MIDPOINT
+from soro_core.integrate.steppers.midpoint_linear import MIDPOINT_LINEAR
+from soro_core.integrate.steppers.rk4 import RK4
+from soro_core.integrate.steppers.scheme import Dissipative, Scheme
+from soro_core.integrate.steppers.tableau import Tableau
+from soro_core.integrate.steppers.tr_bdf2 import TR_BDF2
+from soro_core.integrate.steppers.tr_bdf2_linear import TR_BDF2_LINEAR
+from soro_core.integrate.steppers.trapezoidal import TRAPEZOIDAL
 from soro_core.integrate.system import make_stepping
-from soro_core.integrate.tableau import Tableau
-from soro_core.integrate.tr_bdf2 import TR_BDF2
-from soro_core.integrate.tr_bdf2_linear import TR_BDF2_LINEAR
-from soro_core.integrate.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.model.dynamics import GOOD
@@ -35,7 +35,7 @@ from soro_core.pneumatics.valve_condition import ValveCondition
 from soro_core.pneumatics.valve_model import ValveModel
 
 if TYPE_CHECKING:
-    from soro_core.integrate.step_derivatives import StepDerivatives, StepRoom
+    from soro_core.integrate.derivatives.step_derivatives import StepDerivatives, StepRoom
 
 Array: TypeAlias = NDArray[np.float64]
 Run: TypeAlias = Callable[..., tuple[int, int]]
@@ -251,7 +251,7 @@ class Stepper:
             As `step`, and if the step fails; where the arm has no derivatives (`SoftArm.derivatives`); of a
             linearly implicit stepper; with valves; if the step was damped, divided or corrected (ADR 0009).
         """
-        from soro_core.integrate.step_derivatives import StepRoom, refuse_underivable
+        from soro_core.integrate.derivatives.step_derivatives import StepRoom, refuse_underivable
 
         refuse_underivable(self.name, _SCHEMES[self.name], self._valves)
         if self._room is None:

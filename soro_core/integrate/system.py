@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from soro_core._box import Box
 from soro_core._jit import inner, kernel
 from soro_core.integrate.air import Air, add_air_stiffness
-from soro_core.model.chambers import add_pressure_stiffness
 from soro_core.model.dynamics import applied_force
-from soro_core.model.elasticity import add_stiffness
+from soro_core.model.forces.chambers import add_pressure_stiffness
+from soro_core.model.forces.elasticity import add_stiffness
 from soro_core.model.method import factor_system, inverse_dynamics, make_work
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
@@ -170,8 +170,8 @@ def factor(
     This is the approximate Hessian of docs/model.md (34), without the derivatives of M, C and G. `tangent`
     has an entry for each internal state, added at the coordinate that drives the state. `diagonal` above 0
     keeps only the non-negative diagonal of all terms but M, so that the sum is positive definite. `secant` =
-    1 takes friction by its ratio to velocity, see `soro_core.model.contact`. Needs `force_residual` with
-    bodies at the same q, v in the same workspace; `solve_system` follows.
+    1 takes friction by its ratio to velocity, see `soro_core.model.forces.contact`. Needs `force_residual`
+    with bodies at the same q, v in the same workspace; `solve_system` follows.
     """
     for b in range(q.shape[0]):
         for d in range(w.block.shape[1]):

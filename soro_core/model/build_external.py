@@ -103,7 +103,7 @@ def external_table(
 
 
 def _obstacles(robot: Robot) -> Array:
-    """Rows as in `soro_core.model.contact`, (n, 11)."""
+    """Rows as in `soro_core.model.forces.contact`, (n, 11)."""
     rows = []
     if robot.contacts is not None:
         for plane in robot.contacts.planes:

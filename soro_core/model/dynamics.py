@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.chambers import actuation, add_pressure_force
-from soro_core.model.elasticity import elastic_force
-from soro_core.model.internal import add_internal_force
-from soro_core.model.local import local_strain, n_samples
+from soro_core.model.forces.chambers import actuation, add_pressure_force
+from soro_core.model.forces.elasticity import elastic_force
+from soro_core.model.forces.internal import add_internal_force
+from soro_core.model.links.local import local_strain, n_samples
 from soro_core.model.method import acceleration, motion_force
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work

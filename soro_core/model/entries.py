@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
-from soro_core.model import chambers, dynamics, elasticity, internal
-from soro_core.model.linear import assign, clear
+from soro_core.model import dynamics
+from soro_core.model.forces import chambers, elasticity, internal
+from soro_core.model.links.linear import assign, clear
 from soro_core.model.method import (
     energy,
     external_force,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from soro_core._by_type import select_by_type
-from soro_core.model import articulated, exact, mde_dynamics, work
+from soro_core.model import exact, work
+from soro_core.model.links import articulated, mde_dynamics
 from soro_core.model.tables import MdeTables
 
 # The type of the first argument selects, in Python and in compiled code.

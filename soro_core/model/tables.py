@@ -33,7 +33,7 @@ class External(NamedTuple):
     shape: Array
     """Shape functions on that last piece, as in `Tables.shape`: (n_places, n_q, 2)."""
     obstacles: Array
-    """Rows as in `soro_core.model.contact`, (n_obstacles, 11)."""
+    """Rows as in `soro_core.model.forces.contact`, (n_obstacles, 11)."""
     held: Array
     """Place where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
 

@@ -19,7 +19,7 @@ class PointMass(Strict):
 
 
 class Surface(Strict):
-    """How an obstacle pushes back at each point of the arm that sinks in (see `soro_core.model.contact`)."""
+    """How an obstacle pushes back at a point of the arm that sinks in (`soro_core.model.forces.contact`)."""
 
     stiffness: float = Field(gt=0, description="normal force per depth at one point [N/m]")
     damping: float = Field(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model.discretised import discretised
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
 from soro_core.robot import Robot
 from soro_core.twin.config import TwinConfig, check_volumes, described_plant

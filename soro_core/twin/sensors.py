@@ -9,7 +9,7 @@ from typing import Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.estimation.samples import ImuSample, PoseSample
+from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.frozen import replaced
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_core.twin.config import SensorConfig

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from soro_core import pneumatics
 from soro_core.config import changed
 from soro_core.errors import ModelError
-from soro_core.estimation.samples import ImuSample, PoseSample
-from soro_core.estimation.tracker import Tracker
+from soro_core.estimation.sensors.samples import ImuSample, PoseSample
+from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.frozen import replaced
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot

@@ -11,10 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_ros.run_folder import bag_of
+from soro_lab.run_folder import bag_of
 
 if TYPE_CHECKING:
-    from soro_core.bag import BagReader, PartRepair, Qos
+    from soro_lab.bag import BagReader, PartRepair, Qos
 
 app = typer.Typer(no_args_is_help=True)
 BAG_HELP = "Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file."
@@ -31,7 +31,7 @@ def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes
     read, and says what is missing.
     """
     # Imported here so that the other commands work without the extra `ros`.
-    from soro_core.bag import BagReader
+    from soro_lab.bag import BagReader
 
     console = Console(markup=False)  # names in a bag may look like markup
     try:
@@ -48,7 +48,7 @@ def repair_command(bag: Bag) -> None:
     Every message that can be read is kept with its bytes and times. Sound files stay untouched; where
     bytes had to be left out, the damaged file is kept beside the new one as NAME.damaged.
     """
-    from soro_core.bag import repair
+    from soro_lab.bag import repair
 
     console = Console(markup=False)
     try:
@@ -85,7 +85,7 @@ def convert(
     unit where soro knows it: effort.link0/chamber0_pa. TARGET/topics.yaml says which file is which topic, of
     which type; for CSV files of your own, write it by hand. Messages come back as they were.
     """
-    from soro_ros import convert as tables
+    from soro_ros.recordings import convert as tables
 
     try:
         if not source.exists():
@@ -111,7 +111,7 @@ def _fail(error: SoroError) -> NoReturn:
 
 
 def _print_info(console: Console, reader: BagReader, full: bool) -> None:
-    from soro_core.bag.topics import encoding
+    from soro_lab.bag.topics import encoding
 
     seconds = (reader.end_ns - reader.start_ns) / 1e9
     about = Table.grid(padding=(0, 2))

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from soro_core.hardware.finding import Finding
-    from soro_core.hardware.platform import PlatformBase
-    from soro_core.hil.dump import DumpConfig
+    from soro_hardware.finding import Finding
+    from soro_hardware.hil.dump import DumpConfig
+    from soro_hardware.platform import PlatformBase
 
 
 def doctor(
@@ -51,14 +51,14 @@ def doctor(
     Ctrl-C.
     """
     # Imported here so that `soro --help` stays quick.
-    from soro_core.hardware.doctor import examine
-    from soro_core.hardware.families import load_platform, require_driver
+    from soro_hardware.doctor import examine
+    from soro_hardware.families import load_platform, require_driver
 
     loaded = load_platform(platform)
     require_driver(loaded)
     interrupted = False
     if dump:
-        from soro_core.hil.dump import DumpConfig
+        from soro_hardware.hil.dump import DumpConfig
 
         config = DumpConfig(pressure_pa=pressure_kpa * 1e3, limit_s=within_s, wait_s=wait_s)
         findings, interrupted = _dump(config, loaded, platform, device, chamber, yes, lockstep)
@@ -67,7 +67,7 @@ def doctor(
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:
-        from soro_ros.findings import show
+        from soro_hardware.findings import show
 
         show(f"soro doctor {platform}", findings)
     if interrupted:
@@ -87,11 +87,11 @@ def _dump(
 ) -> tuple[list[Finding], bool]:
     """Prove the dump valve; return the findings, and whether Ctrl-C has ended it."""
     from soro_core.errors import ConfigError
-    from soro_core.hil.dump import dump_limits, prove
-    from soro_core.hil.paced import PacedRegulator
-    from soro_ros import signals
+    from soro_hardware import signals
+    from soro_hardware.hil.dump import dump_limits, prove
+    from soro_hardware.hil.paced import PacedRegulator
+    from soro_hardware.timing import punctual
     from soro_ros.commands.hil import regulator_of, stop_of
-    from soro_ros.timing import punctual
 
     names = platform.chamber_names
     chamber = chamber or names[0]

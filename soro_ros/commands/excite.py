@@ -14,16 +14,16 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from soro_core.errors import ConfigError, SoroError
-from soro_core.scene import Scene, check_plant
-from soro_ros import signals
+from soro_hardware import signals
+from soro_lab.scene import Scene, check_plant
+from soro_lab.scene.options import Change, Device, Folder, SceneName, Valves, changes_of
 from soro_ros.commands.hil import show_question, typed_answer
-from soro_ros.execution import ROUND_S, End, Stall, execute, make_folder, prepare
-from soro_ros.scene_options import Change, Device, Folder, SceneName, Valves, changes_of
+from soro_ros.run.execution import ROUND_S, End, Stall, execute, make_folder, prepare
 
 if TYPE_CHECKING:
-    from soro_core.excitation.procedure import Excitation
-    from soro_ros.compose import Run
-    from soro_ros.supervisor import Supervisor
+    from soro_lab.excitation.procedure import Excitation
+    from soro_ros.run.compose import Run
+    from soro_ros.run.supervisor import Supervisor
 
 # The clock of a simulated arm ends so long after the excitation [s].
 MARGIN_S = 1.0
@@ -127,7 +127,7 @@ def excite(
         target = make_folder(folder, loaded, where)
         _write_plan(target, excitation)
         watch = _Watch(excitation)
-        from soro_ros.compose import excitation_loop
+        from soro_ros.run.compose import excitation_loop
 
         end = execute(loaded, target, interrupted, console, excitation_loop(loaded), watch)
     _report(target, end, watch, console)
@@ -154,13 +154,13 @@ def _check(scene: Scene, where: str) -> list[str]:
 
 
 def _excitation(scene: Scene, where: str) -> Excitation:
-    from soro_core.scene.excitation import excitation_of
+    from soro_lab.scene.excitation import excitation_of
 
     return excitation_of(scene.exciter_node(), scene.loaded_robot, scene.loaded_platform, where)
 
 
 def _longest_s(excitation: Excitation) -> float:
-    from soro_core.excitation.procedure import VENT_S
+    from soro_lab.excitation.procedure import VENT_S
 
     return excitation.plan.longest_s + VENT_S
 

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from soro_core.errors import ConfigError
-from soro_core.scene import load_scene
-from soro_ros.run_folder import bag_and_scene
+from soro_lab.run_folder import bag_and_scene
+from soro_lab.scene import load_scene
 
 
 def film(
@@ -31,7 +31,7 @@ def film(
 
     A simulated arm is drawn as it was, a real one as the estimator found it. A .png holds the last picture.
     """
-    from soro_ros import film as drawing
+    from soro_ros.pictures import film as drawing
 
     file = run / "film.gif" if out is None else out
     if file.suffix not in (".gif", ".png"):

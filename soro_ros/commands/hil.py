@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_ros import signals
-from soro_ros.findings import show, show_rows
-from soro_ros.run_folder import new_folder
-from soro_ros.timing import punctual
+from soro_hardware import signals
+from soro_hardware.findings import show, show_rows
+from soro_hardware.timing import punctual
+from soro_lab.run_folder import new_folder
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from soro_core.hardware.platform import PlatformBase
-    from soro_core.hardware.port import Regulator
     from soro_core.robot import Robot
+    from soro_hardware.platform import PlatformBase
+    from soro_hardware.port import Regulator
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -64,11 +64,11 @@ def first_pressure(
     examined and nothing failed.
     """
     from soro_core.errors import ConfigError
-    from soro_core.hardware.families import load_platform
-    from soro_core.hil import report
-    from soro_core.hil.paced import PacedRegulator, Sample, small_limits
-    from soro_core.hil.plan import FirstPressureConfig, Plan
-    from soro_core.hil.pressurise import directions, expectation, pressurise
+    from soro_hardware.families import load_platform
+    from soro_hardware.hil import report
+    from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
+    from soro_hardware.hil.plan import FirstPressureConfig, Plan
+    from soro_hardware.hil.pressurise import directions, expectation, pressurise
 
     if (pose or ask) and not robot:
         raise ConfigError("soro hil", "--robot", "", "a robot file or name, which --pose and --ask need")
@@ -142,11 +142,11 @@ def latency(
     time and lag by a fit of all steps, beside what the platform file says. Ctrl-C vents.
     """
     from soro_core.errors import HardwareError
-    from soro_core.hardware.families import load_platform
-    from soro_core.hil import report
-    from soro_core.hil.latency import LatencyConfig, compare, evaluate
-    from soro_core.hil.latency_run import latency_limits, measure
-    from soro_core.hil.paced import PacedRegulator
+    from soro_hardware.families import load_platform
+    from soro_hardware.hil import report
+    from soro_hardware.hil.latency import LatencyConfig, compare, evaluate
+    from soro_hardware.hil.latency_run import latency_limits, measure
+    from soro_hardware.hil.paced import PacedRegulator
 
     loaded = load_platform(platform)
     regulator = regulator_of(loaded, platform, device, lockstep)
@@ -216,7 +216,7 @@ def regulator_of(
         Name of the command in errors.
     """
     from soro_core.errors import ConfigError
-    from soro_core.hardware.families import open_regulator, require_driver
+    from soro_hardware.families import open_regulator, require_driver
 
     require_driver(platform)
     if not (device or platform.device):
@@ -270,7 +270,7 @@ def stop_of(platform: PlatformBase) -> Iterator[Callable[[], str | None]]:
     if not platform.stop_topic:
         yield lambda: None
         return
-    from soro_ros.stop_topic import reading_stop
+    from soro_ros.topics.stop_topic import reading_stop
 
     with reading_stop(platform) as why_stopped:
         yield why_stopped
@@ -282,7 +282,7 @@ def _tip_of(topic: str) -> Iterator[Callable[[], np.ndarray | None]]:
     if not topic:
         yield lambda: None
         return
-    from soro_ros.pose_source import PoseSource
+    from soro_ros.topics.pose_source import PoseSource
 
     with PoseSource(topic) as source:
         yield source.newest

@@ -23,7 +23,7 @@ def log(
     Each line has the time in UTC, the node, the event, and its cause or values. The file is one of this user
     and this machine, and keeps the last 1 to 2 MB of all arms. Exit status 2 where it has no line of ARM.
     """
-    from soro_ros import event_log
+    from soro_ros.host import event_log
 
     wanted = f"/{arm.strip('/')}"
     found = list(event_log.entries())

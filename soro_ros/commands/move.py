@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from soro_core.control.tip_path import arc, corners
+from soro_core.control.motions.tip_path import arc, corners
 from soro_core.errors import ConfigError
 from soro_ros.commands.services import COMMANDS, one_node, service_caller
 
@@ -76,7 +76,7 @@ def move(
         "control.motion.acceleration_m_s2": acceleration_mm_s2,
     }
     with service_caller() as caller:
-        from soro_ros.moving import Mover
+        from soro_ros.run.moving import Mover
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         mover = Mover(caller, name, timeout_s, typer.echo)

@@ -66,12 +66,12 @@ def play(
     player, and its parameters rate, start_s (to go on from there) and loop.
     """
     # Imported here so that `soro --help` works without ROS.
-    from soro_core.bag import BagReader
-    from soro_core.bag.config import PlayerConfig
     from soro_core.config import parse
-    from soro_ros.node_process import run_node
+    from soro_lab.bag import BagReader
+    from soro_lab.bag.config import PlayerConfig
     from soro_ros.nodes.player import Player
-    from soro_ros.parameters import overrides
+    from soro_ros.process.node_process import run_node
+    from soro_ros.process.parameters import overrides
 
     options: dict[str, Any] = {
         "bag": str(bag),

@@ -101,9 +101,9 @@ def report(
     Verdict, figures, pictures, events with their causes, what was recorded with its gaps, scene, versions.
     Exit status 2: the bag cannot be read, or wrong use.
     """
-    from soro_ros.recording import Spans
-    from soro_ros.run_page import page_of
-    from soro_ros.run_view import open_run
+    from soro_ros.pictures.run_page import page_of
+    from soro_ros.pictures.run_view import open_run
+    from soro_ros.recordings.recording import Spans
 
     file = (run if run.is_dir() else run.parent) / "report.html" if out is None else out
     try:
@@ -130,10 +130,10 @@ def _chosen(
     scene: Path | None,
     notes: list[str],
 ) -> Figure:
-    from soro_ros.picture import picture_of_fields
-    from soro_ros.run_folder import bag_of
-    from soro_ros.run_view import open_run
-    from soro_ros.selection import fields_of
+    from soro_lab.run_folder import bag_of
+    from soro_ros.pictures.picture import picture_of_fields
+    from soro_ros.pictures.run_view import open_run
+    from soro_ros.recordings.selection import fields_of
 
     chosen = fields_of(bag_of(run), topics, fields, notes.append)
     try:
@@ -148,9 +148,9 @@ def _chosen(
 def _all(
     run: Path, start: float | None, end: float | None, arm: str | None, scene: Path | None, notes: list[str]
 ) -> Figure:
-    from soro_ros import panels
-    from soro_ros.picture import picture
-    from soro_ros.run_view import open_run, title_of
+    from soro_ros.pictures import panels
+    from soro_ros.pictures.picture import picture
+    from soro_ros.pictures.run_view import open_run, title_of
 
     opened = open_run(run, arm, scene, start, end, notes.append)
     shown = []
@@ -165,8 +165,8 @@ def _all(
 
 
 def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) -> None:
-    from soro_ros.plotjuggler import layout
-    from soro_ros.run_view import open_run
+    from soro_ros.pictures.plotjuggler import layout
+    from soro_ros.pictures.run_view import open_run
 
     opened = open_run(run, arm, scene)
     file.write_text(layout(opened.reader.path, opened.arm), encoding="utf-8")

@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_core.errors import BagError, ConfigError
-from soro_core.scene import load_scene
-from soro_ros.run_folder import bag_and_scene
-from soro_ros.scene_options import given_keys
+from soro_lab.run_folder import bag_and_scene
+from soro_lab.scene import load_scene
+from soro_lab.scene.options import given_keys
 
 if TYPE_CHECKING:
-    from soro_ros.replay import Replayed
+    from soro_ros.recordings.replay import Replayed
 
 
 def replay(
@@ -57,7 +57,7 @@ def replay(
     The nodes' own code runs in lockstep in this process, without ROS nodes; each takes its recorded inputs.
     Exit status 0: the same; 1: different, and the first difference is shown; 2: wrong use.
     """
-    from soro_ros.replay import replay as run  # imports the model, which takes a second
+    from soro_ros.recordings.replay import replay as run  # imports the model, which takes a second
 
     try:
         if not bag.exists():

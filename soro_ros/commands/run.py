@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from soro_core.errors import ConfigError, SoroError
-from soro_core.scene import Scene, check_gains, check_scene
-from soro_ros import signals
-from soro_ros.execution import End, execute, make_folder, prepare
-from soro_ros.scene_options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
+from soro_hardware import signals
+from soro_lab.scene import Scene, check_gains, check_scene
+from soro_lab.scene.options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
+from soro_ros.run.execution import End, execute, make_folder, prepare
 
 
 def run(
@@ -63,7 +63,7 @@ def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> No
     try:
         line = check_gains(scene, scene.loaded_robot, where)
     except ConfigError as error:
-        from soro_ros.verdict import Verdict, write
+        from soro_ros.recordings.verdict import Verdict, write
 
         write(target, None, Verdict("refused", str(error)))
         raise
@@ -73,9 +73,9 @@ def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> No
 
 def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console) -> int:
     """Judge a run, write and print the result; return the exit status."""
-    from soro_ros.picture import draw
-    from soro_ros.report import read_run, summarise, table
-    from soro_ros.verdict import advice, judge, with_verdict, write
+    from soro_ros.pictures.picture import draw
+    from soro_ros.recordings.report import read_run, summarise, table
+    from soro_ros.recordings.verdict import advice, judge, with_verdict, write
 
     bag = folder / "bag"
     recorded = scene.recorder.enabled and bag.exists()

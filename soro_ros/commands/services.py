@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from soro_core.errors import ConfigError, SoroError
-from soro_ros import signals
+from soro_hardware import signals
 
 if TYPE_CHECKING:
-    from soro_ros.services import Call, ServiceCaller
+    from soro_ros.host.services import Call, ServiceCaller
 
 # The node that drives the valves publishes pressures. A controller has the same services, but no latch.
 READINGS = "chambers/state"
@@ -61,7 +61,7 @@ def reset(
 
     with service_caller() as caller:
         from soro_core.safety.state import MUST_BE_ZERO
-        from soro_ros.diagnostics import VENTED
+        from soro_ros.topics.diagnostics import VENTED
 
         name = one_node(caller, "reset", node, timeout_s, "" if node else READINGS)
         status = caller.message_of(name, _STATUS_LIMIT_S)
@@ -142,7 +142,7 @@ def enable(
     from std_srvs.srv import Trigger
 
     with service_caller() as caller:
-        from soro_ros.diagnostics import VENTED
+        from soro_ros.topics.diagnostics import VENTED
 
         name = one_node(caller, "enable", node, timeout_s, "" if node else COMMANDS)
         service = "enable_anyway" if anyway else "enable"
@@ -178,8 +178,8 @@ def fault(
     """
     if (injection is None) == (not clear):
         raise ConfigError("soro fault", "FAULT", injection, "a fault, or --clear, and not both")
-    from soro_core.emulation.control import ControlClient
-    from soro_core.emulation.vocabulary import CLEAR
+    from soro_hardware.emulation.faults.vocabulary import CLEAR
+    from soro_hardware.emulation.sockets.control import ControlClient
 
     text = f"fault: {CLEAR}" if injection is None else injection
     if _is_path(node):
@@ -189,7 +189,7 @@ def fault(
     from rcl_interfaces.srv import SetParameters
     from rclpy.parameter import Parameter
 
-    from soro_ros.faults import PARAMETER
+    from soro_ros.run.faults import PARAMETER
 
     with service_caller() as caller:
         name = one_node(caller, "clear_faults", node, timeout_s)
@@ -212,7 +212,7 @@ def _is_path(name: str) -> bool:
 def service_caller() -> Iterator[ServiceCaller]:
     """Join ROS for some calls; Ctrl-C ends them with exit status 130."""
     with signals.noted() as stopping:
-        from soro_ros.services import ServiceCaller
+        from soro_ros.host.services import ServiceCaller
 
         try:
             with ServiceCaller(lambda: bool(stopping)) as caller:

@@ -61,8 +61,8 @@ def view(
 
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
-    from soro_ros.node_process import run_node
     from soro_ros.nodes.viewer import NICE, Viewer
+    from soro_ros.process.node_process import run_node
 
     found, used = _running(f"/{namespace.strip('/')}" if namespace else "", robot)
     arguments = ["--ros-args", "-r", f"__ns:={found or '/'}", "-p", f"robot:={used}"]
@@ -95,12 +95,12 @@ def _running(namespace: str, robot: str) -> tuple[str, str]:
 
 
 def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, trail: float) -> None:
-    from soro_core.bag import BagReader
     from soro_core.config import find_config
     from soro_core.robot import load_robot
-    from soro_core.scene import load_scene
-    from soro_ros import signals
-    from soro_ros.run_folder import bag_and_scene, bag_of
+    from soro_hardware import signals
+    from soro_lab.bag import BagReader
+    from soro_lab.run_folder import bag_and_scene, bag_of
+    from soro_lab.scene import load_scene
     from soro_ros.view.access import Access
     from soro_ros.view.recorded import RecordedPage, read, shape_of
     from soro_ros.view.server import ViewServer

@@ -10,14 +10,14 @@ from itertools import pairwise
 from pathlib import Path
 
 from soro_core.errors import ConfigError
-from soro_ros import command_line
-from soro_ros.command_line import Program
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_nodes
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.twin import TwinNode
+from soro_ros.process import command_line
+from soro_ros.process.command_line import Program
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_nodes
 
 # In the order of their start; the last one of a process drives the valves.
 NODES: dict[str, type[SoroNode]] = {

@@ -10,15 +10,15 @@ from std_srvs.srv import Trigger
 
 from soro_core.control import Controller, ControllerState
 from soro_core.control.motion_config import MotionConfig
-from soro_core.scene import ControllerNodeConfig
-from soro_ros import messages, qos
-from soro_ros.controller_ticks import ControllerTicks
-from soro_ros.diagnostics import OK, WARN
-from soro_ros.enable_check import EnableCheck
-from soro_ros.lifecycle import SoroNode
-from soro_ros.motion_job import REPLACED, STATUS, VENTED
-from soro_ros.node_process import run_node
-from soro_ros.ports import Input, Ports, Publishers, subscribe
+from soro_lab.scene import ControllerNodeConfig
+from soro_ros.conversion import messages, qos
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.ticks.controller_ticks import ControllerTicks
+from soro_ros.ticks.enable_check import EnableCheck
+from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.motion_job import REPLACED, STATUS, VENTED
+from soro_ros.topics.ports import Input, Ports, Publishers, subscribe
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):

@@ -8,17 +8,17 @@ import numpy as np
 from geometry_msgs.msg import PoseArray
 
 from soro_core.estimation import Estimator, EstimatorState
-from soro_core.estimation.monitor import SensorMonitor
-from soro_core.estimation.samples import imu_sensor, pose_sensor
-from soro_core.scene import EstimatorNodeConfig
-from soro_ros import messages, qos
-from soro_ros.diagnostics import OK, WARN
-from soro_ros.estimator_ticks import EstimatorTicks
-from soro_ros.frame_check import FrameCheck
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
-from soro_ros.ports import Ports, Publishers, ignore, is_read, subscribe
-from soro_ros.transforms import ArmTransforms
+from soro_core.estimation.sensors.monitor import SensorMonitor
+from soro_core.estimation.sensors.samples import imu_sensor, pose_sensor
+from soro_lab.scene import EstimatorNodeConfig
+from soro_ros.conversion import messages, qos
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.ticks.estimator_ticks import EstimatorTicks
+from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.frame_check import FrameCheck
+from soro_ros.topics.ports import Ports, Publishers, ignore, is_read, subscribe
+from soro_ros.topics.transforms import ArmTransforms
 
 
 class EstimatorNode(SoroNode[EstimatorNodeConfig]):

@@ -9,18 +9,18 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from soro_core.excitation.motion import Sample
-from soro_core.excitation.procedure import Excitation, Tick, advance, initial_state, left_s
 from soro_core.robot import load_robot
-from soro_core.scene import ExciterNodeConfig
-from soro_core.scene.excitation import excitation_of
-from soro_ros import messages, qos
-from soro_ros.diagnostics import OK, WARN
-from soro_ros.frame_check import FrameCheck
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
-from soro_ros.ports import subscribe
-from soro_ros.sample_inputs import SampleInputs
+from soro_lab.excitation.motion import Sample
+from soro_lab.excitation.procedure import Excitation, Tick, advance, initial_state, left_s
+from soro_lab.scene import ExciterNodeConfig
+from soro_lab.scene.excitation import excitation_of
+from soro_ros.conversion import messages, qos
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.frame_check import FrameCheck
+from soro_ros.topics.ports import subscribe
+from soro_ros.topics.sample_inputs import SampleInputs
 
 
 class ExciterNode(SoroNode[ExciterNodeConfig]):

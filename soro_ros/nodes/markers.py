@@ -5,13 +5,13 @@ from __future__ import annotations
 from visualization_msgs.msg import Marker, MarkerArray
 
 from soro_core.robot import load_robot
-from soro_core.scene import MarkersConfig
-from soro_ros import qos
-from soro_ros.diagnostics import OK
-from soro_ros.lifecycle import SoroNode
-from soro_ros.markers import TOPIC, ArmMarkers
-from soro_ros.node_process import run_node
-from soro_ros.ports import subscribe
+from soro_lab.scene import MarkersConfig
+from soro_ros.conversion import qos
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.topics.diagnostics import OK
+from soro_ros.topics.ports import subscribe
+from soro_ros.view.markers import TOPIC, ArmMarkers
 
 
 class MarkersNode(SoroNode[MarkersConfig]):

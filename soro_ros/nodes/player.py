@@ -21,18 +21,18 @@ from rclpy.time import Time
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from soro_core.bag import BagMessage, BagReader, Topic
-from soro_core.bag.config import PlayerConfig
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_ros import messages, qos
-from soro_ros.claims import Claims, readings, require_free
-from soro_ros.decoding import playing
-from soro_ros.diagnostics import ERROR, OK, WARN
-from soro_ros.interfaces import message_class, offer, topic_pattern
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
-from soro_ros.playback import Playback
-from soro_ros.player_controls import PlayerControls
+from soro_lab.bag import BagMessage, BagReader, Topic
+from soro_lab.bag.config import PlayerConfig
+from soro_ros.conversion import messages, qos
+from soro_ros.conversion.decoding import playing
+from soro_ros.conversion.interfaces import message_class, offer, topic_pattern
+from soro_ros.host.claims import Claims, readings, require_free
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.recorder.playback import Playback
+from soro_ros.recorder.player_controls import PlayerControls
+from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 # History of a publisher whose recorded one is unknown (most middlewares do not report it).
 DEPTH = 1000

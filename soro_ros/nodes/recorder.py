@@ -11,15 +11,15 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy
 from rclpy.subscription import Subscription
 
-from soro_core.bag import BackgroundWriter, BagWriter, Qos, Topic
-from soro_core.bag.config import RecorderConfig
 from soro_core.errors import ConfigError, SoroError
-from soro_ros.diagnostics import ERROR, OK, WARN
-from soro_ros.interfaces import definition, message_class, offered, request, topic_pattern
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
-from soro_ros.recorder_controls import RecorderControls
-from soro_ros.recorder_stream import Stream, essence
+from soro_lab.bag import BackgroundWriter, BagWriter, Qos, Topic
+from soro_lab.bag.config import RecorderConfig
+from soro_ros.conversion.interfaces import definition, message_class, offered, request, topic_pattern
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.recorder.recorder_controls import RecorderControls
+from soro_ros.recorder.recorder_stream import Stream, essence
+from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
 REST = 5000

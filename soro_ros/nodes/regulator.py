@@ -8,18 +8,19 @@ import time
 from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import ConfigError
-from soro_core.hardware import Regulator, load_platform, open_regulator
-from soro_core.hardware.limited import LimitedRegulator
 from soro_core.safety import narrowed
-from soro_core.scene import RegulatorNodeConfig
-from soro_ros import claims, messages, qos
-from soro_ros.chambers import ChamberInterface
-from soro_ros.diagnostics import OK, WARN
-from soro_ros.latch_file import LatchFile
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
-from soro_ros.stop_topic import StopTopic
-from soro_ros.timing import LoopTimer
+from soro_hardware import Regulator, load_platform, open_regulator
+from soro_hardware.limited import LimitedRegulator
+from soro_hardware.timing import LoopTimer
+from soro_lab.scene import RegulatorNodeConfig
+from soro_ros.conversion import messages, qos
+from soro_ros.host import claims
+from soro_ros.host.latch_file import LatchFile
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.topics.chambers import ChamberInterface
+from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.stop_topic import StopTopic
 
 # Cause of a regular vent, which the next process does not need to know.
 DEACTIVATED = "deactivated"

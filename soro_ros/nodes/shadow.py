@@ -12,11 +12,11 @@ from sensor_msgs.msg import JointState
 from soro_core.robot import load_robot
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
-from soro_ros import messages, qos
-from soro_ros.diagnostics import OK, WARN
-from soro_ros.frame_check import FrameCheck
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
+from soro_ros.conversion import messages, qos
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.frame_check import FrameCheck
 
 # Window of the differences in diagnostics [s], and longest time without a pose [s].
 WINDOW_S, SILENT_S = 1.0, 1.0

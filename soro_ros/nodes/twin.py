@@ -9,20 +9,21 @@ import numpy as np
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from soro_core.emulation.plant_link import PlantFrame, PlantLinkClient
 from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
 from soro_core.safety import Limiter, Rating, check_rating, narrowed
 from soro_core.twin import Observation, Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
-from soro_ros import claims, messages, qos
-from soro_ros.chambers import ChamberInterface
-from soro_ros.diagnostics import OK
-from soro_ros.faults import FaultInterface
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
-from soro_ros.twin_topics import TwinTopics
+from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
+from soro_ros.conversion import messages, qos
+from soro_ros.host import claims
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.run.faults import FaultInterface
+from soro_ros.topics.chambers import ChamberInterface
+from soro_ros.topics.diagnostics import OK
+from soro_ros.topics.twin_topics import TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20

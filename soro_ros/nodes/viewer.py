@@ -15,9 +15,9 @@ from rclpy.subscription import Subscription
 from soro_core.errors import SoroError
 from soro_core.extras import named_packages
 from soro_core.robot import load_robot
-from soro_ros.diagnostics import OK
-from soro_ros.lifecycle import SoroNode
-from soro_ros.node_process import run_node
+from soro_ros.process.lifecycle import SoroNode
+from soro_ros.process.node_process import run_node
+from soro_ros.topics.diagnostics import OK
 from soro_ros.view.config import ViewerConfig
 from soro_ros.view.moment import DIAGNOSTICS, LATCH, TOPICS, Moment, Received
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from soro_core.errors import SoroError
-from soro_core.scene import Scene
-from soro_ros import processes
+from soro_lab.scene import Scene
+from soro_ros.run import processes
 from soro_ros.view.config import ViewerConfig
 
 _START_LIMIT_S = 60.0

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from soro_ros.services import Call
+from soro_ros.host.services import Call
 
 LIMIT_S = 20.0
 BUTTONS = ("enable", "vent", "reset")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.robot import Robot
-from soro_ros.arm_shape import between
+from soro_ros.view.arm_shape import between
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceSt
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
-from soro_ros import messages
-from soro_ros.diagnostics import VENTED
+from soro_ros.conversion import messages
+from soro_ros.topics.diagnostics import VENTED
 
 Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from soro_core.robot import Robot
 from soro_core.rotation import quaternion_from_matrix
-from soro_ros.skin import Skin
 from soro_ros.view.contact import touching, turned_to
 from soro_ros.view.moment import Moment
 from soro_ros.view.plots import Plots
+from soro_ros.view.skin import Skin
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from soro_ros.arm_shape import COLOURS
+from soro_ros.view.arm_shape import COLOURS
 from soro_ros.view.moment import Moment
 
 # A plot is sent as a whole, and its lines are too thin to be read at the rate of the arm.

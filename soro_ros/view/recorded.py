@@ -13,10 +13,10 @@ import viser
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagMessage, BagReader
 from soro_core.errors import BagError
 from soro_core.robot import Robot
-from soro_ros.decoding import Messages
+from soro_lab.bag import BagMessage, BagReader
+from soro_ros.conversion.decoding import Messages
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import Page
 

@@ -7,7 +7,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learner import Learner, Sample
 from soro_core.config import find_config
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 
 pytestmark = pytest.mark.numerics
 

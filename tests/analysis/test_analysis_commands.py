@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from soro_core import SoftArm, load_robot
 from soro_core.control import reachable
 from soro_core.errors import ConfigError
-from soro_core.scene import Scene
+from soro_lab.scene import Scene
 from soro_ros.cli import application
 
 
@@ -109,6 +109,6 @@ def test_ctrl_c_ends_it_and_nothing_is_written(soro, tmp_path, monkeypatch):
     def stop(*of):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("soro_core.analysis.problem.windows", stop)
+    monkeypatch.setattr("soro_lab.analysis.problem.windows", stop)
     assert soro("place-sensors", "tue_three_bellow").exit_code == 130
     assert not list(tmp_path.iterdir())

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot
-from soro_core.analysis.gramian import gramian, windows
-from soro_core.analysis.sensors import KINDS, Candidate, SensorNoise, kinds_of, noise_of
 from soro_core.errors import ModelError
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.integrate.state import State
 from soro_core.integrate.stepper import make_stepper
 from soro_core.rotation import rotation_log
 from soro_core.twin.config import TwinSection
+from soro_lab.analysis.gramian import gramian, windows
+from soro_lab.analysis.sensors import KINDS, Candidate, SensorNoise, kinds_of, noise_of
 
 DT, TICKS = 5e-3, 10
 

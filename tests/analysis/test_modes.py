@@ -7,10 +7,10 @@ import pytest
 from scipy.linalg import expm
 
 from soro_core import SoftArm, load_robot, robot_from_dict, simulate
-from soro_core.analysis.modes import first_order, modes
-from soro_core.analysis.stiffness import tangent_stiffness, tip_stiffness
 from soro_core.errors import ModelError
-from soro_core.model.statics import stable_equilibrium
+from soro_core.model.equilibrium.statics import stable_equilibrium
+from soro_lab.analysis.modes import first_order, modes
+from soro_lab.analysis.stiffness import tangent_stiffness, tip_stiffness
 from tests.analysis.test_stiffness import ARMS, at_rest
 
 

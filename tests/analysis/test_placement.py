@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import yaml
 
-from soro_core.analysis.placement import Information, best, greedy
-from soro_core.analysis.problem import place_sensors
-from soro_core.analysis.sensor_picture import draw
-from soro_core.analysis.sensor_report import best_line, scene_block, step_rows, steps
 from soro_core.config import changed
 from soro_core.errors import ConfigError
-from soro_core.loop import loop_of
-from soro_core.scene import Scene, load_scene
 from soro_core.twin import Twin
+from soro_lab.analysis.placement import Information, best, greedy
+from soro_lab.analysis.problem import place_sensors
+from soro_lab.analysis.sensor_picture import draw
+from soro_lab.analysis.sensor_report import best_line, scene_block, step_rows, steps
+from soro_lab.scene import Scene, load_scene
+from soro_lab.scene.loop import loop_of
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot, robot_from_dict
-from soro_core.analysis.reach_picture import ellipse
-from soro_core.analysis.stiffness import tangent_stiffness, tip_stiffness
 from soro_core.control.reachable import reachable
-from soro_core.model.rest_forces import RestForces
-from soro_core.model.statics import NoBalanceError, stable_equilibrium
+from soro_core.model.equilibrium.rest_forces import RestForces
+from soro_core.model.equilibrium.statics import NoBalanceError, stable_equilibrium
+from soro_lab.analysis.reach_picture import ellipse
+from soro_lab.analysis.stiffness import tangent_stiffness, tip_stiffness
 from tests.model.collapsing import LIMIT_PA, bent_arm
 
 HANGING = {"base_quaternion": [1.0, 0.0, 0.0, 0.0]}

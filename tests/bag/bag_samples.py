@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from soro_core.bag import BagMessage, BagReader, BagWriter, Qos, Topic
+from soro_lab.bag import BagMessage, BagReader, BagWriter, Qos, Topic
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 LATCHED = Qos(history="keep_last", depth=1, reliability="reliable", durability="transient_local")

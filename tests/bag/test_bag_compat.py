@@ -5,8 +5,8 @@ import zstandard
 from bag_samples import random_messages, write_bag
 from rosbags.rosbag2 import Reader
 
-from soro_core.bag import BagReader, repair
 from soro_core.errors import BagError
+from soro_lab.bag import BagReader, repair
 from tests.refused import fails
 
 FOLDER = "mcap_compat/data"

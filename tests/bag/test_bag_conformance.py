@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from soro_core.bag import BagReader, repair
+from soro_lab.bag import BagReader, repair
 
 KEPT = Path(__file__).parent / "conformance"
 FILES = sorted(KEPT.glob("*.mcap"))

@@ -14,10 +14,10 @@ from mcap.reader import make_reader
 from mcap.records import Attachment
 from rosbags.rosbag2 import Reader
 
-from soro_core.bag import BagReader, repair
-from soro_core.bag.mcap_file import McapFile
-from soro_core.bag.records import MAGIC, PREFIX
 from soro_core.errors import BagError
+from soro_lab.bag import BagReader, repair
+from soro_lab.bag.mcap.mcap_file import McapFile
+from soro_lab.bag.mcap.records import MAGIC, PREFIX
 from tests.refused import fails
 
 
@@ -359,7 +359,7 @@ def test_profile_and_attachments_of_a_file_are_kept(tmp_path):
 # A process that dies ------------------------------------------------------------------------------
 WRITER = """
 import sys
-from soro_core.bag import BagWriter, Topic
+from soro_lab.bag import BagWriter, Topic
 writer = BagWriter(sys.argv[1], custom_data={"scene": "crash"})
 writer.add_topic(Topic("/a", "std_msgs/msg/String", "string data", "ros2msg", "RIHS01_00"))
 number = 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from bag_samples import STORE
 
-from soro_core.bag import BagReader, Definition, find_definition
 from soro_core.errors import BagError
+from soro_lab.bag import BagReader, Definition, find_definition
 from tests.refused import fails
 
 SHARE = Path(sys.prefix) / "share"

@@ -11,8 +11,8 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from soro_core.bag import BagReader
-from soro_core.bag.records import PREFIX
+from soro_lab.bag import BagReader
+from soro_lab.bag.mcap.records import PREFIX
 from tests.apparatus.fuzz.bags import RECORDINGS, Recording, flip, flip_one
 
 

@@ -14,9 +14,9 @@ import zstandard
 from bag_samples import random_messages, write_bag
 from mcap.opcode import Opcode
 
-from soro_core.bag import BagReader, repair
-from soro_core.bag.records import MAGIC, PREFIX
 from soro_core.errors import BagError
+from soro_lab.bag import BagReader, repair
+from soro_lab.bag.mcap.records import MAGIC, PREFIX
 from tests.refused import fails
 
 BOMB = bytes(1 << 27)
@@ -254,7 +254,7 @@ def test_hostile_yaml(tmp_path, qos):
     text = f"rosbag2_bagfile_information:\n  version: 9\n  x:\n  {qos}\n"
     (bag / "metadata.yaml").write_text(text)
     code = (
-        "import sys; from soro_core.bag import BagReader\n"
+        "import sys; from soro_lab.bag import BagReader\n"
         "with BagReader(sys.argv[1]) as reader: print([topic.qos for topic in reader.topics])\n"
         "with BagReader(sys.argv[2]) as reader:\n"
         "    print(reader.message_count, 'metadata.yaml' in reader.problems[0])"

@@ -4,10 +4,10 @@ import pytest
 import yaml
 from bag_samples import TOPICS, random_messages, write_bag
 
-from soro_core.bag import INFINITE_NS, BagReader, Qos, Span
-from soro_core.bag.metadata import FilePart, Metadata, dump, dump_record, parse, parse_record
-from soro_core.bag.topics import qos_from, qos_to_yaml
 from soro_core.errors import BagError
+from soro_lab.bag import INFINITE_NS, BagReader, Qos, Span
+from soro_lab.bag.metadata import FilePart, Metadata, dump, dump_record, parse, parse_record
+from soro_lab.bag.topics import qos_from, qos_to_yaml
 from tests.refused import fails
 
 GOLDEN = """\

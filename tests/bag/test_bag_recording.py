@@ -13,14 +13,14 @@ import pytest
 from bag_samples import TOPICS, random_messages, read_all
 from rosbags.rosbag2 import Reader
 
-from soro_core.bag import BackgroundWriter, BagReader, BagWriter, repair
 from soro_core.errors import BagError
+from soro_lab.bag import BackgroundWriter, BagReader, BagWriter, repair
 from tests.refused import fails
 
 # Writes the time into the bag every 2 ms, and says when it has begun.
 RECORDER = """
 import sys, time
-from soro_core.bag import BackgroundWriter, BagWriter, Topic
+from soro_lab.bag import BackgroundWriter, BagWriter, Topic
 recorder = BackgroundWriter(BagWriter(sys.argv[1]))
 recorder.add_topic(Topic("/time", "std_msgs/msg/UInt64"))
 print("begun", flush=True)

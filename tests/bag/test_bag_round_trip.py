@@ -8,9 +8,10 @@ from bag_samples import STORE, TOPICS, cdr, joint_state, random_messages, read_a
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
-from soro_core.bag import BackgroundWriter, BagReader, BagWriter, part
-from soro_core.bag.chunks import unpack
 from soro_core.errors import BagError
+from soro_lab.bag import BackgroundWriter, BagReader, BagWriter
+from soro_lab.bag.mcap import part
+from soro_lab.bag.mcap.chunks import unpack
 from tests.refused import fails
 
 

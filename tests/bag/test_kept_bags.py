@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import Reader
 
-from soro_core.bag import BagReader
 from soro_core.config import find_config
 from soro_core.robot import load_robot
-from soro_core.scene import check_gains, check_model, load_scene
+from soro_lab.bag import BagReader
+from soro_lab.scene import check_gains, check_model, load_scene
 
 BAGS = Path(__file__).parents[2] / "bags"
 KEPT = sorted(folder for folder in BAGS.iterdir() if folder.is_dir())

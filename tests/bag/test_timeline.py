@@ -2,7 +2,7 @@
 
 import pytest
 
-from soro_core.bag.timeline import Timeline
+from soro_lab.bag.timeline import Timeline
 
 S = 10**9
 

@@ -4,8 +4,8 @@ from result_tables import tables, written
 
 from benchmarks.can_rates import LAYOUTS, TITLE, platform
 from soro_core.config import parse
-from soro_core.hardware.canopen.budget import highest_rate_hz
-from soro_core.hardware.canopen.config import CanopenPlatform
+from soro_hardware.canopen.budget import highest_rate_hz
+from soro_hardware.canopen.config import CanopenPlatform
 
 
 def test_every_cycle_is_made_and_none_faster_than_the_bus(tmp_path):

@@ -7,7 +7,7 @@ from benchmarks import identified_asu
 from benchmarks.identified_asu import is_driven, is_frozen, is_held_out, squares
 from benchmarks.options import Options
 from soro_core import SoftArm, load_robot
-from soro_core.identification.recording import read_csv
+from soro_lab.identification.recording import read_csv
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from soro_core.config import parse
-from soro_core.control.adaptation_config import Adaptation
+from soro_core.control.passivity.adaptation_config import Adaptation
 
 CHAMBERS = [{"angle_rad": k * 2 * np.pi / 3, "alpha_eps": 1.25e-6, "alpha_kappa": 1.0e-8} for k in range(3)]
 LAW = {

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from soro_core.config import parse
-from soro_core.control.actuation import complete_pressures, contradictions
 from soro_core.control.config import Pressures
-from soro_core.control.lag import compensate
+from soro_core.control.pressures.actuation import complete_pressures, contradictions
+from soro_core.control.pressures.lag import compensate
 from soro_core.pneumatics import RegulatorModel, initial_state, step
 from soro_core.pneumatics.lag import follow
 from soro_core.safety import Limits
-from soro_core.scene import ControllerNodeConfig, load_scene
+from soro_lab.scene import ControllerNodeConfig, load_scene
 from tests.refused import refused
 
 NARROW = Limits(minimum_pa=-5e3, maximum_pa=60e3, rise_pa_s=100e3, fall_pa_s=150e3)

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.control.adaptation_config import ADAPTABLE
-from soro_core.control.adaptive import FeedbackGains, adapt, law
-from soro_core.control.parameters import ParameterSet
-from soro_core.control.trajectory import Circle, Point
+from soro_core.control.passivity.adaptation_config import ADAPTABLE
+from soro_core.control.passivity.adaptive import FeedbackGains, adapt, law
+from soro_core.control.passivity.parameters import ParameterSet
+from soro_core.control.reference.trajectory import Circle, Point
 from tests.refused import refused
 
 ROBOT = {**control_samples.ROBOT, "tip_mass": 0.004, "links": [LINK]}

@@ -11,8 +11,8 @@ from scipy.optimize import lsq_linear
 
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
-from soro_core.control.allocation import allocate
-from soro_core.control.allocation import balanced_weight as weight_of_fields
+from soro_core.control.pressures.allocation import allocate
+from soro_core.control.pressures.allocation import balanced_weight as weight_of_fields
 from soro_core.robot import robot_from_dict
 from soro_core.robot.coordinates import strain_fields
 

@@ -10,7 +10,11 @@ from soro_core import SoftArm, robot_from_dict
 from soro_core.config import changed, find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.config import Gains
-from soro_core.control.kinematics import elongation_for_pressure, inverse_kinematics, mean_static_pressure
+from soro_core.control.motions.kinematics import (
+    elongation_for_pressure,
+    inverse_kinematics,
+    mean_static_pressure,
+)
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import strain_fields
 from tests.refused import refused

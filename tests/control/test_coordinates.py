@@ -11,10 +11,10 @@ from numpy.polynomial import chebyshev, legendre
 from soro_core import SoftArm, robot_from_dict
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.adaptation_config import ADAPTABLE
-from soro_core.control.adaptive import law
-from soro_core.control.parameters import ParameterSet
-from soro_core.control.trajectory import Point
+from soro_core.control.passivity.adaptation_config import ADAPTABLE
+from soro_core.control.passivity.adaptive import law
+from soro_core.control.passivity.parameters import ParameterSet
+from soro_core.control.reference.trajectory import Point
 from soro_core.estimation import Estimator, EstimatorConfig, PoseSample
 from soro_core.estimation.config import InitialNoise
 from soro_core.robot import shape_values

@@ -6,7 +6,7 @@ import pytest
 from soro_core import SoftArm, load_robot
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.kinematics import mean_static_pressure
+from soro_core.control.motions.kinematics import mean_static_pressure
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import strain_fields
 from tests.loop.arms import BY_NAME

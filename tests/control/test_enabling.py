@@ -10,7 +10,7 @@ from soro_core.config import changed, find_config
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.enabling import Seen, pressure_findings, resting_arm
 from soro_core.control.motion_config import EnableBounds
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 
 BOUNDS = EnableBounds()

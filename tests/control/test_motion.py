@@ -11,13 +11,13 @@ from soro_core import load_robot
 from soro_core.adaptation.learned import Learned
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.demand import rates
-from soro_core.control.following import follow, reference_ahead
-from soro_core.control.motion import finished
-from soro_core.control.motion_error import MotionError
-from soro_core.control.motion_parts import ToRest
-from soro_core.control.tip_path import arc, corners
-from soro_core.control.trajectory import Hold, Point
+from soro_core.control.motions.demand import rates
+from soro_core.control.motions.motion import finished
+from soro_core.control.motions.motion_error import MotionError
+from soro_core.control.motions.motion_parts import ToRest
+from soro_core.control.motions.tip_path import arc, corners
+from soro_core.control.reference.following import follow, reference_ahead
+from soro_core.control.reference.trajectory import Hold, Point
 
 DT = 0.005
 REST = Point(np.array([0.05, 0.0, 0.0]), np.zeros(3), np.zeros(3))

@@ -10,13 +10,13 @@ from soro_core import SoftArm, load_robot
 from soro_core.adaptation.learned import Learned
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.lookout import line
-from soro_core.control.motion import finished
-from soro_core.control.motion_error import MotionError
+from soro_core.control.motions.lookout import line
+from soro_core.control.motions.motion import finished
+from soro_core.control.motions.motion_error import MotionError
+from soro_core.control.reference.trajectory import Point
 from soro_core.control.retune import retune
-from soro_core.control.trajectory import Point
 from soro_core.errors import ConfigError
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
 
 ROBOT = load_robot(find_config("tue_three_bellow", "robots"))
@@ -186,7 +186,7 @@ def test_a_place_that_is_no_number_is_not_clear(monkeypatch):
 
 
 def test_a_way_that_needs_more_places_than_are_looked_at_is_refused(monkeypatch):
-    monkeypatch.setattr("soro_core.control.lookout._MOST", 5)
+    monkeypatch.setattr("soro_core.control.motions.lookout._MOST", 5)
     control = controller([ball((0.09, 0.0, 0.04), 0.005)])
     with pytest.raises(MotionError, match="places to look at"):
         planned(control)

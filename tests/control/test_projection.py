@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from soro_core.control.projection import Pair, Polytope
+from soro_core.control.passivity.projection import Pair, Polytope
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.control.speed_law import speed_law
+from soro_core.control.motions.speed_law import speed_law
 
 LENGTHS, SPEEDS = st.floats(1e-4, 1.0), st.floats(1e-3, 1.0)
 ACCELERATIONS, CURVATURES = st.floats(1e-2, 10.0), st.floats(0.0, 1e3)

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from soro_core.control.tip_path import arc, corners, legs_of
+from soro_core.control.motions.tip_path import arc, corners, legs_of
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp, rotation_log
 from tests.refused import refused
 

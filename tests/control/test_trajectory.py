@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_core.control.trajectory import Blend, Circle, Hold, Waypoints, smooth_step
+from soro_core.control.reference.trajectory import Blend, Circle, Hold, Waypoints, smooth_step
 from tests.refused import refused
 
 NAMES = ("link0/elongation", "link0/bending_x", "link0/bending_y")

@@ -9,9 +9,9 @@ from soro_core import load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
-from soro_core.control.undriven import Undriven
+from soro_core.control.reference.undriven import Undriven
 from soro_core.model.discretised import discretised
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
 from soro_core.robot.coordinates import strain_fields
 

@@ -14,7 +14,7 @@ from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
 from soro_core.control.uneven import Uneven, bends_unevenly
 from soro_core.model.discretised import discretised
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
 from soro_core.robot.parts import fields
 

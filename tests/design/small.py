@@ -1,7 +1,7 @@
 """A small task for tests: a bellow of 24 x 12 elements."""
 
 from soro_core.config import config_folder, read_yaml
-from soro_core.design import task_from_dict
+from soro_design.topology import task_from_dict
 
 
 def bellow(**changes):

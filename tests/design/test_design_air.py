@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from soro_core.config import changed
-from soro_core.design import stroke
-from soro_core.design.darcy import Flow, pressures
-from soro_core.design.domain import analysis, make_domain
-from soro_core.design.filter import density_filter, projection
-from soro_core.design.grid import make_grid
-from soro_core.design.optimise import densities
-from soro_core.design.task import load_task
+from soro_design.topology.domain import analysis, make_domain
+from soro_design.topology.optimise import densities
+from soro_design.topology.physics import stroke
+from soro_design.topology.physics.darcy import Flow, pressures
+from soro_design.topology.physics.filter import density_filter, projection
+from soro_design.topology.physics.grid import make_grid
+from soro_design.topology.task import load_task
 from tests.design.small import bellow
 
 FLOW = Flow(0.3, 6.0, 1e-4, 1e-3)

@@ -9,13 +9,13 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from soro_core.config import config_folder
-from soro_core.design.domain import analysis, make_domain
-from soro_core.design.task import load_task
 from soro_core.errors import ConfigError, ModelError
-from soro_core.fem import read_stl
-from soro_core.fem.surface import is_closed, volume
+from soro_design.commands import design
+from soro_design.fem import read_stl
+from soro_design.fem.meshes.surface import is_closed, volume
+from soro_design.topology.domain import analysis, make_domain
+from soro_design.topology.task import load_task
 from soro_ros.cli import application
-from soro_ros.commands import design
 from tests.design.small import bellow
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from soro_core.design.filter import density_filter, greyness, projection
-from soro_core.design.grid import make_grid
-from soro_core.design.mma import mma_step, no_moves
+from soro_design.topology.mma import mma_step, no_moves
+from soro_design.topology.physics.filter import density_filter, greyness, projection
+from soro_design.topology.physics.grid import make_grid
 
 
 @pytest.mark.parametrize("space", ["plane_strain", "axisymmetric"])

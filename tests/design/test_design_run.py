@@ -5,10 +5,10 @@ from dataclasses import asdict
 import pytest
 
 from soro_core.config import changed
-from soro_core.design import load_state, make_domain, optimise, reanalyse, save, shape
-from soro_core.design.optimise import first_state
-from soro_core.design.task import load_task
 from soro_core.errors import ConfigError, ModelError
+from soro_design.topology import load_state, make_domain, optimise, reanalyse, save, shape
+from soro_design.topology.optimise import first_state
+from soro_design.topology.task import load_task
 from tests.design.small import bellow
 from tests.refused import fails, refused
 

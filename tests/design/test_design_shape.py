@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from soro_core.design.check import Shape, reanalyse
-from soro_core.design.domain import make_domain
-from soro_core.design.flood import flood, thinnest_wall, wet_faces
-from soro_core.design.section import mirrored
-from soro_core.design.shape import snapped, solid_mesh
-from soro_core.fem import extruded, revolved
-from soro_core.fem.solid import tables
-from soro_core.fem.surface import is_closed, volume
+from soro_design.fem import extruded, revolved
+from soro_design.fem.elements.solid import tables
+from soro_design.fem.meshes.surface import is_closed, volume
+from soro_design.topology.check import Shape, reanalyse
+from soro_design.topology.domain import make_domain
+from soro_design.topology.flood import flood, thinnest_wall, wet_faces
+from soro_design.topology.section import mirrored
+from soro_design.topology.shape import snapped, solid_mesh
 from tests.design.small import bellow
 
 DOMAIN = make_domain(bellow())

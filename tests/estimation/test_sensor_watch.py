@@ -9,11 +9,11 @@ from soro_core import SoftArm, load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import ControllerConfig
 from soro_core.estimation import EstimatorConfig
-from soro_core.estimation.delay import DelayModel
-from soro_core.estimation.monitor import Innovation, monitored
-from soro_core.estimation.samples import pose_sensor
-from soro_core.estimation.watch import Watch, mean_pressure
-from soro_core.estimation.watch_config import WatchConfig
+from soro_core.estimation.sensors.delay import DelayModel
+from soro_core.estimation.sensors.monitor import Innovation, monitored
+from soro_core.estimation.sensors.samples import pose_sensor
+from soro_core.estimation.sensors.watch import Watch, mean_pressure
+from soro_core.estimation.sensors.watch_config import WatchConfig
 from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel
 from tests.estimation.test_learned_force import DT, LENGTH, Run, learned

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import load_robot
 from soro_core.estimation.estimator import Estimator
-from soro_core.estimation.samples import PoseSample
-from soro_core.estimation.tracker import Tracker
+from soro_core.estimation.sensors.samples import PoseSample
+from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.robot import Robot
 from soro_core.twin.config import TwinConfig
 from soro_core.twin.twin import Twin

@@ -10,7 +10,7 @@ from soro_core.estimation import Estimator, EstimatorConfig, PoseSample
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.unseen import unseen_covariance
 from soro_core.loop import certainty_of
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.rotation import quaternion_from_matrix
 
 ROBOT = load_robot(find_config("asu_two_segment", "robots"))

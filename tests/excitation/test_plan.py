@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from soro_core.config import changed
-from soro_core.excitation import ExciteConfig, MotionConfig
-from soro_core.excitation.config import STAGES
-from soro_core.excitation.plan import make_plan
-from soro_core.excitation.supply import supply_of
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import load_robot
 from soro_core.safety import Limits
+from soro_lab.excitation import ExciteConfig, MotionConfig
+from soro_lab.excitation.config import STAGES
+from soro_lab.excitation.plan import make_plan
+from soro_lab.excitation.supply import supply_of
 from tests.refused import refused
 
 RATE_HZ = 200.0

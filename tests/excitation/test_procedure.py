@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.estimation.samples import ImuSample, PoseSample
-from soro_core.excitation import MotionConfig, foresight
-from soro_core.excitation.foresight import Warned, foresee
-from soro_core.excitation.motion import Motion
-from soro_core.excitation.procedure import (
+from soro_core.estimation.sensors.samples import ImuSample, PoseSample
+from soro_core.model import SoftArm
+from soro_core.robot import load_robot
+from soro_core.rotation import quaternion_from_matrix, rotation_exp
+from soro_lab.excitation import MotionConfig, foresight
+from soro_lab.excitation.foresight import Warned, foresee
+from soro_lab.excitation.motion import Motion
+from soro_lab.excitation.procedure import (
     PATIENCE,
     VENT_S,
     Excitation,
@@ -19,9 +22,6 @@ from soro_core.excitation.procedure import (
     initial_state,
     left_s,
 )
-from soro_core.model import SoftArm
-from soro_core.robot import load_robot
-from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from tests.excitation.test_plan import made
 
 DT = 0.005

@@ -5,13 +5,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from soro_core.fem.blocks import block, mapped, sphere, tube
-from soro_core.fem.linear import factorised
-from soro_core.fem.loads import no_loads, traction
-from soro_core.fem.material import material_from_dict
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
-from soro_core.fem.states import Settings
+from soro_design.fem.elements.material import material_from_dict
+from soro_design.fem.loads import no_loads, traction
+from soro_design.fem.meshes.blocks import block, mapped, sphere, tube
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.linear import factorised
+from soro_design.fem.solve.newton import solve
+from soro_design.fem.solve.states import Settings
 
 # Inner radius, pressure over mu, and what the bulk modulus adds to the radius.
 THICK = {"cylinder": (1.5, 0.428228, 2.6e-5), "sphere": (1.4, 0.698421, None)}

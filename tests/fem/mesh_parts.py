@@ -2,8 +2,8 @@
 
 import pytest
 
-from soro_core.fem.blocks import block, revolved_tube
-from soro_core.fem.vtu import write_vtu
+from soro_design.fem.meshes.blocks import block, revolved_tube
+from soro_design.fem.meshes.vtu import write_vtu
 
 # A tube as `small_parts.TUBE`, of its own mesh.
 TUBE_MESH = {

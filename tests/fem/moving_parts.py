@@ -3,16 +3,16 @@
 import numpy as np
 from scipy.special import ellipk
 
-from soro_core.fem.arc import follow
-from soro_core.fem.bellows import Bellows, bellows_mesh
-from soro_core.fem.blocks import block, mapped, sphere
-from soro_core.fem.dynamics import march
-from soro_core.fem.loads import no_loads, traction
-from soro_core.fem.mass import modes
-from soro_core.fem.material import material_from_dict
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
-from soro_core.fem.states import Settings
+from soro_design.fem.elements.material import material_from_dict
+from soro_design.fem.loads import no_loads, traction
+from soro_design.fem.meshes.bellows import Bellows, bellows_mesh
+from soro_design.fem.meshes.blocks import block, mapped, sphere
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.arc import follow
+from soro_design.fem.solve.dynamics import march
+from soro_design.fem.solve.mass import modes
+from soro_design.fem.solve.newton import solve
+from soro_design.fem.solve.states import Settings
 
 E, DENSITY = 1e6, 1000.0
 BEAM = material_from_dict(

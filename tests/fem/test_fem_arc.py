@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.arc import follow
-from soro_core.fem.blocks import block
-from soro_core.fem.loads import no_loads
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.arc import follow
+from soro_design.fem.solve.newton import solve
 from tests.fem.moving_parts import RISE, RUBBER, balloon, inflated, pressure_of, shallow, snapped
 from tests.refused import fails
 

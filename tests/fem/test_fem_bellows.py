@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.bellows import Bellows, bellows_mesh
+from soro_design.fem.meshes.bellows import Bellows, bellows_mesh
 from tests.fem.three_bellow import ALONG, LENGTH, SHAPE, THESIS, forces
 from tests.refused import fails
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from soro_core.fem.blocks import revolved_tube, tube
-from soro_core.fem.loads import no_loads
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
-from soro_core.fem.states import Settings
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import revolved_tube, tube
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.newton import solve
+from soro_design.fem.solve.states import Settings
 from tests.fem.closed_forms import ELASTICA, THICK, cook, elastica, euler_load, exact, neo_hooke, thick_wall
 
 

@@ -7,13 +7,13 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
-from soro_core.fem.blocks import block, mapped
-from soro_core.fem.contact import Contact, Obstacle, make_barrier
-from soro_core.fem.dynamics import march
-from soro_core.fem.loads import no_loads, spread_spring, traction
-from soro_core.fem.mass import mass_entries
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
+from soro_design.fem.contact import Contact, Obstacle, make_barrier
+from soro_design.fem.loads import no_loads, spread_spring, traction
+from soro_design.fem.meshes.blocks import block, mapped
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.dynamics import march
+from soro_design.fem.solve.mass import mass_entries
+from soro_design.fem.solve.newton import solve
 from tests.fem.moving_parts import SOFT, folded
 from tests.refused import fails
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block
-from soro_core.fem.dynamics import march
-from soro_core.fem.loads import no_loads
-from soro_core.fem.mass import mass_entries, modes
-from soro_core.fem.part import make_part
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.dynamics import march
+from soro_design.fem.solve.mass import mass_entries, modes
 from tests.fem.moving_parts import BEAM, DENSITY, E, pendulum
 from tests.refused import fails
 

@@ -5,8 +5,8 @@ import pytest
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.fem.stl import read_stl
-from soro_core.fem.surface import is_closed, volume
+from soro_design.fem.meshes.stl import read_stl
+from soro_design.fem.meshes.surface import is_closed, volume
 from soro_ros.cli import application
 from tests.fem.small_parts import ROD, TUBE, written
 

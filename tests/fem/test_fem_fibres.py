@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem import solve
-from soro_core.fem.blocks import block
-from soro_core.fem.fibres import fibres, pieces_of
-from soro_core.fem.loads import no_loads
-from soro_core.fem.material import material_from_dict
-from soro_core.fem.part import make_part
+from soro_design.fem import solve
+from soro_design.fem.elements.fibres import fibres, pieces_of
+from soro_design.fem.elements.material import material_from_dict
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.part import make_part
 from tests.refused import fails
 
 # Without a Poisson effect a bar of St. Venant-Kirchhoff has the nominal stress E/2 (stretch^3 - stretch).

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.bellows import bellows_mesh
-from soro_core.fem.blocks import block, revolved_tube, tube
-from soro_core.fem.hexahedra import extruded_mesh, revolved_mesh
-from soro_core.fem.loads import no_loads
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
-from soro_core.fem.surface import is_closed, solid_surface, volume
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.bellows import bellows_mesh
+from soro_design.fem.meshes.blocks import block, revolved_tube, tube
+from soro_design.fem.meshes.hexahedra import extruded_mesh, revolved_mesh
+from soro_design.fem.meshes.surface import is_closed, solid_surface, volume
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.newton import solve
 from tests.fem.closed_forms import THICK, exact, neo_hooke
 from tests.fem.moving_parts import SOFT
 from tests.fem.three_bellow import SHAPE

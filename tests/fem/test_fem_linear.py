@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
-from soro_core.fem import linear
-from soro_core.fem.blocks import block
-from soro_core.fem.linear import factorised
-from soro_core.fem.loads import no_loads, traction
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
+from soro_design.fem.loads import no_loads, traction
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.part import make_part
+from soro_design.fem.solve import linear
+from soro_design.fem.solve.linear import factorised
+from soro_design.fem.solve.newton import solve
 from tests.fem.moving_parts import SOFT
 
 pytestmark = pytest.mark.numerics

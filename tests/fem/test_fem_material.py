@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.config import config_folder
-from soro_core.fem.material import (
+from soro_design.fem.elements.material import (
     drucker_modulus,
     first_unstable,
     load_material,

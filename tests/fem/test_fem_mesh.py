@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block, grid, revolved_tube, sphere, tube
-from soro_core.fem.element import SOLIDS, element, shapes
-from soro_core.fem.mesh import make_mesh, volume_scale
+from soro_design.fem.elements.element import SOLIDS, element, shapes
+from soro_design.fem.elements.mesh import make_mesh, volume_scale
+from soro_design.fem.meshes.blocks import block, grid, revolved_tube, sphere, tube
 from tests.refused import fails
 
 KINDS = [*SOLIDS, "line2", "line3"]

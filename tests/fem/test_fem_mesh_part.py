@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from soro_core.fem import State
-from soro_core.fem.mesh_files import read_mesh
-from soro_core.fem.parts.file import load_part, material_of
-from soro_core.fem.parts.picture import obstacle_lines
-from soro_core.fem.parts.specimen import make_specimen
-from soro_core.fem.parts.step import write_step
-from soro_core.fem.parts.sweeps import follow
-from soro_core.fem.parts.tendons import route
-from soro_core.fem.stl import read_stl
-from soro_core.fem.surface import volume
+from soro_design.fem import State
+from soro_design.fem.meshes.mesh_files import read_mesh
+from soro_design.fem.meshes.stl import read_stl
+from soro_design.fem.meshes.surface import volume
+from soro_design.parts.file import load_part, material_of
+from soro_design.parts.picture import obstacle_lines
+from soro_design.parts.specimen import make_specimen
+from soro_design.parts.step import write_step
+from soro_design.parts.sweeps import follow
+from soro_design.parts.tendons import route
 from soro_ros.cli import application
 from tests.fem.mesh_parts import BEAM_MESH, BEAM_PART, TUBE_PART, meshes
 from tests.fem.small_parts import ROD, TUBE, written

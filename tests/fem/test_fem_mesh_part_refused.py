@@ -2,8 +2,8 @@
 
 import pytest
 
-from soro_core.fem.parts.file import load_part
-from soro_core.fem.parts.specimen import make_specimen
+from soro_design.parts.file import load_part
+from soro_design.parts.specimen import make_specimen
 from tests.fem.mesh_parts import BEAM_MESH, BEAM_PART, BLOWN, PULL, TUBE_MESH, TUBE_PART, meshes
 from tests.fem.small_parts import written
 from tests.refused import refused

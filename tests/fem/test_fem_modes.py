@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block
-from soro_core.fem.loads import no_loads
-from soro_core.fem.mass import mass_entries, modes
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.mass import mass_entries, modes
+from soro_design.fem.solve.newton import solve
 from tests.fem.moving_parts import BEAM, DENSITY, E, cantilever_modes, pinned
 from tests.fem.test_fem_part import MESHES
 from tests.refused import fails

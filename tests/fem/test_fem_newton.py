@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block, revolved_tube
-from soro_core.fem.loads import no_loads, traction
-from soro_core.fem.material import load_material, material_from_dict
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
-from soro_core.fem.states import Settings
+from soro_design.fem.elements.material import load_material, material_from_dict
+from soro_design.fem.loads import no_loads, traction
+from soro_design.fem.meshes.blocks import block, revolved_tube
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.newton import solve
+from soro_design.fem.solve.states import Settings
 from tests.refused import fails
 
 pytestmark = pytest.mark.numerics

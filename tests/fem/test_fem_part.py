@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block, grid, mapped, revolved_tube, tube
-from soro_core.fem.loads import no_loads, spread_spring, traction
-from soro_core.fem.material import load_material, material_from_dict
-from soro_core.fem.mesh import make_mesh
-from soro_core.fem.part import make_part
+from soro_design.fem.elements.material import load_material, material_from_dict
+from soro_design.fem.elements.mesh import make_mesh
+from soro_design.fem.loads import no_loads, spread_spring, traction
+from soro_design.fem.meshes.blocks import block, grid, mapped, revolved_tube, tube
+from soro_design.fem.part import make_part
 from tests.refused import fails
 
 YEOH = {"kind": "hyperelastic", "source": "a test", "c1_pa": 3.0, "c2_pa": 0.4, "c01_pa": 0.7}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from soro_core.config import config_folder, read_yaml
-from soro_core.fem.parts.file import load_part, material_of
-from soro_core.fem.parts.specimen import RingSpecimen, RodSpecimen, make_specimen
+from soro_design.parts.file import load_part, material_of
+from soro_design.parts.specimen import RingSpecimen, RodSpecimen, make_specimen
 from tests.fem.small_parts import ROD, TUBE, written
 from tests.refused import refused
 

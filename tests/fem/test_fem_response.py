@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_core.fem.response import response
+from soro_design.fem.elements.response import response
 
 LAWS = {
     "yeoh": [0.0, 0.11, 0.02, 0.003, 0.0, 20.0],

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block, revolved_tube, tube
-from soro_core.fem.loads import no_loads
-from soro_core.fem.material import load_material
-from soro_core.fem.part import make_part
-from soro_core.fem.rim import rim
+from soro_design.fem.elements.material import load_material
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import block, revolved_tube, tube
+from soro_design.fem.part import make_part
+from soro_design.fem.rim import rim
 from tests.refused import fails
 
 SOFT = load_material("dragonskin_10")

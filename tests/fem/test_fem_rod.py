@@ -5,14 +5,14 @@ import pytest
 from scipy.linalg import expm
 
 from soro_core.errors import ModelError
-from soro_core.fem import Settings, solve
-from soro_core.fem.backbone import section_poses, section_strains
-from soro_core.fem.fibres import fibres
-from soro_core.fem.loads import no_loads
-from soro_core.fem.material import material_from_dict
-from soro_core.fem.part import make_part
-from soro_core.fem.rod import RodCounts, RodShape, rod_mesh
 from soro_core.rotation import rotation_exp, skew
+from soro_design.fem import Settings, solve
+from soro_design.fem.backbone import section_poses, section_strains
+from soro_design.fem.elements.fibres import fibres
+from soro_design.fem.elements.material import material_from_dict
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.rod import RodCounts, RodShape, rod_mesh
+from soro_design.fem.part import make_part
 from tests.refused import fails
 
 SHAPE = RodShape(0.06, 0.012, 3, 0.004, 0.007, 0.003)

@@ -9,8 +9,8 @@ import pytest
 from soro_core.config import changed
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
-from soro_core.fem.parts.file import load_part
-from soro_core.fem.parts.step import write_step
+from soro_design.parts.file import load_part
+from soro_design.parts.step import write_step
 from tests.fem.small_parts import ROD, TUBE, written
 from tests.refused import fails
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from soro_core.fem.blocks import block
-from soro_core.fem.loads import no_loads
-from soro_core.fem.material import load_material, material_from_dict, nominal_stress
-from soro_core.fem.part import make_part
-from soro_core.fem.stress import strained
+from soro_design.fem.elements.material import load_material, material_from_dict, nominal_stress
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.part import make_part
+from soro_design.fem.stress import strained
 
 SOFT = load_material("dragonskin_10")
 STIFF = material_from_dict(

@@ -8,10 +8,10 @@ import typer
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.fem.parts import sweeps
-from soro_core.fem.parts.file import load_part
-from soro_core.fem.parts.folder import load_backbones
-from soro_ros.commands.fem import app as fem
+from soro_design.commands.fem import app as fem
+from soro_design.parts import sweeps
+from soro_design.parts.file import load_part
+from soro_design.parts.folder import load_backbones
 from tests.fem.small_parts import ROD, TUBE, written
 from tests.refused import refused
 

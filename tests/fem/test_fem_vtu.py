@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.fem.blocks import block
-from soro_core.fem.element import SOLIDS
-from soro_core.fem.vtu import write_vtu
+from soro_design.fem.elements.element import SOLIDS
+from soro_design.fem.meshes.blocks import block
+from soro_design.fem.meshes.vtu import write_vtu
 from tests.refused import fails
 
 TYPES = {"Float64": "<f8", "Int64": "<i8", "UInt8": "|u1"}

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from soro_core.fem.bellows import Bellows, bellows_mesh
-from soro_core.fem.loads import no_loads
-from soro_core.fem.material import material_from_dict
-from soro_core.fem.newton import solve
-from soro_core.fem.part import make_part
+from soro_design.fem.elements.material import material_from_dict
+from soro_design.fem.loads import no_loads
+from soro_design.fem.meshes.bellows import Bellows, bellows_mesh
+from soro_design.fem.part import make_part
+from soro_design.fem.solve.newton import solve
 
 LENGTH = 64e-3  # of the part [m]
 PITCH = 6.975e-3

@@ -11,19 +11,19 @@ import numpy as np
 import yaml
 from hardware_bench import PERIOD_NS, merged
 
-from soro_core.emulation.board.board import EmulatedBoard
-from soro_core.emulation.devices import EmulatedDevices
-from soro_core.emulation.veab import EmulatedVeabServer
-from soro_core.hardware import Exchange
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.config import BoardPlatform
-from soro_core.hardware.board.driver import BoardRegulator
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.families import parse_platform
-from soro_core.hardware.port import Regulator
-from soro_core.hardware.veab.config import VeabPlatform
-from soro_core.hardware.veab.driver import VeabRegulator
-from soro_core.testing.line_link import LineLink
+from soro_hardware import Exchange
+from soro_hardware.board import frames, messages
+from soro_hardware.board.config import BoardPlatform
+from soro_hardware.board.driver import BoardRegulator
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.emulation.board.board import EmulatedBoard
+from soro_hardware.emulation.devices import EmulatedDevices
+from soro_hardware.emulation.veab import EmulatedVeabServer
+from soro_hardware.families import parse_platform
+from soro_hardware.port import Regulator
+from soro_hardware.testing.line_link import LineLink
+from soro_hardware.veab.config import VeabPlatform
+from soro_hardware.veab.driver import VeabRegulator
 
 AIR = {
     "delay_s": 0.005,

@@ -7,9 +7,9 @@ import os
 import sys
 import time
 
-from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
-from soro_core.hardware import load_platform
-from soro_core.hardware.board.server import run_board
+from soro_hardware import load_platform
+from soro_hardware.board.pi.server import run_board
+from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 
 
 class LoggedDac(EmulatedMcp4725):

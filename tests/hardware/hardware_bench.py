@@ -19,16 +19,16 @@ import numpy as np
 import yaml
 
 from soro_core.config import parse
-from soro_core.emulation.canopen.world import World
-from soro_core.emulation.plant_link import PlantFrame, PlantLinkClient
-from soro_core.hardware import Exchange, Platform, open_regulator
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.config import CanopenPlatform
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.port import Regulator
-from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.link import from_message
-from soro_core.testing.hub_bus import HubBus
+from soro_hardware import Exchange, Platform, open_regulator
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.config import CanopenPlatform
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.emulation.canopen.world import World
+from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
+from soro_hardware.port import Regulator
+from soro_hardware.testing.hub_bus import HubBus
+from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.link import from_message
 from tests.patience import LIMIT_S
 
 PERIOD_NS = 5_000_000
@@ -215,7 +215,7 @@ class EmulatorProcess:
         self.plant = folder / "plant"
         arguments = ["--device-link", str(self.device), "--plant-link", str(self.plant), *options]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "soro_core.emulation", platform, *arguments],
+            [sys.executable, "-m", "soro_hardware.emulation", platform, *arguments],
             stdout=subprocess.PIPE,
             text=True,
         )
@@ -270,7 +270,7 @@ def driver(platform: Platform, endpoint: object, lockstep: bool = True) -> Itera
 _DRIVER = """
 import sys, time
 import numpy as np
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
 regulator = open_regulator(load_platform(sys.argv[1]), sys.argv[2])
 regulator.configure()
 print("running", flush=True)

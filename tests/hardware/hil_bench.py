@@ -8,16 +8,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from hardware_bench import Bench, platform
 
-from soro_core.emulation.air import Air
-from soro_core.emulation.faults import Faults
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
-from soro_core.hardware import BusStatistics, Exchange, PlatformBase, Regulator
-from soro_core.hardware.canopen.config import CanopenPlatform
-from soro_core.hil.judge import Bending
-from soro_core.hil.paced import PacedRegulator, Sample, small_limits
-from soro_core.hil.plan import FirstPressureConfig, Plan, ProcedureState
-from soro_core.hil.pressurise import expectation, pressurise
+from soro_hardware import BusStatistics, Exchange, PlatformBase, Regulator
+from soro_hardware.canopen.config import CanopenPlatform
+from soro_hardware.emulation.air import Air
+from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.hil.judge import Bending
+from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
+from soro_hardware.hil.plan import FirstPressureConfig, Plan, ProcedureState
+from soro_hardware.hil.pressurise import expectation, pressurise
 
 CONFIG = FirstPressureConfig(steps_pa=(5e3, 20e3), rest_s=0.5, hold_s=0.6, vent_s=3.0)
 NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")

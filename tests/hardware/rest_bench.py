@@ -17,11 +17,11 @@ from vtem_bench import VtemBench, vtem_platform
 
 from docs.line_family import LineDevice, LinePlatform, LineRegulator
 from soro_core.config import parse
-from soro_core.emulation.devices import EmulatedDevices
-from soro_core.emulation.veab import EmulatedVeabServer
-from soro_core.emulation.vocabulary import Injection
-from soro_core.hardware.port import EMPTY_PA, Exchange, Regulator
-from soro_core.testing.line_link import LineLink
+from soro_hardware.emulation.devices import EmulatedDevices
+from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.veab import EmulatedVeabServer
+from soro_hardware.port import EMPTY_PA, Exchange, Regulator
+from soro_hardware.testing.line_link import LineLink
 
 SETTLED_PA = 50.0  # a count of a DAC of 12 bit
 

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import yaml
 
-from soro_core.emulation.families import emulate
-from soro_core.emulation.serial_line.devices import SerialDevices
-from soro_core.emulation.serial_line.uart import Uart
-from soro_core.hardware import Exchange
-from soro_core.hardware.families import parse_platform
-from soro_core.hardware.serial_line.config import SerialPlatform
-from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
-from soro_core.hardware.serial_line.driver import SerialRegulator
-from soro_core.hardware.serial_line.engine import LineEngine
-from soro_core.hardware.serial_line.lockstep import MARK, START_MARK
-from soro_core.hardware.serial_line.port import BytePort
-from soro_core.testing.line_link import LinePort
+from soro_hardware import Exchange
+from soro_hardware.emulation.families import emulate
+from soro_hardware.emulation.serial_line.devices import SerialDevices
+from soro_hardware.emulation.serial_line.uart import Uart
+from soro_hardware.families import parse_platform
+from soro_hardware.serial_line.config import SerialPlatform
+from soro_hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
+from soro_hardware.serial_line.driver import SerialRegulator
+from soro_hardware.serial_line.line.engine import LineEngine
+from soro_hardware.serial_line.line.port import BytePort
+from soro_hardware.serial_line.lockstep import MARK, START_MARK
+from soro_hardware.testing.line_link import LinePort
 
 AIR = {
     "delay_s": 0.005,

@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from soro_core.emulation.families import emulate
-from soro_core.emulation.process import Emulator
-from soro_core.hardware import Platform
+from soro_hardware import Platform
+from soro_hardware.emulation.families import emulate
+from soro_hardware.emulation.process import Emulator
 
 
 @contextlib.contextmanager

@@ -1,6 +1,11 @@
 """docs/adding_a_family.md, followed: the example family behind every command that takes a platform."""
 
+import json
+import os
 import re
+import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -10,24 +15,82 @@ import yaml
 from hardware_bench import wait_for
 from served_bench import served
 
-from soro_core.hardware import doctor, families, load_platform, open_regulator
-from soro_core.hardware.port import FAULT_CODES
+from soro_hardware import doctor, families, load_platform, open_regulator
+from soro_hardware.port import FAULT_CODES
 from tests.refused import refused
 
-PAGE = (Path(__file__).parents[2] / "docs/adding_a_family.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs/adding_a_family.md").read_text(encoding="utf-8")
+SORO = [sys.executable, "-m", "soro_ros.cli"]
+
+
+def installed(folder, entry):
+    """A package as pip would install it into a folder: its module, and its metadata with an entry point."""
+    folder.mkdir()
+    shutil.copy(ROOT / "docs/line_family.py", folder)
+    metadata = folder / "line_family-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: line_family\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(entry)
+    return folder
 
 
 @pytest.fixture
-def platform(tmp_path, monkeypatch):
-    """The platform file of the page, with the family that its last code block names."""
-    text, entry = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.S).group(1) for kind in ("yaml", "python"))
+def path(tmp_path):
+    """The platform file of the page."""
     path = tmp_path / "line.yaml"
-    path.write_text(text)
-    with refused("family", "line"):
+    path.write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.S).group(1))
+    return path
+
+
+@pytest.fixture
+def package(tmp_path):
+    """The folder with the package of the page, and the entry point that its TOML block states."""
+    (line,) = re.search(r"```toml\n(.*?)```", PAGE, re.S).group(1).splitlines()[1:]
+    return installed(tmp_path / "packages", "[soro.families]\n" + line.replace('"', "") + "\n")
+
+
+@pytest.fixture
+def platform(path, package, monkeypatch):
+    with refused("family", "line", names=tuple(families.FAMILIES)):
         load_platform(path)
-    for name, family in eval("{" + entry + "}", {"Family": families.Family}).items():
-        monkeypatch.setitem(families.FAMILIES, name, family)
+    monkeypatch.syspath_prepend(str(package))
     return load_platform(path)
+
+
+def test_soro_runs_an_arm_on_it(path, package, tmp_path):
+    paths = os.pathsep.join([str(package), os.environ.get("PYTHONPATH", "")])
+    command = [
+        *SORO,
+        "run",
+        "track_circle",
+        "--set",
+        f"platform={path}",
+        "--set",
+        "duration_s=2",
+        "--no-figure",
+    ]
+    done = subprocess.run(
+        [*command, "--folder", str(tmp_path / "runs")],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+    (run,) = (tmp_path / "runs").iterdir()
+    summary = json.loads((run / "summary.json").read_text())
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert summary["faults"] == []
+
+
+@pytest.mark.parametrize(
+    ("value", "says"), [("line_family:Line", "does not load"), ("line_family:LinePlatform", "is no")]
+)
+def test_a_package_whose_family_is_none_is_one_line(path, tmp_path, monkeypatch, value, says):
+    monkeypatch.syspath_prepend(str(installed(tmp_path / "packages", f"[soro.families]\nline = {value}\n")))
+    with refused("family", "line", names=("canopen_408", value, says)):
+        load_platform(path)
 
 
 def exchanged(regulator, cycles, setpoint_pa):
@@ -56,9 +119,8 @@ def test_platform_file_emulator_driver_watchdog_and_doctor(platform):
 
 
 def test_every_file_and_name_of_the_page_exists():
-    root = Path(__file__).parents[2]
-    for path in re.findall(r"`((?:soro_core|tests|benchmarks|config)/[\w/.]+)`", PAGE):
-        assert (root / path).exists(), path
+    for path in re.findall(r"`((?:soro_hardware|tests|benchmarks|config)/[\w/.]+)`", PAGE):
+        assert (ROOT / path).exists(), path
     for path in re.findall(r"\]\(([\w./]+)[#)]", PAGE):
-        assert (root / "docs" / path).exists(), path
+        assert (ROOT / "docs" / path).exists(), path
     assert yaml.safe_load(re.search(r"```yaml\n(.*?)```", PAGE, re.S).group(1))["family"] == "line"

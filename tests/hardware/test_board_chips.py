@@ -4,8 +4,8 @@ import errno
 
 import pytest
 
-from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
-from soro_core.hardware.board import chips
+from soro_hardware.board import chips
+from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 
 MS = 1_000_000
 

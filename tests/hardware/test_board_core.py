@@ -8,14 +8,15 @@ from board_bench import BOARD, VEAB_SCALE, board_platform, file_of, itv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.board.board import EmulatedBoard
 from soro_core.errors import ConfigError
-from soro_core.hardware import load_platform
-from soro_core.hardware.board import core, frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.board.messages import Cause, PortFlag, Refusal
-from soro_core.hardware.board.ports import BoardPort
-from soro_core.hardware.board.scaling import Scale
+from soro_hardware import load_platform
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.messages import Cause, PortFlag, Refusal
+from soro_hardware.board.pi import core
+from soro_hardware.board.pi.ports import BoardPort
+from soro_hardware.board.scaling import Scale
+from soro_hardware.emulation.board.board import EmulatedBoard
 from tests.refused import fails
 
 MS = 1_000_000

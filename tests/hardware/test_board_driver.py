@@ -9,12 +9,12 @@ from board_bench import QUIET, BoardBench, board_platform, itv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
-from soro_core.hardware.board import frames, messages, texts
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.port import FAULT_CODES
-from soro_core.testing.line_link import LineLink
+from soro_hardware.board import frames, messages, texts
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.port import FAULT_CODES
+from soro_hardware.testing.line_link import LineLink
 from tests.refused import fails
 
 MS = 1_000_000

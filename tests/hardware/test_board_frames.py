@@ -5,9 +5,9 @@ import zlib
 import numpy as np
 import pytest
 
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.board.messages import Cause, PortFlag, PortState, Refusal, StateMessage, Welcome
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.messages import Cause, PortFlag, PortState, Refusal, StateMessage, Welcome
 
 N = 4
 SET = BoardFrame(Kind.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]), 0x0102030405060708)

@@ -13,10 +13,10 @@ from served_bench import served
 from test_board_server import PATIENT, cycles, serving
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import open_regulator
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.board.messages import Refusal
+from soro_hardware import open_regulator
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.messages import Refusal
 from tests.refused import fails
 
 OTHERS = ["192.168.4.0/24", "10.0.0.7"]

@@ -17,13 +17,13 @@ from board_process import Bus
 from hardware_bench import wait_for
 from typer.testing import CliRunner
 
-from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedMcp4725
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware import open_regulator
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.board.server import run_board
-from soro_ros.commands.board import board
+from soro_hardware import open_regulator
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.pi.server import run_board
+from soro_hardware.commands.board import board
+from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedMcp4725
 from tests.refused import fails
 
 TARGET = np.array([20e3, 40e3, 60e3])
@@ -37,7 +37,7 @@ PATIENT = {
 CLIENT = """
 import sys, time
 import numpy as np
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
 regulator = open_regulator(load_platform(sys.argv[1]), sys.argv[2])
 regulator.configure()
 while True:
@@ -272,7 +272,7 @@ def test_terminated(served):
 def test_a_guard_that_cannot_vent_says_so():
     """The server dies with a bus on which no chip answers: the DACs hold what they have."""
     script = (
-        "import os, sys\nfrom soro_core.hardware.board.watcher import watched\n"
+        "import os, sys\nfrom soro_hardware.board.pi.watcher import watched\n"
         "sys.exit(watched(lambda beat: os.kill(os.getpid(), 9), lambda: (1, 3), 1.0))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
@@ -308,8 +308,8 @@ def test_a_host_that_never_reads_does_not_hold_it_up(lasting):
 
 def test_needs_no_ros_no_numba_and_no_can():
     code = (
-        "import sys, soro_core.hardware.board.server, soro_core.hardware.board.driver\n"
-        "import soro_core.hardware.veab.driver, soro_core.emulation.veab\n"
+        "import sys, soro_hardware.board.pi.server, soro_hardware.board.driver\n"
+        "import soro_hardware.veab.driver, soro_hardware.emulation.veab\n"
         "print(*sorted({'numba', 'rclpy', 'scipy', 'matplotlib', 'can', 'serial'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -8,16 +8,17 @@ from board_bench import BOARD, BoardBench, board_platform, file_of
 from hardware_bench import wait_for
 from served_bench import served
 
-from soro_core.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware import doctor
-from soro_core.hardware.board import contact, messages
-from soro_core.hardware.board.config import StopContact
-from soro_core.hardware.board.contact import GpioLine, StopInput
-from soro_core.hardware.board.server import run_board
-from soro_core.hardware.limited import LimitedRegulator
 from soro_core.safety import Limits
+from soro_hardware import doctor
+from soro_hardware.board import messages
+from soro_hardware.board.config import StopContact
+from soro_hardware.board.pi import contact
+from soro_hardware.board.pi.contact import GpioLine, StopInput
+from soro_hardware.board.pi.server import run_board
+from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.limited import LimitedRegulator
 from tests.refused import fails
 
 MS = 1_000_000

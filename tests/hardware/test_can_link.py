@@ -5,9 +5,9 @@ import errno
 import can
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.transport.error_frames import BUS_OFF, CONTROLLER, NO_ACKNOWLEDGE, RESTARTED, letters
-from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.link import CanLink
+from soro_hardware.transport.error_frames import BUS_OFF, CONTROLLER, NO_ACKNOWLEDGE, RESTARTED, letters
+from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.link import CanLink
 from tests.refused import fails
 
 

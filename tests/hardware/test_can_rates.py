@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hardware_bench import platform
 
-from soro_core.emulation.canopen.world import World
-from soro_core.hardware.canopen.budget import highest_rate_hz
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.transport.link import from_message, to_message
+from soro_hardware.canopen.budget import highest_rate_hz
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.emulation.canopen.world import World
+from soro_hardware.transport.link import from_message, to_message
 
 SINGLES = [{"chamber": f"link{n // 3}/chamber{n % 3}", "node": n + 1} for n in range(12)]
 QUADS = [{"chamber": f"link{n // 3}/chamber{n % 3}", "node": n // 4 + 1, "channel": n % 4} for n in range(12)]

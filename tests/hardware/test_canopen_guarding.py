@@ -3,10 +3,10 @@
 import pytest
 from hardware_bench import Bench, codes, driver, emulator, platform, platform_file, single, transcript
 
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.device import describe
-from soro_core.hardware.canopen.frames import NmtState
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.device import describe
+from soro_hardware.canopen.frames import NmtState
+from soro_hardware.transport.frame import Frame
 from tests.refused import refused
 
 GUARDED = {"canopen": {"mapping": {"guarding": True}}}

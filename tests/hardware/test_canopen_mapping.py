@@ -10,10 +10,10 @@ from hardware_bench import Bench, codes, driver, emulator, platform, platform_fi
 
 from soro_core.config import config_folder
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.device import describe
-from soro_core.hardware.canopen.eds import read_eds
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.device import describe
+from soro_hardware.canopen.eds import read_eds
 from tests.refused import fails
 
 FOUR = [{"chamber": f"link0/chamber{n}", "node": 1, "channel": n} for n in range(4)]

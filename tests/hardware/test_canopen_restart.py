@@ -20,16 +20,16 @@ from hardware_bench import (
 )
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.canopen import frames, sdo_frames
-from soro_core.hardware.canopen.cia408 import (
+from soro_hardware.canopen import frames, sdo_frames
+from soro_hardware.canopen.cia408 import (
     ERROR_COMMUNICATION,
     ERROR_GENERIC,
     ERROR_REGISTER,
     ValveState,
 )
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.canopen.frames import NmtCommand, NmtState
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.canopen.frames import NmtCommand, NmtState
+from soro_hardware.transport.frame import Frame
 from tests.refused import fails
 
 GUARDED = {"canopen": {"mapping": {"guarding": True}}}

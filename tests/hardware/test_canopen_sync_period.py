@@ -4,9 +4,9 @@ import pytest
 from hardware_bench import Bench, codes, emergencies, platform, single, ticks
 
 from soro_core.errors import ConfigError
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.frames import NmtState
-from soro_core.hardware.canopen.probe import check_sync
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.frames import NmtState
+from soro_hardware.canopen.probe import check_sync
 from tests.refused import fails
 
 ASKED = {"canopen": {"sync_period_s": 0.04}}

@@ -9,10 +9,11 @@ from hardware_bench import Bench, codes
 from test_canopen_mapping import analog, four
 
 from soro_core.config import config_folder
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
-from soro_core.hardware.canopen import frames, startup
-from soro_core.hardware.canopen.driver import CanopenRegulator
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.boot import startup
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.emulation.faults.vocabulary import read_injection
 from tests.refused import fails
 
 

@@ -4,16 +4,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soro_core.hardware.canopen import frames, sdo_frames
-from soro_core.hardware.canopen.cia408 import (
+from soro_hardware.canopen import frames, sdo_frames
+from soro_hardware.canopen.cia408 import (
     ValveState,
     counts_within,
     next_state,
     pascal_per_count,
     state_of,
 )
-from soro_core.hardware.canopen.pdo import Mapped, PdoLayout
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen.pdo import Mapped, PdoLayout
+from soro_hardware.transport.frame import Frame
 
 S = ValveState
 # Control word (bits M H D) -> state that each state goes to: one step up, any number down.

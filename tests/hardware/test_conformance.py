@@ -19,9 +19,9 @@ from vtem_bench import VtemBench, vtem_platform
 from docs.line_family import LineDevice, LinePlatform, LineRegulator
 from soro_core.config import parse
 from soro_core.errors import HardwareError
-from soro_core.hardware.families import load_platform, open_regulator
-from soro_core.hardware.port import FAULT_CODES, Regulator
-from soro_core.testing.line_link import LineLink
+from soro_hardware.families import load_platform, open_regulator
+from soro_hardware.port import FAULT_CODES, Regulator
+from soro_hardware.testing.line_link import LineLink
 
 
 @dataclass

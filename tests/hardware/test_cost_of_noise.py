@@ -5,10 +5,10 @@ import time
 
 import pytest
 
-from soro_core.hardware.board import frames
-from soro_core.hardware.serial_line.lines import LineSplitter
-from soro_core.hardware.transport import slcan_codec, socketcand_codec
-from soro_core.hardware.vtem import modbus
+from soro_hardware.board import frames
+from soro_hardware.serial_line.line.lines import LineSplitter
+from soro_hardware.transport import slcan_codec, socketcand_codec
+from soro_hardware.vtem import modbus
 
 SIZES = [1 << power for power in (12, 14, 16, 18)]
 # What takes less says nothing of its growth [s]; of the largest noise the square takes seconds at least.

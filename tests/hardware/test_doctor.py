@@ -10,9 +10,9 @@ from hardware_bench import Bench, emulator, platform, platform_file, single
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.hardware import doctor, load_platform
-from soro_core.hardware.canopen import frames, probe
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware import doctor, load_platform
+from soro_hardware.canopen import frames, probe
+from soro_hardware.transport.frame import Frame
 from soro_ros.commands.doctor import doctor as command
 
 

@@ -11,10 +11,10 @@ from hardware_bench import Bench, platform
 from serial_bench import alicat, itv
 from vtem_bench import vtem_platform
 
-from soro_core.hardware import doctor
-from soro_core.hardware.canopen import probe
-from soro_core.hardware.canopen.budget import cycle_bits, highest_rate_hz, serial_rate_hz
-from soro_core.hardware.finding import Finding
+from soro_hardware import doctor
+from soro_hardware.canopen import probe
+from soro_hardware.canopen.budget import cycle_bits, highest_rate_hz, serial_rate_hz
+from soro_hardware.finding import Finding
 
 TWELVE = [{"chamber": f"link{n // 3}/chamber{n % 3}", "node": n + 1} for n in range(12)]
 QUADS = [{"chamber": f"link{n // 3}/chamber{n % 3}", "node": n // 4 + 1, "channel": n % 4} for n in range(12)]

@@ -1,15 +1,17 @@
 """What `soro doctor` says of every family: who is there, a wrong device, a wrong address."""
 
 import socket
+from pathlib import Path
 
 import pytest
 from board_bench import board_platform, veab_platform
 from serial_bench import alicat, itv
 from served_bench import served
 
-from soro_core.hardware import doctor, load_platform
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
+from soro_hardware import doctor, load_platform
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.families import FAMILIES
 
 QUICK = {"boot_timeout_s": 0.3, "answer_timeout_s": 0.1, "check_s": 0.1}
 
@@ -152,3 +154,12 @@ def test_ports_in_a_folder_of_links(tmp_path):
     link = tmp_path / "tcp"
     link.symlink_to("127.0.0.1:8889")
     assert doctor.check_device(str(link)) == [], "an address, found out by opening it"
+
+
+def test_what_each_family_was_tried_on_is_said_here_and_on_the_page():
+    page = (Path(__file__).parents[2] / "docs/hardware.md").read_text(encoding="utf-8")
+    for name, family in FAMILIES.items():
+        assert f"| `{name}` | {family.tried_on} |" in page
+    first = next(iter(doctor.examine(load_platform("emulated_canopen"), "nowhere", run_s=0.0)))
+    assert (first.name, first.level) == ("family", "ok")
+    assert first.found == f"canopen_408, tried on: {FAMILIES['canopen_408'].tried_on}"

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.frames import NmtCommand, NmtState
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.frames import NmtCommand, NmtState
 from tests.refused import fails
 
 

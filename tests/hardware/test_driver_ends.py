@@ -9,9 +9,9 @@ from test_canopen_unwatched import Cable
 from test_veab_ports import Timed
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.link import CanLink
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.link import CanLink
 from tests.refused import fails
 
 PERIOD_NS = 5_000_000

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from hardware_bench import Bench, codes, platform, set_points
 
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.frames import NmtCommand
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.frames import NmtCommand
+from soro_hardware.transport.frame import Frame
 
 
 def vents_and_latches(bench, code, source, cycles=3):

@@ -5,10 +5,10 @@ import pytest
 from hardware_bench import PERIOD_NS, Bench, platform, single
 
 from soro_core.errors import HardwareError
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.canopen.frames import NmtState
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.canopen.frames import NmtState
 from tests.refused import fails
 
 QUICK = {"boot_timeout_s": 0.01, "sdo_timeout_s": 0.01, "sdo_retries": 1, "activation_timeout_s": 0.05}

@@ -10,11 +10,11 @@ from hardware_bench import ONE_VALVE, emulator, platform_file
 from hil_bench import NAMES, OnAir, OnCan, platform
 from typer.testing import CliRunner
 
-from soro_core.emulation.control import ControlClient
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import ConfigError
-from soro_core.hil.dump import DumpConfig, dump_limits, prove
-from soro_core.hil.paced import PacedRegulator
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.sockets.control import ControlClient
+from soro_hardware.hil.dump import DumpConfig, dump_limits, prove
+from soro_hardware.hil.paced import PacedRegulator
 from soro_ros.commands.doctor import doctor
 from tests.refused import refused
 

@@ -3,12 +3,12 @@
 import numpy as np
 from hardware_bench import Bench, platform, single, ticks
 
-from soro_core.emulation.canopen.hub import Hub
-from soro_core.emulation.canopen.world import World
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.frames import NmtCommand
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.frames import NmtCommand
+from soro_hardware.emulation.canopen.hub import Hub
+from soro_hardware.emulation.canopen.world import World
+from soro_hardware.transport.frame import Frame
 
 S = ValveState
 

@@ -4,12 +4,12 @@ import pytest
 from hardware_bench import emergencies, ticks
 
 from soro_core.config import config_folder
-from soro_core.hardware.canopen import frames, sdo_frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.eds import read_eds
-from soro_core.hardware.canopen.frames import NmtCommand, NmtState
-from soro_core.hardware.canopen.sdo_frames import SdoAbort
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen import frames, sdo_frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.eds import read_eds
+from soro_hardware.canopen.frames import NmtCommand, NmtState
+from soro_hardware.canopen.sdo_frames import SdoAbort
+from soro_hardware.transport.frame import Frame
 
 S = ValveState
 

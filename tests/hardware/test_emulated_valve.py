@@ -3,11 +3,11 @@
 import pytest
 from hardware_bench import HOST_HEARTBEAT, emergencies, single, ticks
 
-from soro_core.emulation.canopen.world import World
-from soro_core.hardware.canopen import frames, sdo_frames
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.canopen.frames import NmtCommand, NmtState
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.canopen import frames, sdo_frames
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.canopen.frames import NmtCommand, NmtState
+from soro_hardware.emulation.canopen.world import World
+from soro_hardware.transport.frame import Frame
 
 S = ValveState
 

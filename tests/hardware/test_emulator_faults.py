@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hardware_bench import PERIOD_NS, driver, emulator, platform, platform_file
 
-from soro_core.emulation.__main__ import main
-from soro_core.emulation.control import ControlClient
-from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import HardwareError
+from soro_hardware.emulation.__main__ import main
+from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.sockets.control import ControlClient
 from tests.patience import LIMIT_S
 from tests.refused import fails
 

@@ -22,12 +22,12 @@ from hardware_bench import (
 )
 from typer.testing import CliRunner
 
-from soro_core.emulation.families import emulate
-from soro_core.emulation.plant_link import PlantLinkClient
-from soro_core.emulation.process import Emulator
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware import load_platform, open_regulator
-from soro_ros.commands.emulate import emulate as emulate_command
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.commands.emulate import emulate as emulate_command
+from soro_hardware.emulation.families import emulate
+from soro_hardware.emulation.process import Emulator
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from tests.refused import fails
 
 TARGET = np.array([20e3, 40e3, 60e3])
@@ -183,9 +183,9 @@ def test_starts_without_numba_or_ros(tmp_path):
     """The emulator and the driver must start quickly."""
     code = (
         "import sys, runpy; sys.argv = ['emulation', '--help']\n"
-        "try: runpy.run_module('soro_core.emulation', run_name='__main__')\n"
+        "try: runpy.run_module('soro_hardware.emulation', run_name='__main__')\n"
         "except SystemExit: pass\n"
-        "import soro_core.hardware.canopen.driver, soro_core.hardware.transport.slcan\n"
+        "import soro_hardware.canopen.driver, soro_hardware.transport.slcan\n"
         "print(*sorted({'numba', 'rclpy', 'scipy', 'matplotlib', 'llvmlite'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -194,7 +194,7 @@ def test_starts_without_numba_or_ros(tmp_path):
 
 def test_module_reports_bad_input_in_one_line(tmp_path):
     done = subprocess.run(
-        [sys.executable, "-m", "soro_core.emulation", "nowhere"], capture_output=True, text=True
+        [sys.executable, "-m", "soro_hardware.emulation", "nowhere"], capture_output=True, text=True
     )
     assert done.returncode == 2
     assert done.stderr.startswith("nowhere: got 'no platforms file of that name'; allowed: ")

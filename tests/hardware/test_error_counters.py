@@ -4,10 +4,10 @@ from hardware_bench import platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.canopen.error_counters import ErrorCounters
-from soro_core.emulation.canopen.hub import Hub
-from soro_core.emulation.canopen.world import emulate
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware.emulation.canopen.error_counters import ErrorCounters
+from soro_hardware.emulation.canopen.hub import Hub
+from soro_hardware.emulation.canopen.world import emulate
+from soro_hardware.transport.frame import Frame
 
 
 @settings(max_examples=200)

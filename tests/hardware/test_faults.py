@@ -6,16 +6,16 @@ from hardware_bench import Bench, codes, platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
-from soro_core.emulation.canopen.hub import Hub
-from soro_core.emulation.control import answer_to
-from soro_core.emulation.faults import Faults
-from soro_core.emulation.line import Line
-from soro_core.emulation.line_faults import ON_BYTES, LineFaults
-from soro_core.emulation.vocabulary import KINDS, OF_ALL, Injection, read_injection
 from soro_core.errors import ConfigError
-from soro_core.hardware.transport.frame import Frame
 from soro_core.pneumatics.regulator import RegulatorModel
+from soro_hardware.emulation.canopen.hub import Hub
+from soro_hardware.emulation.faults.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
+from soro_hardware.emulation.faults.line_faults import ON_BYTES, LineFaults
+from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.vocabulary import KINDS, OF_ALL, Injection, read_injection
+from soro_hardware.emulation.line import Line
+from soro_hardware.emulation.sockets.control import answer_to
+from soro_hardware.transport.frame import Frame
 from tests.refused import fails
 
 S = 1_000_000_000

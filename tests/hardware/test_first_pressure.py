@@ -9,17 +9,17 @@ from hil_bench import CONFIG, NAMES, OnAir, Pressurised, failed, platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import ConfigError
-from soro_core.hil import report
-from soro_core.hil.first_pressure import advance
-from soro_core.hil.judge import Expectation, judge_holds
-from soro_core.hil.measured import Hold
-from soro_core.hil.paced import PacedRegulator, Sample, small_limits
-from soro_core.hil.plan import FirstPressureConfig, Plan, ProcedureState
-from soro_core.hil.pressurise import directions, expectation
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import load_robot
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.hil import report
+from soro_hardware.hil.first_pressure import advance
+from soro_hardware.hil.judge import Expectation, judge_holds
+from soro_hardware.hil.measured import Hold
+from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
+from soro_hardware.hil.plan import FirstPressureConfig, Plan, ProcedureState
+from soro_hardware.hil.pressurise import directions, expectation
 from tests.refused import fails
 
 TOP_PA = CONFIG.steps_pa[-1]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.options import Options
-from soro_core.hardware.families import FAMILIES as ALL
+from soro_hardware.families import FAMILIES as ALL
 from tests.apparatus import fuzz as fuzzing
 from tests.apparatus.fuzz import FAMILIES, fuzz
 from tests.apparatus.fuzz.pieces import Counted

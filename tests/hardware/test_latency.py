@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hil_bench import NAMES, OnAir, OnCan, platform
 
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hil import latency, report
-from soro_core.hil.latency import LatencyConfig, compare, evaluate
-from soro_core.hil.latency_run import latency_limits, measure
-from soro_core.hil.paced import PacedRegulator, Sample
 from soro_core.pneumatics import RegulatorModel
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.hil import latency, report
+from soro_hardware.hil.latency import LatencyConfig, compare, evaluate
+from soro_hardware.hil.latency_run import latency_limits, measure
+from soro_hardware.hil.paced import PacedRegulator, Sample
 from tests.refused import fails
 
 CONFIG = LatencyConfig(repeat=6, hold_s=0.4)

@@ -7,11 +7,11 @@ import pytest
 from hardware_bench import platform
 
 from soro_core import safety
-from soro_core.emulation.vocabulary import read_injection
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.limited import LimitedRegulator
-from soro_core.hardware.port import Exchange
-from soro_core.testing.hub_bus import HubBus
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.limited import LimitedRegulator
+from soro_hardware.port import Exchange
+from soro_hardware.testing.hub_bus import HubBus
 
 
 class Guarded:

@@ -18,7 +18,7 @@ from served_bench import served
 from vtem_bench import PLACES, vtem_platform
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import open_regulator
+from soro_hardware import open_regulator
 from tests.patience import LIMIT_S
 from tests.refused import fails
 

@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from soro_core.emulation.plant_link import PlantLinkClient
-from soro_core.emulation.plant_server import PlantLinkServer
 from soro_core.errors import HardwareError
 from soro_core.pneumatics import ValveAction, ValveCondition, healthy
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.emulation.sockets.plant_server import PlantLinkServer
 from tests.refused import fails
 
 

@@ -6,10 +6,10 @@ from hardware_bench import BASE, platform, platform_file
 
 from soro_core.config import config_folder
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware import load_platform, open_regulator
-from soro_core.hardware.limited import LimitedRegulator
-from soro_core.hardware.platform import Freshness, watched
 from soro_core.safety import Limits, Monitors
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.limited import LimitedRegulator
+from soro_hardware.platform import Freshness, watched
 from tests.refused import fails, refused
 
 BASE_TEXT = yaml.safe_dump(BASE)

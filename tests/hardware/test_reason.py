@@ -8,14 +8,14 @@ import time
 
 import pytest
 
-from soro_core.emulation.control import ControlClient
-from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_core.hardware.reason import reason
-from soro_core.hardware.serial_line.port import SerialPort
-from soro_core.hardware.transport.slcan import SlcanBus
-from soro_core.hardware.transport.socketcand import SocketcandBus
-from soro_core.hardware.transport.tcp import TcpLink
+from soro_hardware.emulation.sockets.control import ControlClient
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.reason import reason
+from soro_hardware.serial_line.line.port import SerialPort
+from soro_hardware.transport.slcan import SlcanBus
+from soro_hardware.transport.socketcand import SocketcandBus
+from soro_hardware.transport.tcp import TcpLink
 
 NOT_THERE = "No such file or directory; plug it in or start what makes it, or correct the path"
 NO_PORT = "Inappropriate ioctl for device; it is no serial port, so correct the path"

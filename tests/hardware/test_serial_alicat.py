@@ -7,10 +7,10 @@ import pytest
 from hardware_bench import codes, transcript
 from serial_bench import SerialBench, alicat, quiet
 
-from soro_core.emulation.serial_line.alicat import EmulatedAlicat
-from soro_core.emulation.serial_line.valve import ValveSetup
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware.serial_line.alicat_codec import (
+from soro_hardware.emulation.serial_line.alicat import EmulatedAlicat
+from soro_hardware.emulation.serial_line.valve import ValveSetup
+from soro_hardware.serial_line.alicat_codec import (
     Layout,
     is_refusal,
     parse_frame,
@@ -18,7 +18,7 @@ from soro_core.hardware.serial_line.alicat_codec import (
     parse_setpoint,
     parse_version,
 )
-from soro_core.hardware.serial_line.lockstep import MARK
+from soro_hardware.serial_line.lockstep import MARK
 from tests.refused import fails
 
 NEW, LATE_8, OLD = "10v20.0-R24", "8v17.0-R23", "5v12.0-R22"

@@ -10,14 +10,14 @@ import pytest
 from hardware_bench import driver, emulator
 from serial_bench import SerialBench, alicat, itv, platform_file, quiet
 
-from soro_core.emulation.plant_link import PlantLinkClient
-from soro_core.emulation.serial_line.uart import Station, Uart
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform, open_regulator
-from soro_core.hardware.serial_line.lines import LineSplitter
-from soro_core.hardware.serial_line.lockstep import LockstepPort
-from soro_core.hardware.serial_line.port import SerialPort, open_with_retries, paths_of
-from soro_core.hardware.serial_line.session import Session
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.emulation.serial_line.uart import Station, Uart
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.serial_line.line.lines import LineSplitter
+from soro_hardware.serial_line.line.port import SerialPort, open_with_retries, paths_of
+from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.lockstep import LockstepPort
 from tests.refused import fails
 
 MS = 1_000_000

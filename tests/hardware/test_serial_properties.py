@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from serial_bench import SerialBench, alicat, itv, quiet
 
-from soro_core.hardware.port import FAULT_CODES
-from soro_core.hardware.serial_line import alicat_codec
-from soro_core.hardware.serial_line.itv import is_refusal, parse
-from soro_core.hardware.serial_line.lines import LineSplitter
+from soro_hardware.port import FAULT_CODES
+from soro_hardware.serial_line import alicat_codec
+from soro_hardware.serial_line.itv import is_refusal, parse
+from soro_hardware.serial_line.line.lines import LineSplitter
 
 NEW, OLD = "10v20.0-R24", "5v12.0-R22"
 MAKE = {

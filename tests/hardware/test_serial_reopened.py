@@ -6,9 +6,9 @@ from hardware_bench import emulator, wait_for
 from rest_bench import FAMILIES, SETTLED_PA
 from serial_bench import itv, platform_file
 
-from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from tests.refused import fails
 
 serial = pytest.mark.parametrize("family", ["itv_rs232", "alicat", "alicat at 19200 with firmware 5"])

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from hardware_bench import cycles_in_real_time, driver, emulator, platform, platform_file
 
-from soro_core.emulation.canopen.slcan_server import (
+from soro_core.errors import HardwareError
+from soro_hardware.doctor import examine
+from soro_hardware.emulation.canopen.slcan_server import (
     RememberingSlcanServer,
     SilentSlcanServer,
     SlcanServer,
 )
-from soro_core.errors import HardwareError
-from soro_core.hardware.doctor import examine
-from soro_core.hardware.transport.config import SlcanTransport
-from soro_core.hardware.transport.frame import Frame, frame_bits
-from soro_core.hardware.transport.slcan import SlcanBus
-from soro_core.hardware.transport.slcan_codec import BusErrors, Health, Reply, SlcanDecoder, encode
+from soro_hardware.transport.config import SlcanTransport
+from soro_hardware.transport.frame import Frame, frame_bits
+from soro_hardware.transport.slcan import SlcanBus
+from soro_hardware.transport.slcan_codec import BusErrors, Health, Reply, SlcanDecoder, encode
 from tests.refused import fails
 
 EMPTY = len(pickle.dumps(SlcanDecoder()))  # of a decoder that stores nothing

@@ -13,12 +13,12 @@ from served_bench import served
 
 from benchmarks.stops import left_after, signalled
 from soro_core.config import changed
-from soro_core.hardware import load_platform, open_regulator
-from soro_core.hardware.port import EMPTY_PA
-from soro_core.hardware.serial_line.driver import SerialRegulator
-from soro_core.hardware.serial_line.setpoint import SlewedSetpoint
-from soro_core.hardware.supervisor import SILENCE_S
-from soro_core.hardware.supervisor_client import Supervisor, VentPlan
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.port import EMPTY_PA
+from soro_hardware.serial_line.driver import SerialRegulator
+from soro_hardware.serial_line.line.setpoint import SlewedSetpoint
+from soro_hardware.supervisor import SILENCE_S
+from soro_hardware.supervisor_client import Supervisor, VentPlan
 
 # A call that waits takes as long as its timeout, which was 30 s; one that does not may lose the processor.
 AT_ONCE_S = 0.15

@@ -18,14 +18,14 @@ from hardware_bench import cycles_in_real_time, driver_process, emulator, frames
 from serial_bench import alicat, itv, platform_file
 from served_bench import served
 
-from soro_core.emulation.plant_link import PlantLinkClient
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform, open_regulator, supervisor
-from soro_core.hardware.doctor import examine
-from soro_core.hardware.families import FAMILIES
-from soro_core.hardware.serial_line.port import SerialPort
-from soro_core.hardware.supervisor_client import Supervisor, VentPlan, running
+from soro_hardware import load_platform, open_regulator, supervisor
+from soro_hardware.doctor import examine
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.families import FAMILIES
+from soro_hardware.serial_line.line.port import SerialPort
+from soro_hardware.supervisor_client import Supervisor, VentPlan, running
 from tests.patience import LIMIT_S
 from tests.refused import fails
 
@@ -205,7 +205,7 @@ def line():
 def held(plan, descriptor, monkeypatch):
     """A supervisor with a plan for a descriptor, whose messages can be read from its process's `stderr`."""
     popen = partial(subprocess.Popen, stderr=subprocess.PIPE)
-    monkeypatch.setattr("soro_core.hardware.supervisor_client.subprocess.Popen", popen)
+    monkeypatch.setattr("soro_hardware.supervisor_client.subprocess.Popen", popen)
     process = Supervisor()
     process.hold([plan], [descriptor])
     return process
@@ -462,7 +462,7 @@ def test_client_names_a_process_that_is_not_ready_in_time(monkeypatch):
     process = Supervisor()
     assert select.select([process.control], [], [], LIMIT_S)[0]
     assert process.control.recv(16)  # which the client then misses
-    monkeypatch.setattr("soro_core.hardware.supervisor_client.START_LIMIT_S", 0.05)
+    monkeypatch.setattr("soro_hardware.supervisor_client.START_LIMIT_S", 0.05)
     with fails(HardwareError, device="supervisor", code="silent"):
         process.hold([], [])
     process.dismiss()

@@ -19,11 +19,11 @@ from hardware_bench import (
     merged,
 )
 
-from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform, open_regulator
-from soro_core.hardware.transport.tcp import TcpLink
-from soro_core.hardware.veab.driver import VeabRegulator
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.transport.tcp import TcpLink
+from soro_hardware.veab.driver import VeabRegulator
 from tests.patience import LIMIT_S
 from tests.refused import fails
 

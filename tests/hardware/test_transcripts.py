@@ -13,10 +13,10 @@ from hardware_bench import (
     transcript,
 )
 
-from soro_core.hardware import open_regulator
-from soro_core.hardware.canopen.cia408 import ValveState
-from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.slcan_codec import encode
+from soro_hardware import open_regulator
+from soro_hardware.canopen.cia408 import ValveState
+from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.slcan_codec import encode
 
 # Closed twice, 1 Mbit/s, no time stamps, frames as they come, a filter that lets all through, open.
 SLCAN_OPENS = b"C\rC\rS8\rZ0\rX1\rM00000000\rmFFFFFFFF\rO\r"

@@ -4,7 +4,7 @@ import pytest
 from hardware_bench import platform
 
 from soro_core.errors import ConfigError
-from soro_core.hardware import load_platform
+from soro_hardware import load_platform
 from tests.refused import fails
 
 

@@ -7,10 +7,10 @@ import pytest
 from hardware_bench import platform, transport
 
 from soro_core.errors import HardwareError
-from soro_core.hardware import open_regulator
-from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.link import CanLink
-from soro_core.hardware.transport.open import open_bus
+from soro_hardware import open_regulator
+from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.link import CanLink
+from soro_hardware.transport.open import open_bus
 from tests.refused import fails
 
 KERNEL = {

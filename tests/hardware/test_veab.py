@@ -9,14 +9,14 @@ from board_bench import QUIET, VEAB, VeabBench, file_of, veab_platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware import load_platform
-from soro_core.hardware.limited import LimitedRegulator
-from soro_core.hardware.port import FAULT_CODES
-from soro_core.hardware.veab import protocol
 from soro_core.safety import Limits
-from soro_core.testing.line_link import LineLink
+from soro_hardware import load_platform
+from soro_hardware.emulation.veab import EmulatedVeabServer
+from soro_hardware.limited import LimitedRegulator
+from soro_hardware.port import FAULT_CODES
+from soro_hardware.testing.line_link import LineLink
+from soro_hardware.veab import protocol
 from tests.refused import fails
 
 HELD = 50e3

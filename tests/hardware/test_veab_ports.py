@@ -14,11 +14,11 @@ from hardware_bench import driver, emulator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform
-from soro_core.hardware.veab.count import PortCount
-from soro_core.hardware.veab.driver import VeabRegulator
+from soro_hardware import load_platform
+from soro_hardware.emulation.veab import EmulatedVeabServer
+from soro_hardware.veab.count import PortCount
+from soro_hardware.veab.driver import VeabRegulator
 from tests.refused import fails
 
 MS = 1_000_000

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from vtem_bench import VtemBench, vtem_platform
 
-from soro_core.emulation.vocabulary import Injection
 from soro_core.errors import ConfigError, HardwareError
-from soro_core.hardware import supervisor
-from soro_core.hardware.vtem import registers
-from soro_core.hardware.vtem.driver import VtemRegulator
-from soro_core.hardware.vtem.modbus import ModbusDecoder, write_request
-from soro_core.hardware.vtem.registers import Layout, SlotState, Status, command
+from soro_hardware import supervisor
+from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.vtem import registers
+from soro_hardware.vtem.driver import VtemRegulator
+from soro_hardware.vtem.modbus import ModbusDecoder, write_request
+from soro_hardware.vtem.registers import Layout, SlotState, Status, command
 from tests.refused import fails
 
 ONE = {

@@ -13,13 +13,13 @@ from pymodbus.client import ModbusTcpClient
 from served_bench import served
 from vtem_bench import VTEM, vtem_platform
 
-from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_core.hardware import doctor, load_platform, open_regulator
-from soro_core.hardware.vtem.client import Client
-from soro_core.hardware.vtem.modbus import LAST_TRANSACTION
-from soro_core.hardware.vtem.probe import check_speed
-from soro_core.hardware.vtem.registers import SlotState, command
+from soro_hardware import doctor, load_platform, open_regulator
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_hardware.vtem.client import Client
+from soro_hardware.vtem.modbus import LAST_TRANSACTION
+from soro_hardware.vtem.probe import check_speed
+from soro_hardware.vtem.registers import SlotState, command
 from tests.patience import LIMIT_S
 from tests.refused import fails
 
@@ -202,7 +202,7 @@ def test_transactions_never_are_that_of_the_last_vent(monkeypatch):
     plan = open_regulator(vtem_platform(), "127.0.0.1:1").vent_plan()
     last = LAST_TRANSACTION.to_bytes(2, "big")
     assert all(step["send"].encode("latin-1").startswith(last) for step in plan.steps)
-    monkeypatch.setattr("soro_core.hardware.vtem.client.LAST_TRANSACTION", 3)
+    monkeypatch.setattr("soro_hardware.vtem.client.LAST_TRANSACTION", 3)
 
     class Link:
         is_open, sent = True, []

@@ -11,11 +11,11 @@ from serial_bench import alicat, itv
 from served_bench import served
 
 from soro_core.config import changed
-from soro_core.emulation.canopen.node import EmulatedNode
-from soro_core.emulation.vocabulary import read_injection
 from soro_core.errors import HardwareError
-from soro_core.hardware import driver, load_platform, open_regulator, supervisor_client
-from soro_core.hardware.board import core
+from soro_hardware import driver, load_platform, open_regulator, supervisor_client
+from soro_hardware.board.pi import core
+from soro_hardware.emulation.canopen.node import EmulatedNode
+from soro_hardware.emulation.faults.vocabulary import read_injection
 from tests.refused import fails
 
 WATCHED = {"canopen": platform, "board": board_platform}
@@ -79,7 +79,7 @@ def test_the_supervisor_vents_once_and_another_one_waits(make, monkeypatch, capf
 
 @supervised
 def test_a_supervisor_that_does_not_vent_ends_the_start(make, monkeypatch, tmp_path):
-    monkeypatch.setattr("soro_core.hardware.driver._TEST_S", 0.1)
+    monkeypatch.setattr("soro_hardware.driver._TEST_S", 0.1)
     (tmp_path / "deaf.py").write_text(DEAF)
     monkeypatch.setattr(supervisor_client, "SCRIPT", tmp_path / "deaf.py")
     with opened(make()) as (regulator, _):
@@ -102,7 +102,7 @@ def test_devices_fall_back_once_and_start_again(make):
 
 
 def test_a_node_that_does_not_watch_its_host_ends_the_start(monkeypatch):
-    monkeypatch.setattr("soro_core.hardware.canopen.driver._TEST_S", 0.1)
+    monkeypatch.setattr("soro_hardware.canopen.driver._TEST_S", 0.1)
     monkeypatch.setattr(EmulatedNode, "_stand", lambda self, code: None)
     expected = "test at 0 Pa: the device reports no lost host in 0.2 s of silence"
     with (

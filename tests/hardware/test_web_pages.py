@@ -14,12 +14,12 @@ from served_bench import served
 from test_board_server import PATIENT, cycles, serving
 from vtem_bench import vtem_platform
 
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.transport.frame import Frame
-from soro_core.hardware.transport.socketcand_codec import encode_send
-from soro_core.hardware.veab.protocol import SAFE
-from soro_core.hardware.vtem.modbus import write_request
+from soro_hardware.board import frames, messages
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.socketcand_codec import encode_send
+from soro_hardware.veab.protocol import SAFE
+from soro_hardware.vtem.modbus import write_request
 
 # What Chromium sends for `fetch(address, {method: "POST", mode: "no-cors", body: new Uint8Array(...)})`.
 HEAD = (

@@ -9,9 +9,9 @@ from board_bench import COMMON, Bench, RecordingLink
 from hardware_bench import merged
 
 from soro_core.config import parse
-from soro_core.emulation.vtem import EmulatedTerminal
-from soro_core.hardware.vtem.config import VtemPlatform
-from soro_core.hardware.vtem.driver import VtemRegulator
+from soro_hardware.emulation.vtem import EmulatedTerminal
+from soro_hardware.vtem.config import VtemPlatform
+from soro_hardware.vtem.driver import VtemRegulator
 
 PLACES = ((0, 0), (0, 1), (2, 1))
 # Slot 1 feeds nothing, and of slot 2 only the second valve is used.

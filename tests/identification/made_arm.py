@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from soro_core.identification.arm.cases import Whole
-from soro_core.identification.recording import Place, Plate, Recording, Series
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.case import Whole
+from soro_lab.identification.recording import Place, Plate, Recording, Series
 
 # Where the tracker stands, and how the plate sits on the tip: far from all that a fit begins with.
 TRACKER = Rotation.from_rotvec([0.3, -0.2, 1.1])

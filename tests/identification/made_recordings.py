@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from soro_core.bag import BagWriter, Topic
 from soro_core.robot import Robot, robot_from_dict
+from soro_lab.bag import BagWriter, Topic
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_NS = 1_700_000_000_123_456_789

@@ -7,18 +7,18 @@ import numpy as np
 from made_arm import record
 
 from soro_core import load_robot
-from soro_core.identification.arm.cases import Whole
-from soro_core.identification.arm.certainty import certainty
-from soro_core.identification.arm.choose import Choice, Trial
-from soro_core.identification.arm.frames import frame_numbers
-from soro_core.identification.arm.judge import errors, ranges, share_of_range, squares
-from soro_core.identification.arm.laws import LAWS, freed, plain
-from soro_core.identification.arm.prepare import first_errors
-from soro_core.identification.arm.problem import Problem
-from soro_core.identification.arm.solve import evaluated
-from soro_core.identification.arm.stages import Identified
-from soro_core.identification.recording import Recording
 from soro_core.model import SoftArm
+from soro_lab.identification.arm.cases.case import Whole
+from soro_lab.identification.arm.choose import Choice, Trial
+from soro_lab.identification.arm.frames import frame_numbers
+from soro_lab.identification.arm.judge import errors, ranges, share_of_range, squares
+from soro_lab.identification.arm.laws import LAWS, freed, plain
+from soro_lab.identification.arm.search.certainty import certainty
+from soro_lab.identification.arm.search.prepare import first_errors
+from soro_lab.identification.arm.search.problem import Problem
+from soro_lab.identification.arm.search.solve import evaluated
+from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.recording import Recording
 
 END_S = 6.0  # the levels of one chamber
 HELD_S = 2.4, 3.6

@@ -4,13 +4,13 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from soro_core.fem.parts.sweeps import Backbone
-from soro_core.identification.fem.joint import weightless
-from soro_core.identification.fem.link import Template, robot_of
-from soro_core.identification.fem.snapshots import snapshots
 from soro_core.model import SoftArm
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.rotation import skew
+from soro_design.parts.sweeps import Backbone
+from soro_design.robot_of_part.joint import weightless
+from soro_design.robot_of_part.link import Template, robot_of
+from soro_design.robot_of_part.snapshots import snapshots
 
 LENGTH = 0.08
 Z = np.linspace(0.0, LENGTH, 17)

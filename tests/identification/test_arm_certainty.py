@@ -5,12 +5,12 @@ import pytest
 from scipy.optimize import minimize
 
 from soro_core import load_robot
-from soro_core.identification.arm.certainty import certainty
-from soro_core.identification.arm.numbers import Number
-from soro_core.identification.arm.problem import Problem
-from soro_core.identification.arm.solve import Solution
-from soro_core.identification.recording.place import Place
-from soro_core.identification.recording.streams import Marker
+from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.search.certainty import certainty
+from soro_lab.identification.arm.search.problem import Problem
+from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.recording.place import Place
+from soro_lab.identification.recording.streams import Marker
 
 SECONDS, RATE = 60, 5
 T = np.arange(SECONDS * RATE) / RATE

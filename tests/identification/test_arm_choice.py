@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.identification.arm.certainty import certainty
-from soro_core.identification.arm.choose import Trial, choose
-from soro_core.identification.arm.laws import LAWS, Law
-from soro_core.identification.arm.numbers import Number
-from soro_core.identification.arm.solve import Solution
-from soro_core.identification.arm.stages import Options
+from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.choose import Trial, choose
+from soro_lab.identification.arm.laws import LAWS, Law
+from soro_lab.identification.arm.search.certainty import certainty
+from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.stages import Options
 
 SLOPE, CREEP = (law for law in LAWS if law.name in ("area slope", "creep"))
 

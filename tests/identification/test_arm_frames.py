@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from soro_core import load_robot
-from soro_core.identification.arm.frames import calibrated
-from soro_core.identification.recording import Place, Plate
-from soro_core.identification.recording.streams import Bend
+from soro_lab.identification.arm.frames import calibrated
+from soro_lab.identification.recording import Place, Plate
+from soro_lab.identification.recording.streams import Bend
 
 T = np.zeros(1)
 PLATE = Plate("tip", T, Place(0), np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]), "ceiling")

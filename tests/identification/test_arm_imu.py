@@ -8,12 +8,12 @@ from made_arm import MOUNT, TRACKER, record
 from scipy.spatial.transform import Rotation
 
 from soro_core import load_robot
-from soro_core.identification.arm.laws import LAWS, plain
-from soro_core.identification.arm.numbers import with_numbers
-from soro_core.identification.arm.report.found import frames_of
-from soro_core.identification.arm.stages import Identified, Options, identify
-from soro_core.identification.recording import Imu, Recording
 from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.numbers import with_numbers
+from soro_lab.identification.arm.laws import LAWS, plain
+from soro_lab.identification.arm.report.found import frames_of
+from soro_lab.identification.arm.stages import Identified, Options, identify
+from soro_lab.identification.recording import Imu, Recording
 
 TRUTH = {
     "link0/k_b": 7.5e-3,

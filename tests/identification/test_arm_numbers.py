@@ -6,11 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
 from soro_core.errors import ConfigError, ModelError
-from soro_core.identification.arm.laws import LAWS, NAMED, freed, is_of_law, plain
-from soro_core.identification.arm.numbers import numbers_of, with_numbers
-from soro_core.identification.arm.predict import difference, shown
-from soro_core.identification.arm.problem import modelled
-from soro_core.identification.recording import Bend, Curvature, Marker, Place, Plate
+from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.predict import difference, shown
+from soro_lab.identification.arm.laws import LAWS, NAMED, freed, is_of_law, plain
+from soro_lab.identification.arm.search.problem import modelled
+from soro_lab.identification.recording import Bend, Curvature, Marker, Place, Plate
 
 
 @pytest.mark.parametrize("name", ["tue_three_bellow", "asu_two_segment"])

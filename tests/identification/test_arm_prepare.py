@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
 from soro_core.errors import ConfigError
-from soro_core.identification.arm.cases import Rests
-from soro_core.identification.arm.frames import frame_numbers
-from soro_core.identification.arm.judge import squares
-from soro_core.identification.arm.prepare import split
-from soro_core.identification.recording import Marker, Place, Recording, Series
 from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.case import Rests
+from soro_lab.identification.arm.frames import frame_numbers
+from soro_lab.identification.arm.judge import squares
+from soro_lab.identification.arm.search.prepare import split
+from soro_lab.identification.recording import Marker, Place, Recording, Series
 
 # Where both trackers stand [m].
 PLACE = np.array([0.1, 0.2, 0.3])

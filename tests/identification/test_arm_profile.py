@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_core.identification.arm.profile import Optimum, Profile, linear, searched
+from soro_lab.identification.arm.search.profile import Optimum, Profile, linear, searched
 
 WIDE = np.full(2, -1e3), np.full(2, 1e3)
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from made_result import END_S, HELD_S, made
 
-from soro_core.identification.arm.certainty import Certainty
-from soro_core.identification.arm.physical import Unphysical
-from soro_core.identification.arm.profiles import least_certain, profiles
-from soro_core.identification.arm.report import Result, write_report
-from soro_core.identification.arm.report.content import content_of
-from soro_core.identification.arm.report.repeats import repeats
-from soro_core.identification.arm.report.traces import Trace, traces
-from soro_core.identification.arm.stages import Identified
-from soro_core.identification.arm.written import number_table
-from soro_core.identification.recording import Place, Plate, Recording, Series
+from soro_lab.identification.arm.cases.physical import Unphysical
+from soro_lab.identification.arm.profiles import least_certain, profiles
+from soro_lab.identification.arm.report import Result, write_report
+from soro_lab.identification.arm.report.content import content_of
+from soro_lab.identification.arm.report.repeats import repeats
+from soro_lab.identification.arm.report.traces import Trace, traces
+from soro_lab.identification.arm.search.certainty import Certainty
+from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.written import number_table
+from soro_lab.identification.recording import Place, Plate, Recording, Series
 
 VOID = {"meta", "img", "br"}
 

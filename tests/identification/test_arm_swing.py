@@ -4,14 +4,14 @@ import numpy as np
 from made_arm import record
 
 from soro_core import load_robot
-from soro_core.identification.arm.frames import frame_numbers
-from soro_core.identification.arm.judge import ranges
-from soro_core.identification.arm.laws import freed, plain
-from soro_core.identification.arm.numbers import numbers_of, with_numbers
-from soro_core.identification.arm.prepare import first_errors, split
-from soro_core.identification.arm.problem import Problem
-from soro_core.identification.arm.swing import swinging
 from soro_core.model import SoftArm
+from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.frames import frame_numbers
+from soro_lab.identification.arm.judge import ranges
+from soro_lab.identification.arm.laws import freed, plain
+from soro_lab.identification.arm.search.prepare import first_errors, split
+from soro_lab.identification.arm.search.problem import Problem
+from soro_lab.identification.arm.search.swing import swinging
 
 
 def test_a_stiffness_that_is_half_is_doubled_and_the_gain_with_it() -> None:

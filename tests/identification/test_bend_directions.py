@@ -8,13 +8,13 @@ from made_recordings import write_csv
 
 from soro_core.config import parse
 from soro_core.errors import ConfigError
-from soro_core.identification.arm.cases import Whole
-from soro_core.identification.arm.numbers import with_numbers
-from soro_core.identification.arm.predict import shown
-from soro_core.identification.arm.stages import Options, identify
-from soro_core.identification.recording import Bend, Columns, Recording, Series, read_csv, summary
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, robot_from_dict
+from soro_lab.identification.arm.cases.case import Whole
+from soro_lab.identification.arm.cases.numbers import with_numbers
+from soro_lab.identification.arm.cases.predict import shown
+from soro_lab.identification.arm.stages import Options, identify
+from soro_lab.identification.recording import Bend, Columns, Recording, Series, read_csv, summary
 from tests.refused import fails
 
 TRUTH = {"link0/k_b": 0.03, "link0/damping_b": 3e-4}

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from soro_core.identification.arm.certainty import Certainty
-from soro_core.identification.arm.combinations import combinations
-from soro_core.identification.arm.numbers import Number
+from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.search.certainty import Certainty
+from soro_lab.identification.arm.search.combinations import combinations
 
 NAMES = ("link0/k_e", "link0/gain", "link0/arm", "link0/k_b")
 VALUES = {"link0/k_e": 900.0, "link0/gain": 1.2, "link0/arm": 0.8, "link0/k_b": 0.03}

@@ -12,8 +12,8 @@ from made_recordings import CHAMBERS, robot
 from soro_core.config import parse
 from soro_core.csv_rows import read_matrix
 from soro_core.errors import ConfigError
-from soro_core.identification import read_pressures
-from soro_core.identification.recording import Columns, read_csv, summary
+from soro_lab.identification import read_pressures
+from soro_lab.identification.recording import Columns, read_csv, summary
 from tests.refused import fails
 
 CASES = Path(__file__).parents[3] / "shared/data/outside_cases"

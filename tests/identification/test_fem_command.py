@@ -10,14 +10,14 @@ import yaml
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.identification.fem import joint
-from soro_core.identification.fit import fit
-from soro_core.loop import loop_of
 from soro_core.robot import load_robot
-from soro_core.scene import load_scene
 from soro_core.twin import Twin
-from soro_ros.commands.fem import app as fem
-from soro_ros.commands.identify_fem import identify_fem
+from soro_design.commands.fem import app as fem
+from soro_design.commands.identify_fem import identify_fem
+from soro_design.robot_of_part import joint
+from soro_lab.identification.fit import fit
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from tests.fem.small_parts import ROD, TUBE, written
 
 app = typer.Typer()

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from made_rod import KNOWN, LENGTH, VALUES, Z, made_data, made_states
 
-from soro_core.identification.fem.direct import direct
-from soro_core.identification.fem.joint import refine, tip_errors
-from soro_core.identification.fem.link import at_bound, parameters, robot_of
-from soro_core.identification.fem.snapshots import snapshots
+from soro_design.robot_of_part.direct import direct
+from soro_design.robot_of_part.joint import refine, tip_errors
+from soro_design.robot_of_part.link import at_bound, parameters, robot_of
+from soro_design.robot_of_part.snapshots import snapshots
 from tests.refused import refused
 
 DATA = made_data()

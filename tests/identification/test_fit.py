@@ -7,7 +7,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from soro_core.errors import ConfigError, ModelError
-from soro_core.identification import (
+from soro_core.model import SoftArm
+from soro_core.robot import Robot, robot_from_dict
+from soro_lab.identification import (
     ForcedRun,
     Parameter,
     fit,
@@ -15,9 +17,7 @@ from soro_core.identification import (
     release_bend,
     residuals_or_none,
 )
-from soro_core.identification.search import LOSSES, Loss
-from soro_core.model import SoftArm
-from soro_core.robot import Robot, robot_from_dict
+from soro_lab.identification.search import LOSSES, Loss
 from tests.refused import fails
 
 TRUE = {"k_b": 7e-3, "gain": 1.3e-8, "damping": 3e-7}

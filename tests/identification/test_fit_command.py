@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel, initial_state, reading, step
-from soro_ros.commands.fit import app
+from soro_lab.commands.fit import app
 
 TRUE = RegulatorModel(
     delay_s=0.1, tau_s=0.2, vent_tau_s=0.6, hysteresis_pa=0.0, maximum_pa=60e3, reading_resolution_pa=0.0

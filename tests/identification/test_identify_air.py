@@ -10,10 +10,10 @@ from test_fit_command import recorded
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.identification.pump import PumpModel, PumpRun, pump_response
 from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.twin.config import TwinConfig
-from soro_ros.commands.identify import identify
+from soro_lab.commands.identify import identify
+from soro_lab.identification.pump import PumpModel, PumpRun, pump_response
 from tests.refused import fails
 
 app = typer.Typer()
@@ -163,9 +163,9 @@ def test_bad_input_is_refused_with_its_place(tmp_path: Path) -> None:
 
 def test_stamps_of_set_points_of_their_own_count(tmp_path: Path) -> None:
     """A step begins when its set point comes, not at the reading after it."""
-    from soro_core.identification.recording import Recording, Series
-    from soro_core.identification.regulators.sources import step_records
-    from soro_core.identification.steps import find_steps
+    from soro_lab.identification.recording import Recording, Series
+    from soro_lab.identification.regulators.sources import step_records
+    from soro_lab.identification.steps import find_steps
 
     t = np.arange(0.0, 20.0, 0.25)
     command = Series("command", np.array([0.0, 5.1, 12.0]), np.array([[0.0], [50e3], [50e3]]))
@@ -178,7 +178,7 @@ def test_stamps_of_set_points_of_their_own_count(tmp_path: Path) -> None:
 
 
 def test_a_ramp_is_not_a_step() -> None:
-    from soro_core.identification.steps import PressureRecord, find_steps
+    from soro_lab.identification.steps import PressureRecord, find_steps
 
     t = np.arange(0.0, 12.0, 0.05)
     for rise_s, steps in ((0.3, 1), (1.0, 0)):

@@ -13,10 +13,10 @@ from made_result import made, runs
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_core.identification.arm import stages
-from soro_core.identification.arm.stages import Identified
 from soro_core.robot import load_robot
-from soro_ros.commands import identify as command
+from soro_lab.commands import identify as command
+from soro_lab.identification.arm import stages
+from soro_lab.identification.arm.stages import Identified
 
 COLUMNS = {
     "time": {"column": "t", "unit": "s"},
@@ -193,7 +193,7 @@ def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytes
 def test_ctrl_c_during_profiles_keeps_the_file_and_the_report(
     found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soro_core.identification.arm import profiles
+    from soro_lab.identification.arm import profiles
 
     def interrupt(*given: Any, **named: Any) -> Any:
         raise KeyboardInterrupt

@@ -8,12 +8,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from soro_core.errors import ConfigError
-from soro_core.identification.recording import read_csv
-from soro_core.identification.regulators.leak import FoundLeak, LeakRun, find_leak
-from soro_core.identification.regulators.leak_laws import LAWS, LeakLaw, fall
-from soro_core.identification.regulators.sources import leak_runs
 from soro_core.pneumatics.chamber import AMBIENT_PA, chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.valve_model import ValveModel
+from soro_lab.identification.recording import read_csv
+from soro_lab.identification.regulators.leak import FoundLeak, LeakRun, find_leak
+from soro_lab.identification.regulators.leak_laws import LAWS, LeakLaw, fall
+from soro_lab.identification.regulators.sources import leak_runs
 from tests.refused import fails
 
 BY_NAME = {law.name: law for law in LAWS}

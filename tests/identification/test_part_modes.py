@@ -6,12 +6,12 @@ import yaml
 from made_rod import KNOWN, VALUES, Z, made_data, poses_of
 from scipy.linalg import expm
 
-from soro_core.fem.parts.sweeps import Backbone
-from soro_core.identification.fem.link import robot_keys
-from soro_core.identification.fem.modes import kept, mode_file, modes, samples_of, strain_keys, tip
 from soro_core.robot.basis import shape_values
 from soro_core.robot.load import load_robot, robot_from_dict
 from soro_core.rotation import skew
+from soro_design.parts.sweeps import Backbone
+from soro_design.robot_of_part.link import robot_keys
+from soro_design.robot_of_part.modes import kept, mode_file, modes, samples_of, strain_keys, tip
 
 DATA = made_data(n=1)
 MIDDLE = 0.5 * (Z[1:] + Z[:-1])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_rod import Z, made_data, poses_of
 
-from soro_core.fem.parts.sweeps import Backbone
-from soro_core.identification.fem.modes import kept, modes
-from soro_core.identification.fem.verdict import kept_verdict, link_verdict
+from soro_design.parts.sweeps import Backbone
+from soro_design.robot_of_part.modes import kept, modes
+from soro_design.robot_of_part.verdict import kept_verdict, link_verdict
 
 DATA = made_data(n=1)
 PLACE = 0.5 * (Z[1:] + Z[:-1]) / Z[-1]

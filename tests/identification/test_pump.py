@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.air_fit import pump_runs
-from soro_core.identification.pump import InnerPI, PumpModel, PumpRun, fit_pump, model_t63, pump_response
 from soro_core.pneumatics import ValveModel
+from soro_lab.identification.pump import InnerPI, PumpModel, PumpRun, fit_pump, model_t63, pump_response
 
 CONTROL = InnerPI(proportional=15 / 255e3, integral=500 / 255e3, full_above_pa=5e3)
 PUMP = PumpModel(

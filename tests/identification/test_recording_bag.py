@@ -24,10 +24,10 @@ from rosbags.rosbag2 import Reader, Writer
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
-from soro_core.bag import BagReader, BagWriter
 from soro_core.errors import BagError, ConfigError
-from soro_core.identification.recording import Place, read_bag, summary
 from soro_core.robot import load_robot
+from soro_lab.bag import BagReader, BagWriter
+from soro_lab.identification.recording import Place, read_bag, summary
 from tests.refused import fails, refused
 
 Topics = dict[str, tuple[str, list[tuple[int, bytes]]]]

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core.config import load, parse
 from soro_core.errors import ConfigError
-from soro_core.identification.recording import Columns, Place, read_csv, summary
+from soro_lab.identification.recording import Columns, Place, read_csv, summary
 from tests.refused import fails, refused
 
 PRESSURES = {"columns": {CHAMBERS[0]: "pa", CHAMBERS[1]: "pb"}}

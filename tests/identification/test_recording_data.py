@@ -8,7 +8,8 @@ import pytest
 from made_recordings import robot
 
 from soro_core.config import changed, find_config, load
-from soro_core.identification.recording import (
+from soro_core.robot import Robot, load_robot
+from soro_lab.identification.recording import (
     Columns,
     Place,
     Recording,
@@ -22,7 +23,6 @@ from soro_core.identification.recording import (
     still_limits,
     summary,
 )
-from soro_core.robot import Robot, load_robot
 
 LINES = ("s2r", "s2l", "s2m", "s1r", "s1l", "s1m")
 

@@ -5,8 +5,8 @@ import pytest
 
 from soro_core import load_robot
 from soro_core.errors import ConfigError
-from soro_core.identification.arm.stages import identify
-from soro_core.identification.recording import Bend, Curvature, Place, Recording, Series, check_names
+from soro_lab.identification.arm.stages import identify
+from soro_lab.identification.recording import Bend, Curvature, Place, Recording, Series, check_names
 
 T = np.linspace(0.0, 1.0, 50)
 ROBOT = load_robot("tue_three_bellow")

@@ -7,7 +7,7 @@ import pytest
 from made_recordings import CHAMBERS, robot
 
 from soro_core.errors import ConfigError, ModelError
-from soro_core.identification.recording import (
+from soro_lab.identification.recording import (
     Bend,
     Curvature,
     Marker,

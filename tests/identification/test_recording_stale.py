@@ -5,7 +5,7 @@ import pytest
 from made_recordings import CHAMBERS, robot, write_csv
 
 from soro_core.config import parse
-from soro_core.identification.recording import Columns, StaleLimits, read_csv
+from soro_lab.identification.recording import Columns, StaleLimits, read_csv
 
 PRESSURES = {"columns": {CHAMBERS[0]: "pa", CHAMBERS[1]: "pb"}}
 COMMANDS = {"columns": {CHAMBERS[0]: "ca", CHAMBERS[1]: "cb"}}

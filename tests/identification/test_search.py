@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from soro_core.identification.candidates import slopes
-from soro_core.identification.search import Found, Search, Settings, secant
+from soro_lab.identification.candidates import slopes
+from soro_lab.identification.search import Found, Search, Settings, secant
 
 Array = NDArray[np.float64]
 T = np.linspace(0.0, 2.0, 40)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ConfigError
-from soro_core.identification.steps import (
+from soro_lab.identification.steps import (
     T63,
     PressureRecord,
     StepLimits,

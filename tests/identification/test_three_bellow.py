@@ -6,7 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from soro_core.identification import (
+from soro_core.model import SoftArm
+from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.robot import Robot, load_robot
+from soro_lab.identification import (
     ForcedRun,
     Parameter,
     ReleaseRun,
@@ -18,9 +21,6 @@ from soro_core.identification import (
     read_release,
     release_bend,
 )
-from soro_core.model import SoftArm
-from soro_core.model.statics import equilibrium
-from soro_core.robot import Robot, load_robot
 
 FRAME_UNTIL_S = 12.0
 

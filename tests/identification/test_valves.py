@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
-from soro_core.identification import air
-from soro_core.identification.air_picture import draw
-from soro_core.identification.steps import FoundSteps, Step, crossing, find_steps, read_pressures
-from soro_core.identification.valves import (
+from soro_core.pneumatics import RegulatorModel, ValveModel
+from soro_core.twin.config import TwinConfig
+from soro_lab.identification import air
+from soro_lab.identification.air_picture import draw
+from soro_lab.identification.steps import FoundSteps, Step, crossing, find_steps, read_pressures
+from soro_lab.identification.valves import (
     FlowModel,
     Response,
     fit_flow,
@@ -20,8 +22,6 @@ from soro_core.identification.valves import (
     judge,
     regulator_response,
 )
-from soro_core.pneumatics import RegulatorModel, ValveModel
-from soro_core.twin.config import TwinConfig
 from tests.refused import fails
 
 LEVELS = ((7e3, 69e3), (69e3, 7e3), (7e3, 103e3), (103e3, 7e3), (34e3, 7e3))

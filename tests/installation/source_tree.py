@@ -4,7 +4,8 @@ import shutil
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("soro_core", "soro_ros", "config", "lib", "resource", "params", "setup.py", "pyproject.toml")
+PACKAGES = ("soro_core", "soro_hardware", "soro_lab", "soro_design", "soro_ros")
+PARTS = (*PACKAGES, "config", "lib", "resource", "params", "setup.py", "pyproject.toml")
 PARTS += ("package.xml", "README.md", "LICENSE")
 
 

@@ -163,7 +163,7 @@ for package in [soro_core, *(import_module("soro_core." + name) for name in pack
 
 def test_the_server_of_a_board_needs_no_more_than_its_own_package_brings():
     code = (
-        "from soro_core.hardware.board.server import main\n"
+        "from soro_hardware.board.pi.server import main\n"
         "sys.exit(main(['config/platforms/soro_board.yaml', '--check']))"
     )
     brought = {"numpy", "pydantic", "yaml"}

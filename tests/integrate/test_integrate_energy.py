@@ -8,8 +8,8 @@ from rods import IMPLICIT, LENGTH, bellows, bent, energies, growth, rod, scale, 
 
 from soro_core import SoftArm, simulate
 from soro_core.integrate import stepper
-from soro_core.integrate.scheme import Dissipative, Scheme
 from soro_core.integrate.stepper import DISSIPATIVE, run_of
+from soro_core.integrate.steppers.scheme import Dissipative, Scheme
 from soro_core.pneumatics.chamber import ValveModel, make_gas
 
 # Of the energy that a run is about, from any row to any later one.

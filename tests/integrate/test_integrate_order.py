@@ -7,8 +7,8 @@ from rods import IMPLICIT, LENGTH, bellows, bent, rod
 from soro_core import simulate
 from soro_core.errors import ModelError
 from soro_core.integrate import STEPPERS, stepper
-from soro_core.integrate.scheme import Scheme
 from soro_core.integrate.stepper import DISSIPATIVE, run_of, stepping
+from soro_core.integrate.steppers.scheme import Scheme
 from tests.refused import fails
 
 T_END = 0.2

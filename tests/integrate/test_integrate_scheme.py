@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from soro_core.integrate import midpoint, tr_bdf2, trapezoidal
-from soro_core.integrate.scheme import Stage, scheme, stage_of
+from soro_core.integrate.steppers import midpoint, tr_bdf2, trapezoidal
+from soro_core.integrate.steppers.scheme import Stage, scheme, stage_of
 
 by_name = getattr(stage_of, "py_func", stage_of)  # the function itself where the JIT is off
 

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import ControllerConfig, Point, Reference
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot
 from tests.loop.loop_harness import Setup

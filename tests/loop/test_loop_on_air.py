@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from soro_core.robot import Discretisation
-from soro_core.scene import Scene
-from soro_core.trade.closed_loop import drive
+from soro_lab.scene import Scene
+from soro_lab.trade.closed_loop import drive
 
 # Chambers of 1.5 ml that fill about as fast as the lag that the controller knows of.
 VALVE = {"fill_m3_s_pa": 1e-11, "vent_m3_s_pa": 1e-11}

@@ -2,9 +2,9 @@
 
 import pytest
 
-from soro_core.loop import loop_of
-from soro_core.scene import load_scene
 from soro_core.twin import Twin
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 
 
 def test_estimator_and_twin_have_the_same_time():

@@ -8,7 +8,7 @@ from test_model_chambers import differences, pressure_stiffness, robot, state
 from soro_core import SoftArm
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import ValveModel
 
 FIELDS = ({"basis": "legendre", "order": 3}, {"basis": "constant"})

@@ -6,7 +6,7 @@ import pytest
 from soro_core import SoftArm, load_robot, robot_from_dict, simulate
 from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.integrate import make_stepper
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics.chamber import ValveModel
 from soro_core.robot import Discretisation, Robot
 from tests.refused import fails, refused

@@ -6,8 +6,8 @@ import pytest
 from soro_core import SoftArm, robot_from_dict
 from soro_core._jit import kernel
 from soro_core.integrate.air import add_air_stiffness
-from soro_core.model.chambers import add_pressure_stiffness
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.model.forces.chambers import add_pressure_stiffness
 from soro_core.pneumatics import ValveModel, make_gas
 from soro_core.robot import shape_values
 

@@ -7,7 +7,7 @@ from differences import extrapolated
 
 from soro_core import SoftArm, robot_from_dict
 from soro_core.errors import ModelError
-from soro_core.model.statics import NoBalanceError, equilibrium
+from soro_core.model.equilibrium.statics import NoBalanceError, equilibrium
 from soro_core.robot.collapse import collapsing
 from tests.refused import fails
 

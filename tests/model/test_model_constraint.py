@@ -6,7 +6,7 @@ from outside_arms import CASES, arm_of, gradient, state_of
 
 from soro_core import SoftArm, simulate
 from soro_core.errors import ConfigError, ModelError
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from tests.refused import fails
 
 HELD = {"point": [0.02, 0.01, 0.08]}

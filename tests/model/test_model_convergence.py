@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot.basis import shape_values
 
 ORDERS = {"bending_x": 3, "torsion": 0, "elongation": 1, "bending_y": 2}

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -64,18 +66,64 @@ def test_same_results_without_compiling():
 
 
 def test_cache_folder_is_named_by_the_sources(tmp_path, monkeypatch):
-    """A copy of the package with one changed callee has another folder."""
+    """A copy of the packages with one changed callee has another folder."""
     assert Path(_jit.numba_config.CACHE_DIR).name == f"kernels-{_jit.source_hash()}"
-    copy = tmp_path / "copy"
-    for name in ("_jit.py", "model/lie.py"):
-        (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        (copy / name).write_bytes((PACKAGE / name).read_bytes())
-    monkeypatch.setattr(_jit, "__file__", str(copy / "_jit.py"))
-    before = _jit.source_hash()
-    assert _jit.source_hash() == before
-    with (copy / "model" / "lie.py").open("a") as file:
-        file.write("# changed\n")
-    assert _jit.source_hash() != before
+    callees = ("soro_core/model/links/lie.py", "soro_design/fem/elements/response.py")
+    for name in ("soro_core/_jit.py", *callees):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes((PACKAGE.parent / name).read_bytes())
+    monkeypatch.setattr(_jit, "__file__", str(tmp_path / "soro_core/_jit.py"))
+    seen = [_jit.source_hash()]
+    assert _jit.source_hash() == seen[0]
+    for name in callees:
+        with (tmp_path / name).open("a") as file:
+            file.write("# changed\n")
+        seen.append(_jit.source_hash())
+    assert len(set(seen)) == 3
+
+
+def test_every_package_with_kernels_is_in_the_hash():
+    root = PACKAGE.parent
+    imports = re.compile(r"^from soro_core\._jit import .*\b(kernel|inner|entry)\b", re.MULTILINE)
+    files = [path for path in root.glob("soro_*/**/*.py") if imports.search(path.read_text(encoding="utf-8"))]
+    assert {path.relative_to(root).parts[0] for path in files} == set(_jit.PACKAGES)
+
+
+CALLEE = "def callee(x):\n    return {}\n"
+CALLER = """
+from soro_core._jit import inner, kernel
+from soro_design.callee import callee as plain
+callee = inner(plain)
+
+@kernel
+def caller(x):
+    return callee(x)
+"""
+
+
+def test_a_changed_callee_of_another_package_changes_the_result(tmp_path):
+    """A process that starts after the change does not get the machine code of before."""
+    for package in _jit.PACKAGES:
+        shutil.copytree(
+            PACKAGE.parent / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    design = tmp_path / "soro_design"
+    (design / "caller.py").write_text(CALLER)
+    code = "from soro_design.caller import caller; print(caller(1.0))"
+    said = []
+    for body in ("x + 1.0", "x + 2.0"):
+        (design / "callee.py").write_text(CALLEE.format(body))
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment,
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        said.append(float(done.stdout))
+    assert said == [2.0, 3.0]
 
 
 COMPILE = """

@@ -5,7 +5,7 @@ import pytest
 
 from soro_core import SoftArm, robot_from_dict
 from soro_core.errors import ModelError
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from tests.refused import fails
 
 pytestmark = pytest.mark.numerics

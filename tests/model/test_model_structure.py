@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 
 from soro_core import SoftArm
 from soro_core._jit import kernel
-from soro_core.model.lie import stumpff, tangent_coefficients
+from soro_core.model.links.lie import stumpff, tangent_coefficients
 from soro_core.robot import link_stiffness, shear_factors
 
 

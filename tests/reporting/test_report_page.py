@@ -5,8 +5,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from soro_core.reporting.drawing import Image
-from soro_core.reporting.html import (
+from soro_lab.reporting.drawing import Image
+from soro_lab.reporting.html import (
     Bullets,
     Cell,
     Chapter,

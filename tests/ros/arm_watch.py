@@ -10,9 +10,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from soro_core.errors import SoroError
-from soro_ros import qos
-from soro_ros.diagnostics import ERROR, VENTED
-from soro_ros.supervisor import Supervisor
+from soro_ros.conversion import qos
+from soro_ros.run.supervisor import Supervisor
+from soro_ros.topics.diagnostics import ERROR, VENTED
 from tests.patience import LIMIT_S
 from tests.ros.running import wait_until
 

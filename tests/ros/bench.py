@@ -17,11 +17,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from soro_core.emulation.plant_link import PlantLinkClient
 from soro_core.errors import HardwareError
-from soro_ros import messages, qos, services
-from soro_ros.diagnostics import ERROR
-from soro_ros.supervisor import Supervisor
+from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
+from soro_ros.conversion import messages, qos
+from soro_ros.host import services
+from soro_ros.run.supervisor import Supervisor
+from soro_ros.topics.diagnostics import ERROR
 from tests.patience import LIMIT_S, patient_platform
 from tests.ros.running import end, wait_until
 
@@ -56,7 +57,7 @@ class Bench:
     def _open(self, folder: Path) -> None:
         platform = patient_platform(folder, real_time=not self.lockstep)
         device, self._link_path = folder / "valves.pty", folder / "plant.sock"
-        self._emulate = [sys.executable, "-m", "soro_core.emulation", platform]
+        self._emulate = [sys.executable, "-m", "soro_hardware.emulation", platform]
         self._emulate += ["--device-link", device, "--plant-link", self._link_path]
         settings = {"device": device, "platform": platform}
         if self.lockstep:

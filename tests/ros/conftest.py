@@ -20,7 +20,10 @@ pytest.importorskip("rclpy", reason="the ROS part is not installed on this platf
 
 from rclpy.node import Node
 
-from soro_ros import cli, middleware, node_process, timing
+from soro_hardware import timing
+from soro_ros import cli
+from soro_ros.host import middleware
+from soro_ros.process import node_process
 
 
 class Ended(NamedTuple):

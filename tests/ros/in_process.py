@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from soro_core.config import changed
-from soro_core.loop import certainty_of, loop_of
+from soro_core.loop import certainty_of
 from soro_core.safety import Limiter
-from soro_core.scene import Scene
 from soro_core.twin import Twin
+from soro_lab.scene import Scene
+from soro_lab.scene.loop import loop_of
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ import rclpy
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from soro_core.bag import BagReader
-from soro_ros import messages, middleware, qos
+from soro_lab.bag import BagReader
+from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware
 from tests.patience import LIMIT_S
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]

@@ -10,10 +10,10 @@ import pytest
 import rclpy
 
 from soro_core.errors import ConfigError
-from soro_ros import middleware
+from soro_ros.host import middleware
 from soro_ros.nodes import arm
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.supervisor import Supervisor
+from soro_ros.run.supervisor import Supervisor
 from tests.patience import COMPILED_S
 from tests.refused import refused_keys
 from tests.ros.running import ClockListener, end, wait_until

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from soro_ros.claims import Claims, require_free
+from soro_ros.host.claims import Claims, require_free
 from tests.patience import LIMIT_S
 from tests.refused import refused
 
@@ -47,7 +47,7 @@ def test_it_is_refused_however_often_it_is_asked_for(domain):
 TAKES = """
 import sys
 from types import SimpleNamespace
-from soro_ros.claims import Claims
+from soro_ros.host.claims import Claims
 node = SimpleNamespace(context=SimpleNamespace(get_domain_id=lambda: int(sys.argv[1])))
 Claims.take(claims := Claims(), node, ["/twin"])
 print("taken", flush=True)

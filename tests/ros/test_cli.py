@@ -9,7 +9,7 @@ import typer
 import yaml
 
 from soro_ros.commands.run import End, run
-from soro_ros.processes import Child
+from soro_ros.run.processes import Child
 from tests.refused import refused, refused_keys
 from tests.ros.running import SORO
 

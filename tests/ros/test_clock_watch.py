@@ -9,8 +9,9 @@ from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
-from soro_ros import clock_watch, middleware
+from soro_ros.host import middleware
 from soro_ros.nodes.shadow import ShadowNode
+from soro_ros.process import clock_watch
 from tests.ros.direct import fire
 from tests.ros.running import wait_until
 

@@ -7,11 +7,11 @@ import time
 import numpy as np
 import pytest
 
-from soro_core.bag import BagReader
-from soro_core.identification.recording import Place, read_bag
-from soro_core.scene import load_scene
-from soro_ros.middleware import DELIVERY_S
-from soro_ros.recording import read
+from soro_lab.bag import BagReader
+from soro_lab.identification.recording import Place, read_bag
+from soro_lab.scene import load_scene
+from soro_ros.host.middleware import DELIVERY_S
+from soro_ros.recordings.recording import read
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.ros.conftest import own_domain
 from tests.ros.in_process import lockstep

@@ -7,9 +7,10 @@ import sys
 import pytest
 
 from soro_core.errors import SoroError
-from soro_core.scene import load_scene
-from soro_ros import compose, kernels, processes
-from soro_ros.compose import Run
+from soro_lab.scene import load_scene
+from soro_ros.process import kernels
+from soro_ros.run import compose, processes
+from soro_ros.run.compose import Run
 
 # As a node: it ends at SIGINT, which is ignored until it has imported everything.
 WAITS = [

@@ -5,7 +5,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_ros import messages
+from soro_ros.conversion import messages
 from soro_ros.nodes.controller import ControllerNode
 from tests.ros.direct import receive
 

@@ -12,12 +12,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from soro_core.bag import BagReader, BagWriter, Topic
-from soro_core.scene import load_scene
-from soro_ros.fields import built, flat
-from soro_ros.interfaces import message_class
-from soro_ros.replay import replay
-from soro_ros.units import column_of, path_of
+from soro_lab.bag import BagReader, BagWriter, Topic
+from soro_lab.scene import load_scene
+from soro_ros.conversion.fields import built, flat
+from soro_ros.conversion.interfaces import message_class
+from soro_ros.conversion.units import column_of, path_of
+from soro_ros.recordings.replay import replay
 
 BAGS = Path(__file__).parents[2] / "bags"
 SMALL = BAGS / "imu_and_outliers"

@@ -9,7 +9,8 @@ import rclpy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 
-from soro_ros import messages, middleware, qos
+from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
 from tests.ros.conftest import own_domain
 from tests.ros.direct import receive, request

@@ -9,8 +9,8 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 
-from soro_ros import event_log, middleware
-from soro_ros.event_log import EventLog
+from soro_ros.host import event_log, middleware
+from soro_ros.host.event_log import EventLog
 from soro_ros.nodes.player import Player
 from soro_ros.nodes.twin import TwinNode
 from tests.refused import refused_keys

@@ -13,10 +13,10 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagReader
-from soro_ros import messages
-from soro_ros.compose import END_ORDER, Run, excitation_loop
+from soro_lab.bag import BagReader
+from soro_ros.conversion import messages
 from soro_ros.nodes.exciter import ExciterNode
+from soro_ros.run.compose import END_ORDER, Run, excitation_loop
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
 from tests.ros.direct import captured, receive, request, values
@@ -310,7 +310,7 @@ def test_a_vent_ends_the_excitation(exciter):
 
 
 def test_the_exciter_takes_the_place_of_estimator_and_controller_and_no_shadow_runs(tmp_path):
-    from soro_core.scene import load_scene
+    from soro_lab.scene import load_scene
 
     real = {"valves": "real", "device": "/dev/x", "arm": "real"}
     for changes, nodes in (({}, ["exciter"]), (real, ["exciter"])):

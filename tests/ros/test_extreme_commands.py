@@ -9,13 +9,13 @@ import yaml
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, Float64MultiArray
 
-from soro_core.hardware import load_platform
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.testing.hub_bus import HubBus
-from soro_ros import messages
-from soro_ros.handover import HANDED_OVER
+from soro_hardware import load_platform
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.testing.hub_bus import HubBus
+from soro_ros.conversion import messages
 from soro_ros.nodes import regulator
-from soro_ros.stop_topic import StopTopic
+from soro_ros.topics.handover import HANDED_OVER
+from soro_ros.topics.stop_topic import StopTopic
 from tests.ros.direct import active, captured, receive, request
 from tests.ros.extremes import extremes
 from tests.ros.test_extreme_messages import CHAMBERS, HIGHEST_PA, assert_finite

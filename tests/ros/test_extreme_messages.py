@@ -20,16 +20,14 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from soro_core.control.laws import Certainty
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
-from soro_core.scene import (
+from soro_core.twin.config import ShadowConfig, TwinConfig
+from soro_lab.scene import (
     ControllerNodeConfig,
     EstimatorNodeConfig,
     ExciterNodeConfig,
     MarkersConfig,
 )
-from soro_core.twin.config import ShadowConfig, TwinConfig
-from soro_ros import learning, messages, parameters
-from soro_ros.handover import HANDED_OVER
-from soro_ros.markers import ArmMarkers
+from soro_ros.conversion import learning, messages
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.exciter import ExciterNode
@@ -39,8 +37,11 @@ from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.nodes.viewer import Viewer
-from soro_ros.pose_source import PoseSource
+from soro_ros.process import parameters
+from soro_ros.topics.handover import HANDED_OVER
+from soro_ros.topics.pose_source import PoseSource
 from soro_ros.view.access import Access
+from soro_ros.view.markers import ArmMarkers
 from soro_ros.view.moment import TOPICS, Moment, Received
 from tests.ros.direct import active, captured, receive, request, values
 from tests.ros.extremes import LARGE, TINY, extremes

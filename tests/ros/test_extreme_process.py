@@ -13,7 +13,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from soro_ros import messages, middleware, qos
+from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware
 from tests.patience import COMPILED_S, LIMIT_S
 from tests.ros.running import end, wait_until
 

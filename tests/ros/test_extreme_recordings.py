@@ -10,11 +10,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
-from soro_core.bag import BagReader, BagWriter, Topic
-from soro_ros import messages
+from soro_lab.bag import BagReader, BagWriter, Topic
+from soro_ros.conversion import messages
 from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
-from soro_ros.playback import Playback
+from soro_ros.recorder.playback import Playback
 from tests.patience import LIMIT_S
 from tests.ros.direct import active, captured, receive, request
 from tests.ros.extremes import extremes

@@ -14,12 +14,14 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from soro_core.emulation.control import ControlServer
-from soro_core.emulation.faults import Faults
 from soro_core.errors import HardwareError
-from soro_core.scene import load_scene
-from soro_ros import compose, middleware, qos
-from soro_ros.faults import FaultInterface
+from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.sockets.control import ControlServer
+from soro_lab.scene import load_scene
+from soro_ros.conversion import qos
+from soro_ros.host import middleware
+from soro_ros.run import compose
+from soro_ros.run.faults import FaultInterface
 from tests.patience import patient_platform
 from tests.ros.running import run, summary, wait_until
 

@@ -9,9 +9,9 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagReader
-from soro_core.bag.records import MAGIC
-from soro_ros.supervisor import SILENT_S
+from soro_lab.bag import BagReader
+from soro_lab.bag.mcap.records import MAGIC
+from soro_ros.run.supervisor import SILENT_S
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.ros.running import ClockListener, alive, child, end, only_run, run, start_run, summary, wait_until
 

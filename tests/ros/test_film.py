@@ -12,11 +12,12 @@ from typer.testing import CliRunner
 from soro_core.config import changed, find_config
 from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
-from soro_core.scene import load_scene
 from soro_core.twin.config import PayloadChanges
-from soro_ros import arm_shape, film
+from soro_lab.scene import load_scene
 from soro_ros.cli import application
-from soro_ros.recording import EMPTY
+from soro_ros.pictures import film
+from soro_ros.recordings.recording import EMPTY
+from soro_ros.view import arm_shape
 
 BAG = Path(__file__).parents[2] / "bags" / "track_circle_lockstep_2s"
 

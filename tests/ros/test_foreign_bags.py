@@ -16,14 +16,14 @@ from rosbags.typesys.store import Typestore
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty, Float64
 
-from soro_core.bag import BagReader, BagWriter, Topic
-from soro_core.bag.mcap_file import McapFile
 from soro_core.errors import BagError
-from soro_core.scene import load_scene
-from soro_ros.decoding import Messages, playing, reading
-from soro_ros.interfaces import definition
-from soro_ros.recording import read
-from soro_ros.replay import replay
+from soro_lab.bag import BagReader, BagWriter, Topic
+from soro_lab.bag.mcap.mcap_file import McapFile
+from soro_lab.scene import load_scene
+from soro_ros.conversion.decoding import Messages, playing, reading
+from soro_ros.conversion.interfaces import definition
+from soro_ros.recordings.recording import read
+from soro_ros.recordings.replay import replay
 
 SMALL = Path(__file__).parents[2] / "bags" / "imu_and_outliers"
 JOINT = "sensor_msgs/msg/JointState"

@@ -13,14 +13,15 @@ from soro_core.errors import ConfigError
 from soro_core.frames import Frames
 from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion
-from soro_core.scene import load_scene
-from soro_ros import messages, transforms
-from soro_ros.diagnostics import OK, WARN
+from soro_lab.scene import load_scene
+from soro_ros.conversion import messages
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.exciter import ExciterNode
 from soro_ros.nodes.shadow import ShadowNode
-from soro_ros.twin_topics import TwinTopics
+from soro_ros.topics import transforms
+from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.twin_topics import TwinTopics
 from tests.refused import fails
 from tests.ros.direct import active, captured, fire, receive, request, values
 
@@ -192,7 +193,7 @@ def test_the_twin_states_the_frames_that_the_estimator_expects(domain):
     )
     assert scene.estimator_node().frames == scene.controller_node().frames == scene.frames
     from soro_core.twin import Twin
-    from soro_ros import qos
+    from soro_ros.conversion import qos
 
     rclpy.init()
     try:

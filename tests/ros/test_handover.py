@@ -12,9 +12,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from soro_ros import middleware, qos
-from soro_ros.command_topic import CommandTopic
-from soro_ros.handover import Handover, NodeWithHandover
+from soro_ros.conversion import qos
+from soro_ros.host import middleware
+from soro_ros.topics.command_topic import CommandTopic
+from soro_ros.topics.handover import Handover, NodeWithHandover
 from tests.ros.running import wait_until
 
 OPEN: list[Process] = []

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from soro_ros import processes
-from soro_ros.recording import read
+from soro_ros.recordings.recording import read
+from soro_ros.run import processes
 from tests.patience import LIMIT_S, patient_platform
 from tests.ros.running import run, summary, wait_until
 
@@ -20,7 +20,7 @@ def valves(tmp_path):
     (tmp_path / "devices").mkdir()
     platform = patient_platform(tmp_path / "devices")
     device, plant = tmp_path / "devices" / "adapter", tmp_path / "devices" / "plant"
-    command = [sys.executable, "-m", "soro_core.emulation", str(platform)]
+    command = [sys.executable, "-m", "soro_hardware.emulation", str(platform)]
     command += ["--device-link", str(device), "--plant-link", str(plant)]
     child = processes.start("valves", command, tmp_path / "devices", priority=40)
     try:

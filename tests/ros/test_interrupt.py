@@ -14,8 +14,11 @@ import pytest
 import typer
 
 import soro_ros
-from soro_ros import cli, command_line, node_process, processes, signals
+from soro_hardware import signals
+from soro_ros import cli
 from soro_ros.nodes.regulator import RegulatorNode
+from soro_ros.process import command_line, node_process
+from soro_ros.run import processes
 from tests.patience import LIMIT_S, patient_platform
 from tests.ros.running import end, only_run, start_run, summary, wait_until
 

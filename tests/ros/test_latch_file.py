@@ -2,7 +2,7 @@
 
 import pytest
 
-from soro_ros.latch_file import LatchFile
+from soro_ros.host.latch_file import LatchFile
 
 
 @pytest.fixture(autouse=True)

@@ -8,13 +8,14 @@ import rclpy
 import yaml
 from lifecycle_msgs.msg import Transition
 
-from soro_ros import middleware, parameters
-from soro_ros.arm_nodes import parameters_of
+from soro_ros.host import middleware
 from soro_ros.nodes import arm
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.twin import TwinNode
+from soro_ros.process import parameters
+from soro_ros.run.arm_nodes import parameters_of
 from tests.ros import launch_api as api
 
 ROOT = Path(__file__).parents[2]

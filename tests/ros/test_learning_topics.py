@@ -10,10 +10,10 @@ from soro_core.adaptation import Learned
 from soro_core.adaptation.learner import Learner
 from soro_core.control.laws import Certainty
 from soro_core.control.uneven import Uneven
-from soro_ros import learning, messages
-from soro_ros.diagnostics import OK, WARN
+from soro_ros.conversion import learning, messages
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
+from soro_ros.topics.diagnostics import OK, WARN
 from tests.ros.direct import active, captured, fire, receive, request, values
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")

@@ -10,13 +10,15 @@ from pydantic.fields import FieldInfo
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file
 
 from soro_core.config import Floats
-from soro_core.scene import ControllerNodeConfig
 from soro_core.twin.config import TwinConfig
-from soro_ros import messages, middleware, parameters
+from soro_lab.scene import ControllerNodeConfig
+from soro_ros.conversion import messages
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.parameter_values import READ_ONLY, as_given, descriptor
+from soro_ros.process import parameters
+from soro_ros.process.parameter_values import READ_ONLY, as_given, descriptor
 from tests.ros.direct import receive, request
 
 NAMES = ["link0/elongation", "link0/bending_x", "link0/bending_y"]

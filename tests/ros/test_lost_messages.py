@@ -8,8 +8,8 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile
 from std_msgs.msg import String
 
-from soro_core.bag import BagReader
-from soro_ros.lost_messages import LossCounter
+from soro_lab.bag import BagReader
+from soro_ros.conversion.lost_messages import LossCounter
 from soro_ros.nodes.recorder import Recorder
 from tests.patience import LIMIT_S
 from tests.ros.direct import fire, values

@@ -15,14 +15,15 @@ from rosbags.highlevel import AnyReader
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from soro_core.bag import BagReader, BagWriter, Topic
 from soro_core.robot import load_robot
-from soro_core.scene import MarkersConfig
-from soro_ros import messages, middleware
-from soro_ros.interfaces import definition
-from soro_ros.marker_bytes import MarkerBytes
-from soro_ros.markers import TOPIC, ArmMarkers
+from soro_lab.bag import BagReader, BagWriter, Topic
+from soro_lab.scene import MarkersConfig
+from soro_ros.conversion import messages
+from soro_ros.conversion.interfaces import definition
+from soro_ros.conversion.marker_bytes import MarkerBytes
+from soro_ros.host import middleware
 from soro_ros.nodes.markers import MarkersNode
+from soro_ros.view.markers import TOPIC, ArmMarkers
 from tests.ros.direct import fire, receive
 
 BAG = Path(__file__).parents[2] / "bags" / "track_circle_lockstep_2s"

@@ -11,9 +11,10 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
-from soro_ros import messages, middleware
-from soro_ros.diagnostics import WARN
+from soro_ros.conversion import messages
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
+from soro_ros.topics.diagnostics import WARN
 from tests.ros.direct import captured, receive, request
 
 NAMES = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
@@ -152,7 +153,7 @@ def test_a_path_that_replaces_another_begins_under_way(alone):
 
 
 def test_a_plan_goes_on_however_late_the_ticks_are(alone, monkeypatch):
-    monkeypatch.setattr("soro_ros.motion_topic._SHARE", -1e3)
+    monkeypatch.setattr("soro_ros.topics.motion_topic._SHARE", -1e3)
     with controller("control.check_at_enable:='off'", mode="real_time") as it:
         it.send([0.0, 0.0, 0.066])
         assert it.states == ["planning"]

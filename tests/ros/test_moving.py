@@ -9,8 +9,10 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from soro_ros import messages, middleware, moving
 from soro_ros.commands import move
+from soro_ros.conversion import messages
+from soro_ros.host import middleware
+from soro_ros.run import moving
 from tests.refused import refused
 from tests.ros.direct import captured, receive
 

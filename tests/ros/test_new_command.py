@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from soro_core import load_robot
-from soro_core.scene import load_scene
+from soro_lab.scene import load_scene
 from tests.refused import refused_keys
 from tests.ros.in_process import lockstep, without_valves
 from tests.ros.running import run, summary

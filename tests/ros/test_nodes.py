@@ -21,26 +21,28 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.errors import ConfigError, HardwareError, SoroError
-from soro_core.hardware.port import BusStatistics, Exchange, Fault
-from soro_core.scene import (
+from soro_core.twin import TwinConfig
+from soro_hardware.port import BusStatistics, Exchange, Fault
+from soro_lab.scene import (
     ControllerNodeConfig,
     EstimatorNodeConfig,
     ExciterNodeConfig,
     RegulatorNodeConfig,
     load_scene,
 )
-from soro_core.twin import TwinConfig
-from soro_ros import command_line, messages, middleware, node_process, parameters, qos, services
-from soro_ros import supervisor as supervisor_module
-from soro_ros.diagnostics import ERROR, OK, Diagnostics
-from soro_ros.latch_file import LatchFile
+from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware, services
+from soro_ros.host.latch_file import LatchFile
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.processes import NodeError
-from soro_ros.supervisor import Supervisor
+from soro_ros.process import command_line, node_process, parameters
+from soro_ros.run import supervisor as supervisor_module
+from soro_ros.run.processes import NodeError
+from soro_ros.run.supervisor import Supervisor
+from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
 from tests.ros.direct import fire, request, values
@@ -98,7 +100,7 @@ def test_a_wrong_command_line_is_one_line_and_exit_status_2(node_main, tmp_path,
 INTERRUPTED = """
 import os, signal
 from soro_core.errors import ConfigError
-from soro_ros.node_process import run_node
+from soro_ros.process.node_process import run_node
 from soro_ros.nodes.estimator import EstimatorNode
 
 class Refuses(EstimatorNode):

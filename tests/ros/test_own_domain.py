@@ -8,7 +8,8 @@ import rclpy
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
-from soro_ros import middleware, timing
+from soro_hardware import timing
+from soro_ros.host import middleware
 from tests.ros.conftest import own_domain
 
 

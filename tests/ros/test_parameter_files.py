@@ -5,9 +5,8 @@ import rclpy
 from pydantic import BaseModel
 
 from soro_core.errors import ConfigError
-from soro_core.scene import load_scene
-from soro_ros import command_line, middleware, parameters, processes
-from soro_ros.controller_ticks import ControllerTicks
+from soro_lab.scene import load_scene
+from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.player import Player
@@ -15,8 +14,11 @@ from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.parameter_files import given_by_name
-from soro_ros.ports import Ports
+from soro_ros.process import command_line, parameters
+from soro_ros.process.parameter_files import given_by_name
+from soro_ros.run import processes
+from soro_ros.ticks.controller_ticks import ControllerTicks
+from soro_ros.topics.ports import Ports
 from tests.counted import counted
 from tests.refused import fails
 

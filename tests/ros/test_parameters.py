@@ -7,7 +7,7 @@ import textwrap
 
 import pytest
 
-from soro_ros import middleware
+from soro_ros.host import middleware
 from tests.patience import LIMIT_S
 from tests.refused import refused_keys
 
@@ -16,8 +16,8 @@ NODE = textwrap.dedent(
     from pydantic import Field
     from soro_core.config import Floats, Strict
     from soro_core.start_keys import StartKeys
-    from soro_ros.lifecycle import SoroNode
-    from soro_ros.node_process import run_node
+    from soro_ros.process.lifecycle import SoroNode
+    from soro_ros.process.node_process import run_node
 
     class Inner(Strict):
         gain: float = Field(1.0, ge=0, description="gain")

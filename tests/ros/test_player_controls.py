@@ -15,10 +15,10 @@ import pytest
 import rclpy
 from rclpy.parameter import Parameter
 
-from soro_core.bag import BagWriter, Topic
-from soro_ros.keyboard import keys
+from soro_lab.bag import BagWriter, Topic
 from soro_ros.nodes.player import Player
-from soro_ros.playback import Playback
+from soro_ros.process.keyboard import keys
+from soro_ros.recorder.playback import Playback
 from tests.patience import LIMIT_S
 from tests.ros.direct import request
 

@@ -15,17 +15,18 @@ from rclpy.serialization import serialize_message
 from rich.console import Console
 from typer.testing import CliRunner
 
-from soro_core.bag import BagReader, BagWriter, Topic
-from soro_core.scene import load_scene
-from soro_ros import messages, panels
+from soro_lab.bag import BagReader, BagWriter, Topic
+from soro_lab.scene import load_scene
 from soro_ros.cli import application
 from soro_ros.commands import run
-from soro_ros.events import Said, clock, events_of
-from soro_ros.execution import End
-from soro_ros.picture import picture
-from soro_ros.recording import Series
-from soro_ros.run_view import open_run
-from soro_ros.selection import fields_of
+from soro_ros.conversion import messages
+from soro_ros.pictures import panels
+from soro_ros.pictures.picture import picture
+from soro_ros.pictures.run_view import open_run
+from soro_ros.recordings.events import Said, clock, events_of
+from soro_ros.recordings.recording import Series
+from soro_ros.recordings.selection import fields_of
+from soro_ros.run.execution import End
 
 BAGS = Path(__file__).parents[2] / "bags"
 WHOLE = BAGS / "track_circle_lockstep_2s"

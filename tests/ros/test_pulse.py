@@ -15,8 +15,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from soro_ros import middleware, processes, pulse, qos
-from soro_ros.pulse import LIMIT_S, Listener, Pulse
+from soro_ros.conversion import qos
+from soro_ros.host import middleware, pulse
+from soro_ros.host.pulse import LIMIT_S, Listener, Pulse
+from soro_ros.run import processes
 from tests.patience import COMPILED_S
 from tests.patience import LIMIT_S as PATIENCE_S
 from tests.ros.running import SORO, end, only_run, summary, wait_until

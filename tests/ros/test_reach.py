@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from soro_ros import middleware
-from soro_ros.supervisor import Supervisor
+from soro_ros.host import middleware
+from soro_ros.run.supervisor import Supervisor
 from tests.patience import COMPILED_S
 from tests.ros import two_hosts
 from tests.ros.running import SORO, end, wait_until

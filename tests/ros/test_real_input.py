@@ -9,12 +9,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from soro_core import load_robot
-from soro_core.bag import BagReader, BagWriter, Qos, Topic
 from soro_core.config import find_config
-from soro_core.identification import curvature_errors, fit_frame, read_forced
-from soro_ros import messages
-from soro_ros.interfaces import definition
-from soro_ros.supervisor import Supervisor
+from soro_lab.bag import BagReader, BagWriter, Qos, Topic
+from soro_lab.identification import curvature_errors, fit_frame, read_forced
+from soro_ros.conversion import messages
+from soro_ros.conversion.interfaces import definition
+from soro_ros.run.supervisor import Supervisor
 from tests.patience import LIMIT_S
 from tests.ros.running import end
 

@@ -11,8 +11,8 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
-from soro_core.bag import BagReader
-from soro_ros import middleware
+from soro_lab.bag import BagReader
+from soro_ros.host import middleware
 from soro_ros.nodes.recorder import Recorder
 from tests.ros.direct import receive, request
 from tests.ros.running import wait_until

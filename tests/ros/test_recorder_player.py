@@ -28,9 +28,9 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, String
 
-from soro_core.bag import BagReader, BagWriter, Qos, Topic, repair
-from soro_core.bag.mcap_file import McapFile
-from soro_ros.interfaces import definition
+from soro_lab.bag import BagReader, BagWriter, Qos, Topic, repair
+from soro_lab.bag.mcap.mcap_file import McapFile
+from soro_ros.conversion.interfaces import definition
 from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
 from tests.patience import LIMIT_S

@@ -6,7 +6,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from soro_ros import messages
+from soro_ros.conversion import messages
 from tests.ros.direct import receive, request
 from tests.ros.test_motion_topic import NAMES, Ticked, controller
 

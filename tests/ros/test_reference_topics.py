@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_ros import messages
+from soro_ros.conversion import messages
 from tests.ros.test_nodes import COORDINATES, Person, person, tip_pose, trajectory
 
 TICKS_HZ = 200

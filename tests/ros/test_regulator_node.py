@@ -17,9 +17,10 @@ from std_msgs.msg import Float64MultiArray
 
 from soro_core.errors import SoroError
 from soro_core.safety import Limiter, Limits
-from soro_ros import messages, middleware, qos
-from soro_ros.chambers import ChamberInterface
-from soro_ros.services import Call
+from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware
+from soro_ros.host.services import Call
+from soro_ros.topics.chambers import ChamberInterface
 from tests.patience import LIMIT_S
 from tests.refused import refused_keys
 from tests.ros.bench import NAMES, PERIOD_S, Bench

@@ -10,9 +10,9 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagMessage, BagReader, BagWriter
-from soro_core.scene import load_scene
-from soro_ros.replay import replay
+from soro_lab.bag import BagMessage, BagReader, BagWriter
+from soro_lab.scene import load_scene
+from soro_ros.recordings.replay import replay
 
 BAGS = Path(__file__).parents[2] / "bags"
 KEPT = sorted(folder for folder in BAGS.iterdir() if folder.is_dir())

@@ -9,9 +9,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from matplotlib.figure import Figure
 
 from soro_core.config import find_config, read_yaml
-from soro_core.scene import load_scene
-from soro_ros import panels, picture, recording, report
-from soro_ros.recording import EMPTY, Recording, Series
+from soro_lab.scene import load_scene
+from soro_ros.pictures import panels, picture
+from soro_ros.recordings import recording, report
+from soro_ros.recordings.recording import EMPTY, Recording, Series
 
 
 def rows(ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]:

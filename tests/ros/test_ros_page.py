@@ -12,11 +12,12 @@ import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from soro_core.bag import BagWriter, Topic
-from soro_core.hardware import load_platform
 from soro_core.robot import load_robot
-from soro_ros import faults, messages, middleware, parameters
-from soro_ros.interfaces import message_class, type_name
+from soro_hardware import load_platform
+from soro_lab.bag import BagWriter, Topic
+from soro_ros.conversion import messages
+from soro_ros.conversion.interfaces import message_class, type_name
+from soro_ros.host import middleware
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
@@ -25,6 +26,8 @@ from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
+from soro_ros.process import parameters
+from soro_ros.run import faults
 from tests.ros.direct import captured, receive
 from tests.ros.test_motion_topic import controller
 from tests.ros.test_nodes import Answering

@@ -5,10 +5,10 @@ import pytest
 
 from soro_core.config import changed
 from soro_core.control.reach import check_reach
-from soro_core.loop import loop_of
-from soro_core.scene import check_scene, load_scene
-from soro_core.scene.listing import scenes_in, shipped_folder
-from soro_ros.recording import read
+from soro_lab.scene import check_scene, load_scene
+from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_lab.scene.loop import loop_of
+from soro_ros.recordings.recording import read
 from tests.patience import patient_platform
 from tests.ros.in_process import lockstep, without_valves
 from tests.ros.running import run, summary

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from soro_ros.search_progress import SearchProgress
+from soro_lab.commands.search_progress import SearchProgress
 
 
 def shown(stages, laws, is_terminal):

@@ -16,8 +16,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.safety import Limiter, Limits
-from soro_ros import messages, middleware, qos
-from soro_ros.chambers import ChamberInterface
+from soro_ros.conversion import messages, qos
+from soro_ros.host import middleware
+from soro_ros.topics.chambers import ChamberInterface
 from tests.patience import LIMIT_S
 from tests.ros.bench import NAMES, Bench
 from tests.ros.running import end, wait_until

@@ -16,11 +16,12 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from soro_core.errors import HardwareError, SoroError
-from soro_ros import qos, services
 from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
-from soro_ros.diagnostics import ERROR, Diagnostics
-from soro_ros.supervisor import Supervisor
+from soro_ros.conversion import qos
+from soro_ros.host import services
+from soro_ros.run.supervisor import Supervisor
+from soro_ros.topics.diagnostics import ERROR, Diagnostics
 from tests.refused import refused, refused_keys
 from tests.ros.running import SORO, end, wait_until
 from tests.ros.test_fault_injection import Served
@@ -35,9 +36,9 @@ NODES = textwrap.dedent(
     from std_srvs.srv import Trigger
     from soro_core.safety import Limiter, Limits
     from soro_ros import messages, middleware, qos
-    from soro_ros.chambers import ChamberInterface
-    from soro_ros.diagnostics import ERROR, OK, Diagnostics
-    from soro_ros.faults import FaultInterface
+    from soro_ros.topics.chambers import ChamberInterface
+    from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
+    from soro_ros.run.faults import FaultInterface
 
     NAMES = ("link0/chamber0",)
     middleware.init()

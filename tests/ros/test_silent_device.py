@@ -9,16 +9,16 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 
-from soro_core.emulation.vocabulary import read_injection
-from soro_core.hardware import load_platform
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.testing.hub_bus import HubBus
-from soro_ros import learning, messages, qos
-from soro_ros.diagnostics import ERROR, OK, WARN
+from soro_hardware import load_platform
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.testing.hub_bus import HubBus
+from soro_ros.conversion import learning, messages, qos
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.exciter import ExciterNode
+from soro_ros.topics.diagnostics import ERROR, OK, WARN
 from tests.ros.direct import active, captured, fire, receive, request, values
 from tests.ros.running import wait_until
 from tests.ros.test_frames import CHAMBERS, COORDINATES, TICK_NS, upright

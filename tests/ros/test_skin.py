@@ -5,9 +5,9 @@ import pytest
 from geometry_msgs.msg import PoseArray
 
 from soro_core.robot import load_robot
-from soro_ros import messages
-from soro_ros.arm_shape import between, chambers
-from soro_ros.skin import Skin
+from soro_ros.conversion import messages
+from soro_ros.view.arm_shape import between, chambers
+from soro_ros.view.skin import Skin
 
 
 def bent(robot, curvature, n=21):

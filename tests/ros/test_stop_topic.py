@@ -10,12 +10,13 @@ import yaml
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Bool
 
-from soro_core.hardware import load_platform
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.testing.hub_bus import HubBus
-from soro_ros import messages, stop_topic
+from soro_hardware import load_platform
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.testing.hub_bus import HubBus
+from soro_ros.conversion import messages
 from soro_ros.nodes import regulator
-from soro_ros.stop_topic import reading_stop
+from soro_ros.topics import stop_topic
+from soro_ros.topics.stop_topic import reading_stop
 from tests.ros.direct import active, fire, receive, request
 from tests.ros.running import wait_until
 

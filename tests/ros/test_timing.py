@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soro_ros import timing
+from soro_hardware import timing
 
 PERIOD_S = 0.005
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from soro_ros import middleware
+from soro_ros.host import middleware
 from tests.ros import two_hosts
 
 # Longer than any run of it [s]: an end with what was printed, before the test itself is ended.

@@ -8,8 +8,10 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from soro_ros import middleware, ports, qos
-from soro_ros.control_report import ControlReport
+from soro_ros.conversion import qos
+from soro_ros.host import middleware
+from soro_ros.ticks.control_report import ControlReport
+from soro_ros.topics import ports
 from tests.ros.running import wait_until
 
 

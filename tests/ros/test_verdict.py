@@ -7,9 +7,9 @@ import yaml
 
 from soro_core import load_robot
 from soro_core.config import find_config, read_yaml
-from soro_core.scene import check_gains, load_scene
-from soro_ros.report import Summary
-from soro_ros.verdict import Verdict, advice, judge
+from soro_lab.scene import check_gains, load_scene
+from soro_ros.recordings.report import Summary
+from soro_ros.recordings.verdict import Verdict, advice, judge
 from tests.refused import refused, refused_keys
 from tests.ros.running import run, summary
 

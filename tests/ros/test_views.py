@@ -9,13 +9,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from soro_core.bag import BagReader
 from soro_core.robot import load_robot
-from soro_core.scene import MarkersConfig
-from soro_ros.fields import flat
-from soro_ros.interfaces import message_class
-from soro_ros.markers import TOPIC, ArmMarkers
-from soro_ros.plotjuggler import layout
+from soro_lab.bag import BagReader
+from soro_lab.scene import MarkersConfig
+from soro_ros.conversion.fields import flat
+from soro_ros.conversion.interfaces import message_class
+from soro_ros.pictures.plotjuggler import layout
+from soro_ros.view.markers import TOPIC, ArmMarkers
 from tests.ros.test_markers import TYPE, drawn, recorded
 
 ROOT = Path(__file__).parents[2]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ConfigError
-from soro_core.hardware import load_platform
-from soro_core.hardware.families import parse_platform
 from soro_core.safety import Limiter, Limits, StopState, hear, why_stopped
+from soro_hardware import load_platform
+from soro_hardware.families import parse_platform
 from tests.refused import refused
 
 S = 1_000_000_000

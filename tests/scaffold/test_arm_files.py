@@ -9,14 +9,14 @@ import yaml
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.modes import first_mode
 from soro_core.control.reach import check_reach
-from soro_core.hardware import load_platform
-from soro_core.loop import loop_of
-from soro_core.model.statics import equilibrium
-from soro_core.scaffold import Options, files, new_arm, write_arm
-from soro_core.scaffold.reference import LINK_BEND, LONGEST
-from soro_core.scaffold.robot_file import DAMPING
-from soro_core.scaffold.text import scalar
-from soro_core.scene import load_scene
+from soro_core.model.equilibrium.statics import equilibrium
+from soro_hardware import load_platform
+from soro_lab.scaffold import Options, files, new_arm, write_arm
+from soro_lab.scaffold.reference import LINK_BEND, LONGEST
+from soro_lab.scaffold.robot_file import DAMPING
+from soro_lab.scaffold.text import scalar
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
 ONE = Options("one", length="80mm", mass="30g")

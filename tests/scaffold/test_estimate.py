@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from soro_core.scaffold import Options, estimate, new_arm
-from soro_core.scaffold.material import MATERIALS, find_material
+from soro_lab.scaffold import Options, estimate, new_arm
+from soro_lab.scaffold.material import MATERIALS, find_material
 from tests.refused import refused
 
 

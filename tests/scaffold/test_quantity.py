@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from soro_core.scaffold import quantity
-from soro_core.scaffold.options import Options, read_links, read_one, read_range, read_sensors
+from soro_lab.scaffold import quantity
+from soro_lab.scaffold.options import Options, read_links, read_one, read_range, read_sensors
 from tests.refused import refused
 
 

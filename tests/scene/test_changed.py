@@ -9,8 +9,8 @@ import soro_core
 from soro_core.config import changed
 from soro_core.errors import ConfigError
 from soro_core.safety import Limits
-from soro_core.scene import Scene
 from soro_core.twin import TwinConfig
+from soro_lab.scene import Scene
 
 
 def test_it_keeps_what_was_stated_and_what_was_left_out():
@@ -40,6 +40,10 @@ def test_it_refuses_what_a_file_may_not_say(start, values, key):
 def test_no_other_copy_skips_the_checks():
     """One exception: the fit of valves, whose free model has no largest pressure."""
     root = Path(soro_core.__file__).parent.parent
-    files = [file for package in ("soro_core", "soro_ros") for file in (root / package).rglob("*.py")]
+    files = [
+        file
+        for package in ("soro_core", "soro_hardware", "soro_lab", "soro_design", "soro_ros")
+        for file in (root / package).rglob("*.py")
+    ]
     found = {file.name for file in files if re.search(r"\.model_(copy|construct)\(", file.read_text())}
     assert found == {"valves.py"}

@@ -8,7 +8,7 @@ import pytest
 
 from soro_core.config import find_config
 from soro_core.errors import ConfigError
-from soro_core.scene import check_scene, load_scene
+from soro_lab.scene import check_scene, load_scene
 from tests.refused import fails
 
 

@@ -8,13 +8,13 @@ import pytest
 import typer
 import yaml
 
-from soro_core.loop import loop_of
 from soro_core.robot import Discretisation
-from soro_core.scene import load_scene
-from soro_core.scene.model import ModelSection
-from soro_core.trade.closed_loop import drive
-from soro_ros import compose, processes
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
+from soro_lab.scene.model import ModelSection
+from soro_lab.trade.closed_loop import drive
 from soro_ros.commands import run as command
+from soro_ros.run import compose, processes
 from tests.counted import counted
 
 

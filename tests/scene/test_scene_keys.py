@@ -5,8 +5,8 @@ import pytest
 from soro_core.frames import Frames
 from soro_core.run_keys import SHARED
 from soro_core.safety import Limits
-from soro_core.scene import Scene
 from soro_core.twin.config import TwinConfig, TwinSection
+from soro_lab.scene import Scene
 from tests.refused import refused
 
 DECIDED = sorted(TwinConfig.model_fields.keys() - TwinSection.model_fields.keys())

@@ -1,8 +1,8 @@
 """A robot and a grid that are quick to study."""
 
 from soro_core import robot_from_dict
-from soro_core.trade.grid import Grid
-from soro_core.trade.workers import Here
+from soro_lab.trade.grid import Grid
+from soro_lab.trade.workers import Here
 
 ROBOT = {
     "name": "small",

@@ -10,9 +10,9 @@ import yaml
 from small import GRID, ROBOT
 from typer.testing import CliRunner
 
-from soro_core.scene import load_scene
-from soro_core.trade import cache, grid, late, reference, study, workers
-from soro_core.trade.closed_loop import drive
+from soro_lab.scene import load_scene
+from soro_lab.trade import cache, grid, late, reference, study, workers
+from soro_lab.trade.closed_loop import drive
 from soro_ros.cli import application, main
 
 

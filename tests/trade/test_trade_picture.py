@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 from small import robot
 
 from soro_core.robot import Discretisation
-from soro_core.scene import Requirement
-from soro_core.trade import Candidate, Row, Study, bare_case
-from soro_core.trade.cost import Cost
-from soro_core.trade.picture import draw, logarithmic, picture
-from soro_core.trade.reference import Reference
-from soro_core.trade.trace import Errors, Trace
+from soro_lab.scene import Requirement
+from soro_lab.trade import Candidate, Row, Study, bare_case
+from soro_lab.trade.cost import Cost
+from soro_lab.trade.picture import draw, logarithmic, picture
+from soro_lab.trade.reference import Reference
+from soro_lab.trade.trace import Errors, Trace
 
 SPACES = [Discretisation(basis="legendre", order=k, links=n) for k in (1, 2, 3, 4, 6) for n in (1, 2, 4)]
 MODELS = [Discretisation(links=k) for k in (1, 2, 4)] + [Discretisation(method="mde", steps=9)]

@@ -6,14 +6,14 @@ from small import ROBOT, robot
 from test_trade_picture import MODELS, study
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.model.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
-from soro_core.scene import Requirement
-from soro_core.trade import bare_case
-from soro_core.trade.late import mean_curvature
-from soro_core.trade.reference import Reference, converge, spaces
-from soro_core.trade.trace import first_frequency_hz, total_energy
-from soro_ros.trade_report import notes
+from soro_lab.commands.trade_report import notes
+from soro_lab.scene import Requirement
+from soro_lab.trade import bare_case
+from soro_lab.trade.late import mean_curvature
+from soro_lab.trade.reference import Reference, converge, spaces
+from soro_lab.trade.trace import first_frequency_hz, total_energy
 
 # Of a cantilever, not of 1 at the base: the projection of a uniform strain has both.
 SAMPLES = [[(1.0 - s) ** 2, s * (1.0 - s) + 0.5] for s in np.linspace(0.0, 1.0, 21)]

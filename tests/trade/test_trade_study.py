@@ -8,18 +8,18 @@ import pytest
 from small import GRID, Counting, robot
 
 from soro_core import SoftArm, simulate
-from soro_core.identification import ForcedRun
 from soro_core.integrate import make_stepper
 from soro_core.robot import Discretisation
-from soro_core.scene import Requirement, Scene
-from soro_core.trade import Candidate, Case, bare_case, cost, run_study
-from soro_core.trade.cache import Cache
-from soro_core.trade.grid import PRESETS, around, within
-from soro_core.trade.late import mean_curvature, measured_error
-from soro_core.trade.reference import converge
-from soro_core.trade.study import Stopped
-from soro_core.trade.trace import errors, first_frequency_hz, trace
-from soro_core.trade.workers import Here, Outcome, compute
+from soro_lab.identification import ForcedRun
+from soro_lab.scene import Requirement, Scene
+from soro_lab.trade import Candidate, Case, bare_case, cost, run_study
+from soro_lab.trade.cache import Cache
+from soro_lab.trade.grid import PRESETS, around, within
+from soro_lab.trade.late import mean_curvature, measured_error
+from soro_lab.trade.reference import converge
+from soro_lab.trade.study import Stopped
+from soro_lab.trade.trace import errors, first_frequency_hz, trace
+from soro_lab.trade.workers import Here, Outcome, compute
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +256,7 @@ class Noted:
 def test_a_candidate_that_takes_for_ever_is_left_out_and_says_so(case, reference, monkeypatch):
     candidate = Candidate(Discretisation(), "trapezoidal", 0.01)
     assert compute(case, reference.trace, candidate).errors is not None
-    monkeypatch.setattr("soro_core.trade.trace.SLOWEST", 0.0)
+    monkeypatch.setattr("soro_lab.trade.trace.SLOWEST", 0.0)
     outcome = compute(case, reference.trace, candidate)
     assert outcome.errors is None
     assert outcome.trouble == "too slow: takes more than 0 s a simulated second"

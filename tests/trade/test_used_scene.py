@@ -3,7 +3,7 @@
 import yaml
 
 from soro_core.config import find_config
-from soro_core.scene import load_scene
+from soro_lab.scene import load_scene
 
 
 def test_the_scene_of_a_run_can_be_run_again(tmp_path):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from soro_core.estimation.samples import PoseSample
+from soro_core.estimation.sensors.samples import PoseSample
 from soro_core.twin.config import SensorConfig
 from soro_core.twin.sensors import Motion, SensorClock, SensorState, measure_imu, measure_pose, sample
 

@@ -7,10 +7,10 @@ from soro_core.config import find_config
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix, rotation_exp, rotation_log
-from soro_core.scene import load_scene
 from soro_core.twin import Twin, TwinConfig
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, Shadow, ShadowState, beginning, between
+from soro_lab.scene import load_scene
 from tests.refused import fails
 
 PERIOD_NS = 5_000_000

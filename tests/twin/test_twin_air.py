@@ -11,8 +11,8 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.pneumatics.chamber import AMBIENT_PA, GAS_CONSTANT
 from soro_core.pneumatics.flow import REFERENCE_DENSITY
-from soro_core.scene import Scene, check_model
 from soro_core.twin import SensorConfig, Twin, TwinConfig
+from soro_lab.scene import Scene, check_model
 from tests.collapsing_arm import collapsing_arm
 from tests.refused import fails, refused
 
@@ -224,7 +224,7 @@ def test_configurations_load_no_kernels():
     """A regulator node, an emulator or `soro doctor` on a small computer must not pay for numba."""
     code = (
         "import sys\n"
-        "from soro_core.scene import Scene, RegulatorNodeConfig\n"
+        "from soro_lab.scene import Scene, RegulatorNodeConfig\n"
         "Scene(twin={'air': 'states', 'valve': {'band_pa': 500.0}}), RegulatorNodeConfig()\n"
         "print(*sorted({'numba', 'rclpy', 'scipy'} & set(sys.modules)))"
     )

@@ -10,7 +10,7 @@ import yaml
 pytest.importorskip("viser", reason="the extra `view` is not installed")
 
 from soro_core.errors import SoroError
-from soro_core.scene import load_scene
+from soro_lab.scene import load_scene
 from soro_ros.view import beside
 from tests.ros.conftest import own_domain
 

@@ -10,7 +10,7 @@ pytest.importorskip("viser", reason="the extra `view` is not installed")
 
 from geometry_msgs.msg import PoseArray
 
-from soro_ros import messages
+from soro_ros.conversion import messages
 from tests.ros.bench import PERIOD_S, Bench
 from tests.ros.conftest import own_domain
 from tests.ros.running import end

@@ -7,7 +7,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from soro_ros import middleware
+from soro_ros.host import middleware
 from soro_ros.view.buttons import Buttons
 from tests.ros.conftest import own_domain
 from tests.ros.running import wait_until

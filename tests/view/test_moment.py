@@ -7,7 +7,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray
 
-from soro_ros import messages
+from soro_ros.conversion import messages
 from soro_ros.view.moment import (
     BACKBONE,
     DIAGNOSTICS,

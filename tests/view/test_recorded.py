@@ -10,9 +10,9 @@ import typer
 
 pytest.importorskip("viser", reason="the extra `view` is not installed")
 
-from soro_core.bag import BagReader
 from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
+from soro_lab.bag import BagReader
 from soro_ros.commands.view import view
 from soro_ros.view.access import Access
 from soro_ros.view.recorded import RecordedPage, namespace_of, read

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import soro_core
+import soro_design
+import soro_hardware
+import soro_lab
 
 _PACKAGE = """## {name}
 
@@ -20,18 +23,25 @@ _PACKAGE = """## {name}
 
 def pages() -> dict[str, tuple[str, str, str]]:
     """Return the page of the library."""
-    root = Path(soro_core.__file__).parent
-    folders = [root, *sorted(path.parent for path in root.rglob("__init__.py") if path.parent != root)]
-    names = [".".join(("soro_core", *folder.relative_to(root).parts)) for folder in folders]
+    names = [
+        name for package in (soro_core, soro_hardware, soro_lab, soro_design) for name in _packages(package)
+    ]
     modules = [module for module in map(import_module, names) if hasattr(module, "__all__")]
     seen: set[int] = set()
     body = "\n".join(_section(module, seen) for module in modules)
-    return {"api": ("The library soro_core", "Public classes and functions; none of them needs ROS.", body)}
+    return {"api": ("The library", "Public classes and functions; none of them needs ROS.", body)}
 
 
 def escape(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Keep the bars of absolute values in docstrings; parameters as in `autodoc-process-docstring`."""
     lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
+def _packages(package: Any) -> list[str]:
+    """Return the names of a package and of those below it."""
+    root = Path(package.__file__).parent
+    below = sorted(path.parent for path in root.rglob("__init__.py") if path.parent != root)
+    return [".".join((package.__name__, *folder.relative_to(root).parts)) for folder in (root, *below)]
 
 
 def _section(module: Any, seen: set[int]) -> str:

@@ -31,7 +31,7 @@ _OF_ROS = ("/rosout", "/parameter_events", "/diagnostics", "/clock")
 
 def node_classes() -> dict[str, Any]:
     """Return the class of each node by its name; a module that only puts nodes together has none."""
-    from soro_ros.lifecycle import SoroNode
+    from soro_ros.process.lifecycle import SoroNode
 
     found = {}
     for path in sorted(FOLDER.glob("[!_]*.py")):
@@ -54,7 +54,7 @@ def interfaces(name: str, node_class: Any, arguments: list[str]) -> dict[str, li
     """
     import rclpy
 
-    from soro_ros import middleware
+    from soro_ros.host import middleware
 
     sys.argv = [
         name,

@@ -13,12 +13,12 @@ from pydantic.fields import FieldInfo
 
 from reference.tables import code, plain, table
 from soro_core.control.laws.registry import SHIPPED, find_law
-from soro_core.design.task import Task
-from soro_core.fem.parts.file import PartFile
-from soro_core.hardware.families import FAMILIES
 from soro_core.robot import Robot
-from soro_core.scene import Scene
-from soro_ros.parameter_values import described_field
+from soro_design.parts.file import PartFile
+from soro_design.topology.task import Task
+from soro_hardware.families import FAMILIES
+from soro_lab.scene import Scene
+from soro_ros.process.parameter_values import described_field
 
 # Units by the end of a name, where the description does not state one in brackets.
 UNITS = {

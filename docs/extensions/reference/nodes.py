@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from reference.tables import code, plain, table
-from soro_ros.parameters import described
+from soro_ros.process.parameters import described
 
 INTERFACES = Path(__file__).with_name("interfaces.py")
 HEAD = ("topic", "type", "quality of service, depth")

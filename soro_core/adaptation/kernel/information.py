@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import entry, inner
-from soro_core.model.linear import lu_factor, lu_solve_rows
+from soro_core.model.links.linear import lu_factor, lu_solve_rows
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry
-from soro_core.model.chambers import acting
 from soro_core.model.dynamics import GOOD, NOT_FINITE, add_damping_force, check, finite, motion_forces
-from soro_core.model.internal import add_internal_force
+from soro_core.model.forces.chambers import acting
+from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.method import tip_mass_force
 
 Array: TypeAlias = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Bounded, weighted least squares of the pressures, compiled (`soro_core.control.allocation`).
+"""Bounded, weighted least squares of the pressures, compiled (`soro_core.control.pressures.allocation`).
 
 A primal active-set method in scaled pressures. Every iterate is within the bounds, so the answer is
 admissible even if the iterations run out; the problem is strictly convex, so the method terminates.
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import entry, inner
-from soro_core.model.linear import lu_factor, lu_solve
+from soro_core.model.links.linear import lu_factor, lu_solve
 
 Array: TypeAlias = NDArray[np.float64]
 Flags: TypeAlias = NDArray[np.bool_]
@@ -145,7 +145,7 @@ def _active_set(hessian: Array, linear: Array, largest: float, x: Array) -> int:
 
 @entry
 def balance(root: Array, index: NDArray[np.int64], stretch: Flags, actuation: Array, weight: Array) -> None:
-    """weight <- A of `soro_core.control.allocation.balanced_weight`, with `stretch` (n_strains,)."""
+    """weight <- A of `control.pressures.allocation.balanced_weight`, with `stretch` (n_strains,)."""
     n_q, n_u = actuation.shape
     square, largest = np.zeros(stretch.shape[0]), np.zeros(2)
     for r in range(n_q):

@@ -20,7 +20,7 @@ from soro_core._box import Box, view
 from soro_core._jit import entry, inner, kernel
 from soro_core.model.dynamics import GOOD, SINGULAR, check, motion_forces
 from soro_core.model.exact import link_ends, tip_mass_force
-from soro_core.model.linear import clear_matrix, lu_factor, lu_solve_rows
+from soro_core.model.links.linear import clear_matrix, lu_factor, lu_solve_rows
 from soro_core.model.method import make_work
 from soro_core.model.tables import Tables
 from soro_core.model.work import Arm

@@ -1,4 +1,4 @@
-"""The law `adaptive`: passivity-based, driven by the tracking error (`soro_core.control.adaptive`)."""
+"""The law `adaptive`: passivity-based, driven by the tracking error (`soro_core.control.passivity`)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.adaptive import Terms as LawTerms
-from soro_core.control.adaptive import adapt, law
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Made, Preview, Setting, Terms
-from soro_core.control.parameters import ParameterSet
+from soro_core.control.passivity.adaptive import Terms as LawTerms
+from soro_core.control.passivity.adaptive import adapt, law
+from soro_core.control.passivity.parameters import ParameterSet
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from soro_core.adaptation.learner import Learner, LearnerState, Sample
 from soro_core.adaptation.uneven import UnevenForce
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
-from soro_core.control.trajectory import Point
+from soro_core.control.reference.trajectory import Point
 from soro_core.control.uneven import Uneven, UnevenShape, bends_unevenly
 from soro_core.frozen import replaced
 

@@ -14,11 +14,11 @@ from soro_core.config import Strict
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.adaptation.learned import Learned
-    from soro_core.control.actuation import CompletePressures
-    from soro_core.control.adaptive import FeedbackGains
     from soro_core.control.config import ControllerConfig
-    from soro_core.control.trajectory import Point, Reference
-    from soro_core.control.undriven import DrivenMotions
+    from soro_core.control.passivity.adaptive import FeedbackGains
+    from soro_core.control.pressures.actuation import CompletePressures
+    from soro_core.control.reference.trajectory import Point, Reference
+    from soro_core.control.reference.undriven import DrivenMotions
     from soro_core.model import SoftArm
     from soro_core.robot.coordinates import StrainFields
 

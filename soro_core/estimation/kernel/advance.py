@@ -19,7 +19,7 @@ from soro_core.estimation.kernel.parts import AFTER, BEFORE, NIS, NIS_OF_POSITIO
 from soro_core.estimation.kernel.predict import predict
 from soro_core.estimation.kernel.update import FUSED, OUTLIER, fuse
 from soro_core.model.dynamics import GOOD, finite
-from soro_core.model.linear import assign, assign_matrix, clear
+from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.tables import Site
 
 Array: TypeAlias = NDArray[np.float64]

@@ -20,9 +20,9 @@ from soro_core.estimation.kernel.parts import (
     Settings,
     make_scratch,
 )
-from soro_core.model.chambers import add_pressure_force
 from soro_core.model.derivative.work import derivative_workspace
-from soro_core.model.linear import assign, assign_matrix, clear
+from soro_core.model.forces.chambers import add_pressure_force
+from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.method import kinematics, make_work
 from soro_core.model.tables import Site, Tables
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from soro_core._jit import inner
 from soro_core.estimation.kernel.parts import IMU, IMU_ORIENTED, POSE, FilterArm
-from soro_core.model.linear import clear_matrix
+from soro_core.model.links.linear import clear_matrix
 from soro_core.model.method import kinematics
 from soro_core.model.tables import Site
 

@@ -25,8 +25,8 @@ from soro_core.estimation.kernel.parts import FilterArm, NoRoom
 from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, applied_force, check, finite
-from soro_core.model.internal import advance_internal
-from soro_core.model.linear import assign, clear, lu_factor, lu_solve
+from soro_core.model.forces.internal import advance_internal
+from soro_core.model.links.linear import assign, clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
 from soro_core.model.tables import CREEP
 

@@ -12,7 +12,7 @@ from soro_core._jit import inner
 from soro_core.estimation.kernel import motion, spread
 from soro_core.estimation.kernel.parts import FilterArm
 from soro_core.model.dynamics import COLLAPSED, GOOD
-from soro_core.model.linear import assign, assign_matrix
+from soro_core.model.links.linear import assign, assign_matrix
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from soro_core._jit import inner
 from soro_core.estimation.kernel.motion import step_system
 from soro_core.estimation.kernel.parts import OF_DRIFT, OF_RATE, FilterArm
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR, finite
-from soro_core.model.linear import assign_matrix, clear, clear_matrix, lu_solve_rows
+from soro_core.model.links.linear import assign_matrix, clear, clear_matrix, lu_solve_rows
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from soro_core.estimation.kernel.parts import (
 )
 from soro_core.estimation.kernel.spread import symmetric
 from soro_core.model.dynamics import finite
-from soro_core.model.linear import assign, lu_factor, lu_solve, lu_solve_rows
+from soro_core.model.links.linear import assign, lu_factor, lu_solve, lu_solve_rows
 from soro_core.model.tables import Site
 
 Array: TypeAlias = NDArray[np.float64]

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.articulated import complete_rigid
 from soro_core.model.derivative.curvature import curve_constant, curve_varying
 from soro_core.model.derivative.link import pass_constant, pass_varying
 from soro_core.model.derivative.slice import add_block, add_outer, add_turned
@@ -28,9 +27,10 @@ from soro_core.model.derivative.work import (
     TURNED,
     DerivativeWork,
 )
-from soro_core.model.lie import add, dot6, wrench_to_parent
-from soro_core.model.linear import clear, clear_matrix
-from soro_core.model.sweep import start
+from soro_core.model.links.articulated import complete_rigid
+from soro_core.model.links.lie import add, dot6, wrench_to_parent
+from soro_core.model.links.linear import clear, clear_matrix
+from soro_core.model.links.sweep import start
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

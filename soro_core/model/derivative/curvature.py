@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from soro_core._jit import inner
 from soro_core.model.derivative.link import COMMUTATOR
 from soro_core.model.derivative.work import ADDED, BY_Q, START, UNIT, UNIT_BRACKET, DerivativeWork
-from soro_core.model.lie import ad, add_coad, dot6
-from soro_core.model.linear import clear
+from soro_core.model.links.lie import ad, add_coad, dot6
+from soro_core.model.links.linear import clear
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

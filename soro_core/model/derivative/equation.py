@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.articulated import cholesky
-from soro_core.model.chambers import acting_rate, add_gradient, add_pressure_stiffness
 from soro_core.model.derivative.chain import inverse_derivatives
 from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR
-from soro_core.model.elasticity import add_stiffness
-from soro_core.model.linear import clear, clear_matrix
+from soro_core.model.forces.chambers import acting_rate, add_gradient, add_pressure_stiffness
+from soro_core.model.forces.elasticity import add_stiffness
+from soro_core.model.links.articulated import cholesky
+from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

@@ -33,10 +33,10 @@ from soro_core.model.derivative.work import (
     UNIT,
     DerivativeWork,
 )
-from soro_core.model.lie import exponential, to_parent
-from soro_core.model.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.link import node, strain_twist
-from soro_core.model.magnus import strain_at
+from soro_core.model.links.lie import exponential, to_parent
+from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
+from soro_core.model.links.link import node, strain_twist
+from soro_core.model.links.magnus import strain_at
 from soro_core.model.tables import Tables
 
 Array: TypeAlias = NDArray[np.float64]

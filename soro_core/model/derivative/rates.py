@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.model.lie import ad, add_ad, series, stumpff, tangent_coefficients, to_parent
+from soro_core.model.links.lie import ad, add_ad, series, stumpff, tangent_coefficients, to_parent
 
 Array: TypeAlias = NDArray[np.float64]
 

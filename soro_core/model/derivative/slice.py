@@ -27,9 +27,9 @@ from soro_core.model.derivative.work import (
     TURNED,
     DerivativeWork,
 )
-from soro_core.model.lie import add, add_coad, dot6
-from soro_core.model.link import momentum
-from soro_core.model.sweep import add_rigid, move
+from soro_core.model.links.lie import add, add_coad, dot6
+from soro_core.model.links.link import momentum
+from soro_core.model.links.sweep import add_rigid, move
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from soro_core.hardware import load_platform, open_regulator
+from soro_hardware import load_platform, open_regulator
 from tests.apparatus.faults.rigs import PLATFORMS
 from tests.apparatus.faults.rows import CHAMBER
 

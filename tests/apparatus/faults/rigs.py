@@ -13,23 +13,23 @@ from pathlib import Path
 import numpy as np
 
 from soro_core import safety
-from soro_core.emulation.devices import EmulatedDevices
-from soro_core.emulation.families import emulate
-from soro_core.emulation.process import Emulator
-from soro_core.emulation.veab import EmulatedVeabServer
-from soro_core.hardware import Exchange, Regulator, load_platform, open_regulator
-from soro_core.hardware.board.config import BoardPlatform, StopContact
-from soro_core.hardware.board.driver import BoardRegulator
-from soro_core.hardware.canopen.driver import CanopenRegulator
-from soro_core.hardware.limited import LimitedRegulator
-from soro_core.hardware.platform import PlatformBase
-from soro_core.hardware.serial_line.config import SerialPlatform
-from soro_core.hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
-from soro_core.hardware.veab.driver import VeabRegulator
-from soro_core.hardware.vtem.driver import VtemRegulator
 from soro_core.pneumatics.regulator import vent_time
-from soro_core.testing.hub_bus import HubBus
-from soro_core.testing.line_link import LineLink, LinePort
+from soro_hardware import Exchange, Regulator, load_platform, open_regulator
+from soro_hardware.board.config import BoardPlatform, StopContact
+from soro_hardware.board.driver import BoardRegulator
+from soro_hardware.canopen.driver import CanopenRegulator
+from soro_hardware.emulation.devices import EmulatedDevices
+from soro_hardware.emulation.families import emulate
+from soro_hardware.emulation.process import Emulator
+from soro_hardware.emulation.veab import EmulatedVeabServer
+from soro_hardware.limited import LimitedRegulator
+from soro_hardware.platform import PlatformBase
+from soro_hardware.serial_line.config import SerialPlatform
+from soro_hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
+from soro_hardware.testing.hub_bus import HubBus
+from soro_hardware.testing.line_link import LineLink, LinePort
+from soro_hardware.veab.driver import VeabRegulator
+from soro_hardware.vtem.driver import VtemRegulator
 from tests.apparatus.faults.rows import Row
 
 

@@ -19,8 +19,8 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from benchmarks.options import Options
 from benchmarks.report import met, table
-from soro_core.bag import BagReader, repair
 from soro_core.errors import BagError
+from soro_lab.bag import BagReader, repair
 
 TITLE = "Flipped bits in recordings"
 FLIPS = 10_000

@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.emulation.board.board import EmulatedBoard
-from soro_core.emulation.veab import EmulatedVeabServer
 from soro_core.errors import HardwareError
-from soro_core.hardware import load_platform, open_regulator
-from soro_core.hardware.board import frames, messages
-from soro_core.hardware.board.board import Board
-from soro_core.hardware.board.config import BoardPlatform
-from soro_core.hardware.board.frames import BoardFrame, Kind
-from soro_core.hardware.board.loop import Server
-from soro_core.hardware.board.session import Session
-from soro_core.hardware.platform import PlatformBase
-from soro_core.hardware.veab import protocol
+from soro_hardware import load_platform, open_regulator
+from soro_hardware.board import frames, messages
+from soro_hardware.board.config import BoardPlatform
+from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.pi.board import Board
+from soro_hardware.board.pi.loop import Server
+from soro_hardware.board.session import Session
+from soro_hardware.emulation.board.board import EmulatedBoard
+from soro_hardware.emulation.veab import EmulatedVeabServer
+from soro_hardware.platform import PlatformBase
+from soro_hardware.veab import protocol
 from tests.apparatus.faults.rigs import Rig, in_process
 from tests.apparatus.fuzz.canopen import alive
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged

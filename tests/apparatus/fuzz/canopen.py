@@ -6,14 +6,14 @@ import random
 
 import numpy as np
 
-from soro_core.emulation.canopen.slcan_server import SlcanServer
-from soro_core.emulation.canopen.world import World
-from soro_core.hardware import load_platform
-from soro_core.hardware.canopen import frames
-from soro_core.hardware.canopen.config import CanopenPlatform
-from soro_core.hardware.canopen.monitor import NodeMonitor
-from soro_core.hardware.transport import slcan_codec, socketcand_codec
-from soro_core.hardware.transport.frame import Frame
+from soro_hardware import load_platform
+from soro_hardware.canopen import frames
+from soro_hardware.canopen.config import CanopenPlatform
+from soro_hardware.canopen.monitor import NodeMonitor
+from soro_hardware.emulation.canopen.slcan_server import SlcanServer
+from soro_hardware.emulation.canopen.world import World
+from soro_hardware.transport import slcan_codec, socketcand_codec
+from soro_hardware.transport.frame import Frame
 from tests.apparatus.faults.rigs import canopen
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged
 

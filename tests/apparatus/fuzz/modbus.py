@@ -15,10 +15,10 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
-from soro_core.emulation.vtem import EmulatedTerminal
-from soro_core.hardware import load_platform
-from soro_core.hardware.vtem.client import Client
-from soro_core.hardware.vtem.modbus import ModbusDecoder, frame_of, write_request
+from soro_hardware import load_platform
+from soro_hardware.emulation.vtem import EmulatedTerminal
+from soro_hardware.vtem.client import Client
+from soro_hardware.vtem.modbus import ModbusDecoder, frame_of, write_request
 from tests.apparatus.fuzz.boards import bytes_between
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged
 

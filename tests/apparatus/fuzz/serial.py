@@ -8,13 +8,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from soro_core.emulation.families import emulate
-from soro_core.hardware import load_platform
-from soro_core.hardware.platform import PlatformBase
-from soro_core.hardware.serial_line.channel import Channel
-from soro_core.hardware.serial_line.engine import LineEngine
-from soro_core.hardware.serial_line.lines import LONGEST_LINE
-from soro_core.hardware.serial_line.request import Request
+from soro_hardware import load_platform
+from soro_hardware.emulation.families import emulate
+from soro_hardware.platform import PlatformBase
+from soro_hardware.serial_line.line.channel import Channel
+from soro_hardware.serial_line.line.engine import LineEngine
+from soro_hardware.serial_line.line.lines import LONGEST_LINE
+from soro_hardware.serial_line.line.request import Request
 from tests.apparatus.faults.rigs import Rig, in_process
 from tests.apparatus.fuzz.canopen import alive
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged

@@ -1,0 +1,232 @@
+"""Pressures and set points that a motion needs, with the load that the law has learned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.control.creep import advance_creep
+from soro_core.control.motions.motion_parts import Part
+from soro_core.control.pressures.allocation import Allocation, balanced_weight
+from soro_core.control.pressures.setpoints import SetpointMaker
+from soro_core.model import SoftArm
+from soro_core.robot.coordinates import StrainFields
+
+if TYPE_CHECKING:
+    from soro_core.control.command import ControllerState
+    from soro_core.control.controller import Controller
+
+Array: TypeAlias = NDArray[np.float64]
+
+# A force counts as made if less is missing, each strain's force expressed as a pressure [Pa].
+_MADE_PA = 200.0
+# Samples of the pressures along a part.
+_SAMPLE_S, _FEWEST, _MOST = 0.02, 40, 400
+# Set points that are found in one step of a plan.
+_TICKS_IN_A_STEP = 100
+# Increment of strain for the difference quotient of the stiffness.
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class Supply:
+    """What the law asks of the chambers, and what they give.
+
+    Attributes
+    ----------
+    arm : SoftArm
+        Model.
+    fields : StrainFields
+        Strains of its robot.
+    force : callable
+        Force (n_q,) that the law applies at coordinates, rates and accelerations (n_q,) each, without
+        feedback: the model's with the load that is learned, without creep.
+    actuation : callable
+        H (n_q, n_u) as the law believes it, at coordinates (n_q,).
+    internal : ndarray
+        Creep and hysteresis states now.
+    setpoints : SetpointMaker
+        Allocation, and range, rates and lag of the set points.
+    """
+
+    arm: SoftArm
+    fields: StrainFields
+    force: Callable[[Array, Array, Array], Array]
+    actuation: Callable[[Array], Array]
+    internal: Array
+    setpoints: SetpointMaker
+
+
+@dataclass(frozen=True)
+class Shortage:
+    """Pressures that a point of a motion lacks.
+
+    Attributes
+    ----------
+    chamber : int
+        Chamber that lacks most; -1 if no pressures at all make the force.
+    pressure_pa : float
+        Pressure that it would need [Pa gauge].
+    distance_m : float
+        How far the best pressures leave the tip away [m], to first order.
+    """
+
+    chamber: int
+    pressure_pa: float
+    distance_m: float
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Set points along a part, as multiples of what is allowed.
+
+    Attributes
+    ----------
+    rate : float
+        Fastest change of a set point over the allowed one.
+    chamber : int
+        The chamber with this rate.
+    t_s : float
+        Its time after the begin of the part [s].
+    beyond_pa : float
+        How far a set point leaves its range [Pa].
+    short : bool
+        Whether the pressures lack something on the way.
+    """
+
+    rate: float
+    chamber: int
+    t_s: float
+    beyond_pa: float
+    short: bool
+
+    @property
+    def fits(self) -> bool:
+        """Whether the part can be made as it is."""
+        return self.rate <= 1.0 and self.beyond_pa <= 0.0 and not self.short
+
+
+def supply_of(controller: Controller, state: ControllerState) -> Supply:
+    """Return what the law asks for with its estimates of now, and what the chambers give."""
+    law, arm = controller.law, controller.arm
+    return Supply(
+        arm,
+        controller.fields,
+        partial(law.reference_force, state.law),
+        lambda q: law.actuation(state.law, arm.actuation_matrix(q)),
+        state.creep,
+        controller.setpoints,
+    )
+
+
+def shortage(supply: Supply, q: Array) -> Shortage | None:
+    """Return what the chambers lack to hold the arm at rest in `q` (n_q,); None if nothing."""
+    zero = np.zeros_like(q)
+    force = supply.force(q, zero, zero)
+    found, missing = _made(supply, q, force)
+    if missing <= _MADE_PA:
+        return None
+    wide, still_missing = _made(supply, q, force, wide=True)
+    beyond = np.maximum(
+        wide.pressure_pa - supply.setpoints.maximum_pa, supply.setpoints.minimum_pa - wide.pressure_pa
+    )
+    worst = int(np.argmax(beyond))
+    at_bounds = missing > still_missing + _MADE_PA
+    return Shortage(
+        worst if at_bounds else -1, float(wide.pressure_pa[worst]), _left_away(supply, q, force - found.force)
+    )
+
+
+def rates(supply: Supply, part: Part, dt: float, share: float) -> Generator[None, None, Rates]:
+    """Find the set points along a part, in steps of one sample each.
+
+    Parameters
+    ----------
+    supply : Supply
+        What the law asks for, and what the chambers give.
+    part : Part
+        The motion.
+    dt : float
+        Period of the set points [s].
+    share : float
+        Part of the allowed rates that the motion may take; the feedback has the rest.
+
+    Yields
+    ------
+    None
+        After each sample.
+
+    Returns
+    -------
+    Rates
+    """
+    from scipy.interpolate import CubicSpline  # imported here: most references are no motions
+
+    n = min(max(round(part.duration_s / _SAMPLE_S), _FEWEST), _MOST)
+    times, step = np.linspace(0.0, part.duration_s, n + 1, retstep=True)
+    internal, rows, short = supply.internal, [], False
+    for t in times:
+        at = part.at(float(t))
+        force = supply.force(at.q, at.qd, at.qdd) + supply.arm.internal_force(at.q, internal)
+        found, missing = _made(supply, at.q, np.asarray(force))
+        if missing > _MADE_PA and bool(found.saturated.any()):
+            short = True
+        rows.append(found.pressure_pa)
+        internal = advance_creep(supply.arm, internal, at.q, at.qd, float(step))
+        yield
+    ticks = np.arange(0.0, part.duration_s + 0.5 * dt, dt)
+    wish = CubicSpline(times, np.array(rows))(np.minimum(ticks, times[-1]))
+    commands = yield from _commands(supply, wish, dt)
+    change = np.diff(commands, axis=0, prepend=commands[:1]) / (share * dt)
+    part_of = np.maximum(
+        change / supply.setpoints.pressures.rise_pa_s, -change / supply.setpoints.pressures.fall_pa_s
+    )
+    k, chamber = np.unravel_index(int(np.argmax(part_of)), part_of.shape)
+    beyond = supply.setpoints.beyond_pa(commands)
+    return Rates(float(part_of[k, chamber]), int(chamber), float(ticks[k]), float(np.max(beyond)), short)
+
+
+def _commands(supply: Supply, wish_pa: Array, dt: float) -> Generator[None, None, Array]:
+    """Find the set points (n, n_u) that make the pressures follow `wish_pa` through the lag."""
+    pressures = supply.setpoints.pressures
+    if pressures.lag_s <= 0.0:
+        return wish_pa
+    lead, kept = max(pressures.lag_s / pressures.lag_filter_s, 1.0), float(np.exp(-dt / pressures.lag_s))
+    # The wanted pressures are assumed to change before the first sample as they do at it: the pressures lag
+    # behind them by the time of the filter.
+    model = wish_pa[0] - min(pressures.lag_s, pressures.lag_filter_s) / dt * (wish_pa[1] - wish_pa[0])
+    commands = np.empty_like(wish_pa)
+    for k, wish in enumerate(wish_pa):
+        commands[k] = model + lead * (wish - model)
+        model = commands[k] + kept * (model - commands[k])
+        if k % _TICKS_IN_A_STEP == 0:
+            yield
+    return commands
+
+
+def _made(supply: Supply, q: Array, force: Array, wide: bool = False) -> tuple[Allocation, float]:
+    """Return the pressures for a force, and how much of it is missing, as a pressure [Pa]."""
+    actuation, setpoints = supply.actuation(q), supply.setpoints
+    found = setpoints.allocate(actuation, force, setpoints.preferred_pa, wide)
+    weight = balanced_weight(actuation, supply.fields)
+    return found, float(np.max(np.abs(weight @ (force - found.force)), initial=0.0))
+
+
+def _left_away(supply: Supply, q: Array, lacking: Array) -> float:
+    """Return how far a missing force moves the tip [m], by the stiffness at `q`."""
+    arm, zero = supply.arm, np.zeros_like(q)
+    pressure = arm.acting_pressure(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa)
+
+    def load(at: Array) -> Array:
+        return np.asarray(supply.force(at, zero, zero) - supply.actuation(at) @ pressure)
+
+    scale = np.where(supply.fields.stretch, 1.0, 1.0 / supply.fields.length) * _STEP
+    stiffness = np.stack([(load(q + e) - load(q - e)) / (2.0 * np.max(e)) for e in np.diag(scale)], axis=1)
+    moved = np.linalg.lstsq(stiffness, lacking, rcond=None)[0]
+    _, jacobian = arm.pose_and_jacobian(q, arm.length)
+    return float(np.linalg.norm(jacobian[3:] @ moved))

@@ -1,0 +1,132 @@
+"""The shape of the backbone in which an arm rests on its reference, under the load that its law has learned.
+
+Strains of the reference determine where link ends are, or what chambers drive. Between the ends, weight bends
+links unevenly; and coordinates that no chamber drives rest where forces balance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.control.laws.protocol import Law
+from soro_core.control.reference.trajectory import Point
+from soro_core.control.reference.undriven import Undriven
+from soro_core.control.uneven import Uneven
+from soro_core.errors import SoroError
+from soro_core.model import SoftArm
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Steps of Newton towards the shape: from none, and from that of the coordinates before.
+_FIRST_STEPS, _STEPS = 12, 2
+# What a step may raise where forces have no balance: the shape is then that of the strains alone.
+_NO_BALANCE = (SoroError, np.linalg.LinAlgError)
+
+
+class Shape:
+    """The shape of an arm that its reference determines.
+
+    Attributes
+    ----------
+    arm : SoftArm
+        Arm with the coordinates x = spread q + offset of the shape on the reference q.
+    spread : ndarray (n_x, n_q)
+    """
+
+    def __init__(self, arm: SoftArm, spread: Array) -> None:
+        self.arm, self.spread = arm, spread
+
+    def offset(self, q: Array) -> Array:
+        """Return the offset (n_x,) at a reference (n_q,), near to the one before."""
+        return np.zeros(self.arm.n_q)
+
+
+class UnevenShape(Shape):
+    """The shape of links that weight bends unevenly between their ends.
+
+    Parameters
+    ----------
+    uneven : Uneven
+        Of the arm without contact.
+    mass_kg : float
+        Mass at the tip beyond the robot file's [kg].
+    """
+
+    def __init__(self, uneven: Uneven, mass_kg: float) -> None:
+        super().__init__(uneven.varying, uneven.spread)
+        self._uneven, self._mass_kg = uneven, mass_kg
+        self._state, self._steps = uneven.initial_state(), _FIRST_STEPS
+
+    def offset(self, q: Array) -> Array:
+        """Return how the strains vary along the links."""
+        still = Point(q, np.zeros_like(q), np.zeros_like(q))
+        try:
+            for _ in range(self._steps):
+                self._state, _ = self._uneven.step(self._state, still, self._mass_kg)
+            self._steps = _STEPS
+        except _NO_BALANCE:
+            self._state, self._steps = self._uneven.initial_state(), _FIRST_STEPS
+        return self._state.deviation
+
+
+class UndrivenShape(Shape):
+    """The shape of an arm with coordinates that no chamber drives.
+
+    Parameters
+    ----------
+    undriven : Undriven
+    force : callable
+        Force (n_q,) of the law at rest, at coordinates (n_q,).
+    actuation : callable
+        H (n_q, n_u) at coordinates (n_q,).
+    """
+
+    def __init__(
+        self, undriven: Undriven, force: Callable[[Array], Array], actuation: Callable[[Array], Array]
+    ) -> None:
+        super().__init__(undriven.arm, np.eye(undriven.arm.n_q))
+        self._undriven, self._force, self._actuation = undriven, force, actuation
+        self._state, self._steps = undriven.initial_state(), _FIRST_STEPS
+
+    def offset(self, q: Array) -> Array:
+        """Return what keeps the tip of the reference, as far as chambers bring it there."""
+        still = found = Point(q, np.zeros_like(q), np.zeros_like(q))
+        try:
+            for _ in range(self._steps):
+                self._state, found, _ = self._undriven.step(self._state, still, self._force, self._actuation)
+            self._steps = _STEPS
+        except _NO_BALANCE:
+            self._state, self._steps, found = self._undriven.initial_state(), _FIRST_STEPS, still
+        return np.asarray(found.q - q)
+
+
+def resting_shape(
+    arm: SoftArm, law: Law[Any], law_state: object, undriven: Undriven, uneven: Uneven | None
+) -> Shape:
+    """Return the shape of an arm, with the load that its law has learned.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    law : Law
+    law_state : object
+        Holds what is learned.
+    undriven : Undriven
+        Coordinates of the arm that no chamber drives.
+    uneven : Uneven or None
+        Its uneven bend, where it has one.
+    """
+    if undriven.exist and law.learns:
+
+        def force(q: Array) -> Array:
+            return law.reference_force(law_state, q, np.zeros_like(q), np.zeros_like(q))
+
+        return UndrivenShape(undriven, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q)))
+    if uneven is None:
+        return Shape(arm, np.eye(arm.n_q))
+    own = arm.robot.tip_mass
+    return UnevenShape(uneven, law.estimates(law_state).get("tip_mass", own) - own)

@@ -1,0 +1,1 @@
+"""The passivity-based adaptive law: what it adapts, and within which bounds."""

@@ -1,0 +1,1 @@
+"""From a wished generalised force to set points of the pressures."""

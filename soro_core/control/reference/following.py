@@ -1,0 +1,124 @@
+"""The reference in force: the configured one at first, later the last one given, reached by a passage."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.control.reference.passage import Bounds, Passage, advance, begin, point, redirect
+from soro_core.control.reference.trajectory import Hold, Point, Reference
+from soro_core.frozen import replaced
+
+Array: TypeAlias = NDArray[np.float64]
+
+# Part of the limit of a strain within which a passage has arrived.
+_ARRIVED = 1e-3
+# References that arrive within this time [s] of each other form a stream.
+STREAM_S = 1.0
+
+
+@dataclass(frozen=True)
+class Following:
+    """State of following.
+
+    Attributes
+    ----------
+    configured : Reference
+        The configured reference, which starts at the first tick.
+    given : Reference or None
+        The reference given last, including one that repeats the one in force.
+    wanted : Reference
+        The reference to follow.
+    changed_s : float
+        Time of the last change of `wanted` [s].
+    passage : Passage
+        Passage to `wanted`.
+    """
+
+    configured: Reference
+    given: Reference | None
+    wanted: Reference
+    changed_s: float
+    passage: Passage
+
+
+def follow(
+    bounds: Bounds,
+    start_s: float,
+    configured: Reference | None,
+    state: Following | None,
+    q: Array,
+    t: float,
+    dt: float,
+    reference: Reference | None,
+) -> Following:
+    """Return the state of following at time `t`.
+
+    A reference that repeats the one in force changes nothing. Another one is reached within `start_s`. In a
+    stream, whose messages arrive less than `STREAM_S` after each other, each is reached evenly in the time
+    between two messages.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of strain and rate.
+    start_s : float
+        Duration of the start, and of the passage to a single reference [s].
+    configured : Reference or None
+        The configured reference, a circle from time 0 on; None to hold the arm where it is.
+    state : Following or None
+        State after the last tick; None before the first one.
+    q : ndarray (n_q,)
+        Coordinates of the arm, used at the start.
+    t, dt : float
+        Time and time since the last tick [s].
+    reference : Reference or None
+        The reference given last; None for the configured one.
+
+    Returns
+    -------
+    Following
+    """
+    if state is None:
+        rest = bounds.fields.within(q, bounds.strain)
+        own = Hold(rest) if configured is None else configured.begun(t)
+        wanted = own if reference is None else reference
+        changed_s = -math.inf if reference is None else t
+        return Following(own, reference, wanted, changed_s, begin(bounds, rest, wanted, t, start_s))
+    passage, wanted = state.passage, state.configured if reference is None else reference
+    if reference is not state.given and not state.wanted.is_repeated_by(wanted, t):
+        since_s = t - state.changed_s
+        passage = redirect(bounds, passage, wanted, t - dt, since_s if since_s <= STREAM_S else start_s)
+        state = replaced(state, wanted=wanted, changed_s=t)
+    return replaced(state, given=reference, passage=advance(bounds, passage, t, dt))
+
+
+def reference_ahead(bounds: Bounds, state: Following, time_s: float) -> Point:
+    """Return the reference `time_s` after the last tick, if no other is given meanwhile.
+
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of strain and rate.
+    state : Following
+        State after the last tick.
+    time_s : float
+        Time ahead [s], 0 or more.
+
+    Returns
+    -------
+    Point
+    """
+    passage = state.passage
+    return point(bounds, advance(bounds, passage, passage.t_s + time_s, time_s) if time_s > 0.0 else passage)
+
+
+def at_rest(bounds: Bounds, state: Following) -> bool:
+    """Whether the reference in force has come to the end of the wanted one, where that rests."""
+    passage = state.passage
+    has_arrived = bool(np.all(np.abs(passage.gap) <= _ARRIVED * bounds.strain))
+    return has_arrived and passage.t_s >= passage.target.end_s

@@ -1,0 +1,1 @@
+"""Samples of the sensors, and the watch over them."""

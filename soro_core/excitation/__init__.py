@@ -1,5 +1,0 @@
-"""Excitation of an arm: safe set points from which its parameters can be identified."""
-
-from soro_core.excitation.config import ExciteConfig, MotionConfig
-
-__all__ = ["ExciteConfig", "MotionConfig"]

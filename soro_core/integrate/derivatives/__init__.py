@@ -1,0 +1,1 @@
+"""Derivatives of a step by its start and its input."""

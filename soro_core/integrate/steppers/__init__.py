@@ -1,0 +1,1 @@
+"""Steppers in time, one a file, as coefficients of two kernels."""

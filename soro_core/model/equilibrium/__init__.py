@@ -1,0 +1,1 @@
+"""Equilibria of an arm under constant pressures."""

@@ -1,0 +1,1 @@
+"""Forces on an arm, from inside and from outside, as kernels."""

@@ -1,0 +1,1 @@
+"""Links: their kinematics and inertia, section by section, as kernels."""

@@ -1,0 +1,1 @@
+"""Design of soft parts: finite elements, topology optimisation, and robots from parts."""

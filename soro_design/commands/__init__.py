@@ -1,0 +1,1 @@
+"""Commands for parts and their design."""

@@ -1,0 +1,83 @@
+"""`soro design export` of a part file: its solid as STEP, the surface of its mesh as STL."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from soro_core.errors import ConfigError, ModelError
+
+if TYPE_CHECKING:
+    from soro_design.fem.elements.response import Array, Indices
+
+
+def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -> None:
+    """Write the files that are asked for, and print a line of each.
+
+    Parameters
+    ----------
+    source : str
+        Part file, or the name of a shipped one.
+    stl, step : Path or None
+        Files to write.
+    pieces : int
+        Flat pieces of a revolution, of the STL file.
+
+    Raises
+    ------
+    ConfigError
+        If none is asked for, there is no such part, or it has no such solid.
+    ModelError
+        If a file cannot be written.
+    """
+    from soro_core.config import find_config
+    from soro_design.fem.meshes.surface import revolved, solid_surface
+    from soro_design.parts.file import load_part
+    from soro_design.parts.mesh_geometry import MeshGeometry
+    from soro_design.parts.specimen import make_specimen
+    from soro_design.parts.step import write_step
+
+    if stl is None and step is None:
+        raise ConfigError("soro design export", "", source, "--step FILE or --stl FILE of a part file")
+    try:
+        path = find_config(source, "parts")
+    except ConfigError as error:
+        raise ConfigError("soro design export", "", source, f"a folder of a run, {error.allowed}") from None
+    file = load_part(path)
+    if step is not None:
+        if isinstance(file.geometry, MeshGeometry):
+            raise ConfigError(str(path), "geometry.kind", "mesh", "a part of stated dimensions, for --step")
+        typer.echo(f"{step}: a solid of {1e9 * write_step(step, file.geometry):.6g} mm3")
+    if stl is not None:
+        mesh = make_specimen(file).part.mesh
+        if mesh.space == "plane_strain":
+            raise ConfigError(str(path), "geometry.space", mesh.space, "solid or axisymmetric, for --stl")
+        write_surface(stl, *(solid_surface(mesh) if mesh.space == "solid" else revolved(mesh, pieces)))
+
+
+def write_surface(stl: Path, points: Array, triangles: Indices) -> None:
+    """Write a surface that closes, and print a line of it.
+
+    Parameters
+    ----------
+    stl : Path
+        File.
+    points : ndarray, (n, 3)
+        Corners [m].
+    triangles : ndarray of int, (t, 3)
+        Turned outwards.
+
+    Raises
+    ------
+    ModelError
+        If the surface has open edges, or the file cannot be written.
+    """
+    from soro_design.fem import write_stl
+    from soro_design.fem.meshes.surface import is_closed, volume
+
+    if not is_closed(triangles):
+        raise ModelError("the surface has open edges: no solid to export", "stl")
+    write_stl(stl, points, triangles)
+    typer.echo(f"{stl}: {len(triangles)} triangles, {1e9 * volume(points, triangles):.6g} mm3, watertight")

@@ -1,0 +1,103 @@
+"""`soro identify-fem`: the robot file of a part, by finite elements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from soro_core.errors import ConfigError
+
+
+def identify_fem(
+    part: Annotated[str, typer.Argument(help="Part file of a rod, or the name of a shipped one.")],
+    out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
+    run: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of `soro fem run` of the same part; default: its sweeps are computed, into NAME_fem "
+            "beside --out.",
+            show_default=False,
+        ),
+    ] = None,
+    modes: Annotated[
+        int,
+        typer.Option(min=0, max=3, help="Modes of each strain in the robot file; 0: constant strains."),
+    ] = 0,
+    accept: Annotated[
+        float,
+        typer.Option(min=0.0, help="Greatest error of a held-out tip, in % of the length; above it, exit 1."),
+    ] = 4.0,
+    report: Annotated[
+        Path | None, typer.Option(help="Folder for a page with pictures and numbers.", show_default=False)
+    ] = None,
+    mesh_check: Annotated[
+        bool, typer.Option(help="Compute one sweep on a coarser mesh too, for the line on the mesh.")
+    ] = True,
+    force: Annotated[bool, typer.Option(help="Replace what exists.")] = False,
+) -> None:
+    """Find the numbers of a link that moves like a part under the sweeps of its file; write a robot file.
+
+    Forces come first, because pressures alone give only the ratio of stiffness to area; then all states are
+    fitted together. Held-out sweeps judge the result. Creep stays to be measured, and damping where the part
+    file has no viscosity. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2 wrong
+    use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/parts.md.
+    """
+    from rich.console import Console
+
+    from soro_design.commands.fem import follow_all, prepare
+    from soro_design.parts.file import load_part
+    from soro_design.parts.folder import SweepFolder, load_backbones
+    from soro_design.parts.specimen import RodSpecimen, make_specimen
+    from soro_design.robot_of_part.report import content_of, write_report
+    from soro_design.robot_of_part.snapshots import check_sweeps, snapshots
+    from soro_design.robot_of_part.stages import identify
+    from soro_design.robot_of_part.written import number_table, quality, write_robot
+
+    name = "soro identify-fem"
+    if out.suffix not in (".yaml", ".yml"):
+        raise ConfigError(name, "--out", str(out), "a name that ends with .yaml")
+    if not out.parent.is_dir():
+        raise ConfigError(name, "--out", str(out), "a file in a folder that exists")
+    for option, path in (("--out", out), ("--report", report)):
+        if path is not None and path.exists() and not force:
+            raise ConfigError(name, option, str(path), "what does not exist, or --force")
+    file = load_part(part)
+    specimen = make_specimen(file)
+    if not isinstance(specimen, RodSpecimen):
+        raise ConfigError(part, "geometry.kind", file.geometry.kind, "rod_with_chambers: a robot bends")
+    if file.contact is not None:
+        raise ConfigError(part, "contact", "surfaces that touch", "none: a link touches nothing")
+    check_sweeps(file.sweeps, part)
+    console = Console(stderr=True)
+    if run is None:
+        folder = out.with_name(f"{out.stem}_fem")
+        prepare(folder, file, force, name)
+        kept = SweepFolder(folder, specimen)
+        stopped, interrupted = follow_all(file, specimen, kept, console)
+        if interrupted:
+            raise typer.Exit(130)
+        if stopped:
+            console.print(f"fitted up to where {', '.join(stopped)} stopped", highlight=False, markup=False)
+        z, states = specimen.z, kept.backbones
+    else:
+        z, states = load_backbones(run, file)
+    data = snapshots(z, states, part)
+    with console.status("") as shown:
+        try:
+            found = identify(file, specimen, data, out.stem, modes, mesh_check, shown.update)
+        except KeyboardInterrupt:
+            console.print("interrupted; the states are kept", highlight=False)
+            raise typer.Exit(130) from None
+    written = write_robot(found, file.name, out)
+    content = content_of(found, file.name, out.name, 0.01 * accept)
+    if report is not None:
+        written.append(write_report(content, found, report))
+    typer.echo("\n".join([*quality(found), "", *number_table(found)]))
+    typer.echo(f"written: {', '.join(map(str, written))}")
+    if found.is_interrupted:
+        raise typer.Exit(130)
+    if content["refusal"]:
+        typer.echo(f"not accepted: {content['refusal']}", err=True)
+        raise typer.Exit(1)

@@ -1,0 +1,1 @@
+"""Elements, materials and loads as kernels."""

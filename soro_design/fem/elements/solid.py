@@ -1,0 +1,232 @@
+"""Kernel of the elements: energy, forces and stiffness, in plane strain, about an axis and in space.
+
+All three share the deformation gradient F = 1 + sum_a u_a (dN_a/dX)^T; about an axis its last number is
+1 + sum_a u_ra N_a / R. docs/design.md (5) to (7).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core._jit import inner, kernel
+from soro_design.fem.elements.mesh import Mesh
+from soro_design.fem.elements.response import BULK, Array, Indices, add_volume_curvature, cofactor, respond
+
+
+class Work(NamedTuple):
+    """Room for the numbers of one element at a time."""
+
+    F: Array
+    H: Array
+    P: Array
+    A: Array
+    products: Array
+    column: Array
+    by_volume: Array
+
+
+def tables(mesh: Mesh, cells: Indices) -> tuple[Array, Array, Array]:
+    """Return what the kernel reads of undeformed elements, at their points of integration.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    cells : ndarray of int, (e, a)
+        Its elements, or some of them.
+
+    Returns
+    -------
+    slope : ndarray, (e, g, a, d)
+        Derivatives of the shape functions by X [1/m].
+    hoop : ndarray, (e, g, a)
+        N / R about an axis [1/m], else 0.
+    volume : ndarray, (e, g)
+        Volumes [m3]; plane strain is 1 m thick, rings are whole.
+    """
+    one, at = mesh.element, mesh.points[cells]
+    by_xi = np.einsum("ead,gak->egdk", at, one.slope)
+    slope = np.einsum("gak,egkd->egad", one.slope, np.linalg.inv(by_xi))
+    volume = np.linalg.det(by_xi) * one.weight
+    hoop = np.zeros(slope.shape[:3])
+    if mesh.space == "axisymmetric":
+        radius = at[:, :, 0] @ one.shape.T
+        hoop = one.shape[None] / radius[:, :, None]
+        volume = volume * 2.0 * np.pi * radius
+    return np.ascontiguousarray(slope), hoop, volume
+
+
+@inner
+def make_work(size: int) -> Work:
+    """Return room for elements of `size` displacements."""
+    return Work(
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((9, 9)),
+        np.empty((3, 3, 3)),
+        np.empty(9),
+        np.empty(size),
+    )
+
+
+@inner
+def gather(u: Array, cell: Indices, of_cell: Array) -> None:
+    """of_cell (a, d) <- displacements of the nodes `cell` (a,) of an element."""
+    for a in range(cell.shape[0]):
+        for k in range(u.shape[1]):
+            of_cell[a, k] = u[cell[a], k]
+
+
+@inner
+def fill_gradient(u: Array, slope: Array, hoop: Array, F: Array) -> None:
+    """F <- deformation gradient at a point of integration; u (a, d) are those of the element."""
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = 1.0 if i == j else 0.0
+    for a in range(u.shape[0]):
+        for i in range(u.shape[1]):
+            for j in range(u.shape[1]):
+                F[i, j] += u[a, i] * slope[a, j]
+        F[2, 2] += u[a, 0] * hoop[a]
+
+
+@inner
+def add_force(P: Array, slope: Array, hoop: Array, volume: float, force: Array) -> None:
+    """Add int P : dF to the forces (n d,) of the element."""
+    d = slope.shape[1]
+    for a in range(slope.shape[0]):
+        for k in range(d):
+            value = 0.0
+            for j in range(d):
+                value += P[k, j] * slope[a, j]
+            force[a * d + k] += volume * value
+        force[a * d] += volume * P[2, 2] * hoop[a]
+
+
+@inner
+def add_stiffness(A: Array, slope: Array, hoop: Array, volume: float, column: Array, K: Array) -> None:
+    """Add int dF : A : dF to the lower half of the stiffness (n d, n d) of the element."""
+    n, d = slope.shape
+    for a in range(n):
+        for k in range(d):
+            for m in range(9):
+                # In a section F_13, F_23, F_31 and F_32 do not change.
+                if d == 2 and (m == 2 or 5 <= m <= 7):
+                    continue
+                value = 0.0
+                for j in range(d):
+                    value += A[m, 3 * k + j] * slope[a, j]
+                if k == 0:
+                    value += A[m, 8] * hoop[a]
+                column[m] = volume * value
+            for b in range(a, n):
+                for i in range(d):
+                    value = 0.0
+                    for j in range(d):
+                        value += slope[b, j] * column[3 * i + j]
+                    if i == 0:
+                        value += hoop[b] * column[8]
+                    K[b * d + i, a * d + k] += value
+
+
+@inner
+def respond_element(
+    law: Array,
+    is_averaged: bool,
+    slope: Array,
+    hoop: Array,
+    volume: Array,
+    u: Array,
+    with_stiffness: bool,
+    work: Work,
+    f: Array,
+    K: Array,
+) -> float:
+    """f, K <- forces (a d,) and lower half of the stiffness of an element; return its energy, NaN if J <= 0.
+
+    With `is_averaged` the element has one volume ratio, the mean of J.
+    """
+    F, H, P, A, by_volume = work.F, work.H, work.P, work.A, work.by_volume
+    f[:] = 0.0
+    K[:] = 0.0
+    by_volume[:] = 0.0
+    total, deformed, energy = 0.0, 0.0, 0.0
+    for g in range(volume.shape[0]):
+        fill_gradient(u, slope[g], hoop[g], F)
+        J = cofactor(F, H)
+        if not J > 0.0:
+            return math.nan
+        total += volume[g]
+        deformed += J * volume[g]
+        if is_averaged:
+            add_force(H, slope[g], hoop[g], volume[g], by_volume)
+    bulk, mean_stress = law[BULK], 0.0
+    if is_averaged:
+        mean_stress = bulk * (deformed / total - 1.0)
+        energy += 0.5 * total * mean_stress * (deformed / total - 1.0)
+        bulk = 0.0
+    for g in range(volume.shape[0]):
+        fill_gradient(u, slope[g], hoop[g], F)
+        cofactor(F, H)
+        energy += volume[g] * respond(law, bulk, F, H, work.products, P, A)
+        if is_averaged:
+            for i in range(3):
+                for j in range(3):
+                    P[i, j] += mean_stress * H[i, j]
+            add_volume_curvature(F, mean_stress, A)
+        add_force(P, slope[g], hoop[g], volume[g], f)
+        if with_stiffness:
+            add_stiffness(A, slope[g], hoop[g], volume[g], work.column, K)
+    if with_stiffness and is_averaged:
+        for i in range(f.shape[0]):
+            for j in range(i + 1):
+                # Of two numbers of one node the stiffness above the diagonal is there too.
+                K[i, j] += law[BULK] / total * by_volume[i] * by_volume[j]
+    return energy
+
+
+@kernel
+def assemble(
+    law: Array,
+    is_averaged: bool,
+    cells: Indices,
+    slope: Array,
+    hoop: Array,
+    volume: Array,
+    position: Indices,
+    u: Array,
+    force: Array,
+    data: Array,
+) -> tuple[float, int]:
+    """Add forces (n, d) and, unless `data` is empty, stiffnesses; return the energy, and -1 or a bad element.
+
+    slope, hoop and volume come from `tables`; position (e, n d, n d) says where in `data` the stiffness of an
+    element goes. A bad element has J <= 0 somewhere.
+    """
+    n, d = slope.shape[2:]
+    size = n * d
+    of_cell, f, K, work = np.empty((n, d)), np.empty(size), np.empty((size, size)), make_work(size)
+    energy = 0.0
+    with_stiffness = data.shape[0] > 0
+    for e in range(cells.shape[0]):
+        gather(u, cells[e], of_cell)
+        own = respond_element(
+            law, is_averaged, slope[e], hoop[e], volume[e], of_cell, with_stiffness, work, f, K
+        )
+        if math.isnan(own):
+            return energy, e
+        energy += own
+        for a in range(n):
+            for k in range(d):
+                force[cells[e, a], k] += f[a * d + k]
+        if with_stiffness:
+            for i in range(size):
+                for j in range(i + 1):
+                    data[position[e, i, j]] += K[i, j]
+                    if i != j:
+                        data[position[e, j, i]] += K[i, j]
+    return energy, -1

@@ -1,0 +1,1 @@
+"""Meshes: made from dimensions, read from files, written for other programs."""

@@ -1,0 +1,1 @@
+"""Equilibrium and motion of a part."""

@@ -1,0 +1,169 @@
+"""A part of a mesh file that is ready to be loaded: what is held, pressed, forced and moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import ConfigError, ModelError
+from soro_design.fem import State
+from soro_design.fem.elements.mesh import Mesh
+from soro_design.fem.elements.response import Indices
+from soro_design.fem.loads import no_loads, spread_force
+from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh
+from soro_design.fem.part import Part
+from soro_design.parts.bare import bare_part
+from soro_design.parts.file import PartFile, Sweep
+from soro_design.parts.mesh_geometry import AXES, MeshGeometry, Region
+from soro_design.parts.tendons import Routed, tensioned
+
+# A node is at a bound of a region if it is nearer than this part of the size of the mesh.
+NEAR = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSpecimen:
+    """A part of a mesh file.
+
+    Attributes
+    ----------
+    part : Part
+        Without loads, held where its file says.
+    pressed : tuple of tuple of ndarray and bool
+        Faces of each pressure, and whether they are an open surface.
+    forced : ndarray of int, (f, m)
+        Faces that take the force, or none.
+    moved : ndarray of int, (n,)
+        Nodes that move by the extension, or none.
+    direction : int
+        Of that motion.
+    tendons : tuple of Routed
+        Tendons.
+    """
+
+    part: Part
+    pressed: tuple[tuple[Indices, bool], ...]
+    forced: Indices
+    moved: Indices
+    direction: int
+    tendons: tuple[Routed, ...] = ()
+
+    @property
+    def chambers(self) -> int:
+        """Number of pressures."""
+        return len(self.pressed)
+
+    @property
+    def watched(self) -> Indices:
+        """Nodes whose mean motion is measured: forced ones, else moved ones, else all."""
+        if self.forced.size:
+            return np.unique(self.forced)
+        return self.moved if self.moved.size else np.arange(len(self.part.mesh.points))
+
+    def under(self, sweep: Sweep) -> Part:
+        """Return the part under the pressures, the force, the extension and the tensions of a sweep."""
+        loads, mesh = self.part.loads, self.part.mesh
+        for (faces, is_open), pressure in zip(self.pressed, sweep.pressures_pa, strict=False):
+            loads = loads.press(faces, pressure, is_open) if pressure else loads
+        if any(sweep.force_n):
+            loads = loads.pull(spread_force(mesh, self.forced, sweep.force_n[: mesh.points.shape[1]]))
+        if self.moved.size:
+            loads = loads.hold(self.moved, self.direction, sweep.extension_m)
+        return self.part.under(tensioned(loads, self.tendons, sweep.tensions_n))
+
+    def measured(self, state: State) -> dict[str, float]:
+        """Return the mean motion of what is forced or moved, the force that moves it, the greatest motion."""
+        axes = AXES[self.part.mesh.space]
+        mean = state.u[self.watched].mean(axis=0)
+        found = {f"mean_{axis}_m": float(value) for axis, value in zip(axes, mean, strict=True)}
+        if self.moved.size:
+            found["reaction_n"] = float(state.reaction[self.moved, self.direction].sum())
+        return found | {"farthest_m": float(np.linalg.norm(state.u, axis=1).max())}
+
+
+def read_part_mesh(geometry: MeshGeometry) -> MeshFile:
+    """Return the mesh of the file of a part, with its groups.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, or its elements make no mesh.
+    MissingPackageError
+        If meshio or netgen is not installed.
+    """
+    if not geometry.is_step:
+        return read_mesh(geometry.file, geometry.space, geometry.unit_m)
+    assert geometry.largest_m is not None  # checked when the part is loaded
+    return MeshFile(mesh_step(geometry.file, geometry.largest_m), {})
+
+
+def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
+    """Return the specimen of a part file with a mesh.
+
+    Raises
+    ------
+    ConfigError
+        If a group is not in the mesh, a region has no nodes or no faces, or a cavity is open.
+    ModelError
+        If the file cannot be read, or its elements make no mesh.
+    """
+    read = read_part_mesh(geometry)
+    mesh = read.mesh
+    inside = {key: _nodes(file.name, read, name, geometry) for key, name in geometry.named().items()}
+    loads = no_loads(mesh)
+    for i, held in enumerate(geometry.held):
+        for axis in held.directions:
+            loads = loads.hold(inside[f"held[{i}].region"], "xyz".index(axis))
+    part, tendons = bare_part(file, mesh, loads)
+    none = np.empty(0, dtype=np.int64)
+    direction = 0 if geometry.moved is None else "xyz".index(geometry.moved.direction)
+    moved = none if geometry.moved is None else np.flatnonzero(inside["moved.region"])
+    # Motions are held before cavities are looked at: a rim may be closed by them.
+    held_part = part.under(loads.hold(moved, direction)) if moved.size else part
+    pressed = []
+    for i, one in enumerate(geometry.pressed):
+        faces = _faces(file.name, mesh, f"pressed[{i}].region", one.region, inside)
+        try:
+            held_part.under(held_part.loads.press(faces, 1.0, one.is_open))
+        except ModelError as error:
+            opening = str(error).split("; allowed")[0].split(": ", 1)[-1]
+            allowed = "a closed cavity, a rim that is held or in a plane of symmetry, or is_open: true"
+            raise ConfigError(
+                file.name, f"geometry.pressed[{i}]", one.region, f"{allowed}; {opening}"
+            ) from None
+        pressed.append((faces, one.is_open))
+    forced = _faces(file.name, mesh, "forced", geometry.forced, inside) if geometry.forced else none
+    return MeshSpecimen(part, tuple(pressed), forced, moved, direction, tendons)
+
+
+def _nodes(where: str, read: MeshFile, name: str, geometry: MeshGeometry) -> NDArray[np.bool_]:
+    """Nodes of a region, (n,) of bool."""
+    region: Region = geometry.regions[name]
+    points = read.mesh.points
+    inside = np.ones(len(points), dtype=bool)
+    if region.group:
+        if region.group not in read.groups:
+            allowed = ", ".join(read.groups) or "none: this file has no named groups; state bounds"
+            raise ConfigError(where, f"geometry.regions.{name}.group", region.group, allowed)
+        inside &= read.groups[region.group]
+    near = NEAR * np.ptp(points)
+    for key, (low, high) in region.bounds().items():
+        axis = "xyz".find(key[0])
+        places = points[:, axis] if axis >= 0 else np.hypot(points[:, 0], points[:, 1])
+        inside &= (places > low - near) & (places < high + near)
+    if not inside.any():
+        ends = [", ".join(f"{x:.4g}" for x in edge(axis=0)) for edge in (points.min, points.max)]
+        allowed = f"one with nodes; the mesh reaches from ({ends[0]}) to ({ends[1]}) m"
+        raise ConfigError(where, f"geometry.regions.{name}", "a region without nodes", allowed)
+    return inside
+
+
+def _faces(where: str, mesh: Mesh, key: str, name: str, inside: dict[str, NDArray[np.bool_]]) -> Indices:
+    """Faces of the boundary in a region."""
+    try:
+        return mesh.faces_at(inside[key])
+    except ModelError:
+        allowed = "a region with all nodes of a face of the boundary"
+        raise ConfigError(where, f"geometry.{key}", name, allowed) from None

@@ -1,0 +1,148 @@
+"""The robot file of a part, and the lines that say how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from soro_design.robot_of_part.direct import Direct
+from soro_design.robot_of_part.joint import TipError
+from soro_design.robot_of_part.link import GIVEN, at_bound, robot_keys
+from soro_design.robot_of_part.modes import mode_file, strain_keys
+from soro_design.robot_of_part.stages import Identified
+from soro_design.robot_of_part.verdict import kept_verdict, link_verdict
+
+# Digits of numbers in the file.
+_DIGITS = 7
+LOADS = {
+    "k_e_rest": "axial force",
+    "k_b_rest": "force across the axis",
+    "area_m2": "equal pressures",
+    "area_slope": "equal pressures",
+    "offset_m": "one chamber",
+}
+
+
+def write_robot(found: Identified, source: str, out: Path) -> list[Path]:
+    """Write the robot file, and the files of its modes beside it; return them.
+
+    Parameters
+    ----------
+    found : Identified
+        What is written.
+    source : str
+        Name of the part file.
+    out : Path
+        The robot file.
+    """
+    files = [out]
+    for name, samples in (found.samples or {}).items():
+        files.append(mode_file(out, name))
+        np.save(files[-1], samples)
+    out.write_text(robot_text(found, source, out), encoding="utf-8")
+    return files
+
+
+def robot_text(found: Identified, source: str, out: Path) -> str:
+    """Return the robot file, parameters as in `write_robot`."""
+    strains = None if found.samples is None else strain_keys(found.samples, out)
+    keys = _rounded(robot_keys(found.known, found.values, strains))
+    lines = [f"Identified by soro identify-fem from {source}; not measured.", *quality(found)]
+    if found.known.viscosity_pa_s:
+        lines.append(f"Damping: from viscosity_pa_s {found.known.viscosity_pa_s:g} of the part file.")
+    else:
+        lines.append("Damping: 0, to be measured (a release, soro identify).")
+    lines += ["Creep: to be measured.", "", *number_table(found)]
+    body = yaml.safe_dump(keys, sort_keys=False, default_flow_style=None, width=110)
+    return "\n".join(f"# {line}".rstrip() for line in lines) + "\n" + body
+
+
+def quality(found: Identified) -> list[str]:
+    """Return one line each on errors, on the mesh, on modes and on numbers that stop at a bound."""
+    lines = [
+        f"Tip against finite elements, in % of the length: {_errors(found.fitted)} fitted,"
+        f" {_errors(found.held_out)} held out."
+    ]
+    mesh = found.mesh
+    if mesh is not None:
+        lines.append(
+            f"Mesh: {mesh.elements} elements; with {mesh.coarse_elements} the tip of sweep {mesh.sweep} moves"
+            f" by {100.0 * mesh.difference:.2g} %, which leaves an error of some {100.0 * mesh.error:.2g} %."
+        )
+    lines.append(kept_verdict(found.kept))
+    if found.constant is not None and found.samples is not None:
+        n = next(iter(found.samples.values())).shape[1]
+        lines.append(link_verdict(found.constant, found.held_out, n, found.kept[n][1]))
+    if found.is_interrupted:
+        lines.append("Interrupted: the numbers are the best until then.")
+    stuck = at_bound(found.start, found.values)
+    if stuck:
+        lines.append(f"At a bound, so that other loads would say more: {', '.join(stuck)}.")
+    return lines
+
+
+def refusal(found: Identified, accept: float) -> str:
+    """Return why a robot is not accepted, empty where it is.
+
+    Parameters
+    ----------
+    found : Identified
+        With the robot.
+    accept : float
+        Greatest error of a held-out tip over the length.
+    """
+    most = mean_and_most(found.held_out)[1]
+    if most > accept:
+        return f"a held-out tip is off by {100.0 * most:.2g} % of the length, allowed: {100.0 * accept:g} %"
+    stuck = [name for name in at_bound(found.start, found.values) if name not in GIVEN]
+    if stuck:
+        return (
+            f"{', '.join(stuck)} at a bound: the link has no law for what the part does, or its sweeps are"
+            " too few; chambers without hoops balloon"
+        )
+    return ""
+
+
+def number_table(found: Identified) -> list[str]:
+    """Return one line a number: by single loads, by all states, by which load."""
+    start = single_loads(found.start)
+    rows = [("number", "single load", "all states", "load")]
+    for name, value in found.values.items():
+        first = f"{start[name]:.5g}" if name in start else "-"
+        rows.append((name, first, f"{value:.5g}", LOADS.get(name, "all states")))
+    widths = [max(len(row[i]) for row in rows) for i in range(3)]
+    return ["  ".join([*(row[i].ljust(widths[i]) for i in range(3)), row[3]]) for row in rows]
+
+
+def single_loads(start: Direct) -> dict[str, float]:
+    """Return what single loads give by the names of the numbers of a fit."""
+    return {
+        "k_e_rest": start.k_e_n_per_m,
+        "k_b_rest": start.k_b_nm,
+        "area_m2": start.area_m2,
+        "area_slope": start.area_slope,
+        "offset_m": start.offset_m,
+    }
+
+
+def mean_and_most(errors: Sequence[TipError]) -> tuple[float, float]:
+    """Return mean and greatest error of tips over the length."""
+    shares = [error.share for error in errors]
+    return float(np.mean(shares)), float(np.max(shares))
+
+
+def _errors(errors: Sequence[TipError]) -> str:
+    mean, most = mean_and_most(errors)
+    return f"mean {100.0 * mean:.2f}, greatest {100.0 * most:.2f}"
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
+    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value

@@ -1,0 +1,23 @@
+"""Topology optimisation of soft parts that air under pressure drives (docs/design.md)."""
+
+from soro_design.topology.check import Reanalysis, Shape, reanalyse, shape
+from soro_design.topology.domain import Domain, make_domain
+from soro_design.topology.optimise import Row, State, load_state, optimise, save
+from soro_design.topology.task import Task, load_task, task_from_dict
+
+__all__ = [
+    "Domain",
+    "Reanalysis",
+    "Row",
+    "Shape",
+    "State",
+    "Task",
+    "load_state",
+    "load_task",
+    "make_domain",
+    "optimise",
+    "reanalyse",
+    "save",
+    "shape",
+    "task_from_dict",
+]

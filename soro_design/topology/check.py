@@ -1,0 +1,125 @@
+"""The final part on a mesh of its own shape: does it hold air, how thin is it, how far does it move?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from soro_core.errors import ModelError
+from soro_design.fem import Mesh, Settings, make_part, no_loads, solve
+from soro_design.fem.elements.response import Array, Indices
+from soro_design.fem.elements.solid import tables
+from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
+from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
+from soro_design.topology.optimise import State
+from soro_design.topology.shape import Contour, contour, solid_mesh
+from soro_design.topology.task import Farthest
+
+
+@dataclass(frozen=True, eq=False)
+class Reanalysis:
+    """The part of a mesh of its own shape under the last pressure.
+
+    Attributes
+    ----------
+    motion_m : float
+        Of the output against its spring [m], NaN where there is no equilibrium.
+    free_m : float
+        Without a spring [m], NaN where there is no equilibrium.
+    u, free_u : ndarray, (n, 2)
+        Displacements of both [m], of the last state in equilibrium.
+    cause : str
+        Why there is no equilibrium, else empty.
+    """
+
+    motion_m: float
+    free_m: float
+    u: Array
+    free_u: Array
+    cause: str
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """The final part.
+
+    Attributes
+    ----------
+    cut : Contour
+        Border of its solid.
+    mesh : Mesh
+        Of its solid.
+    air : Flood
+        What is wet.
+    wet, outer : ndarray of int, (f, 2)
+        Faces that the air of the inlet presses on, and those in the open.
+    wall_m : float
+        Least distance between them [m].
+    wall_at : ndarray, (2,)
+        Where that is [m].
+    """
+
+    cut: Contour
+    mesh: Mesh
+    air: Flood
+    wet: Indices
+    outer: Indices
+    wall_m: float
+    wall_at: Array
+
+    @property
+    def volume_m3(self) -> float:
+        """Volume of its solid; a section is 1 m thick."""
+        return float(tables(self.mesh, self.mesh.cells)[2].sum())
+
+    @property
+    def leak(self) -> str:
+        """Why it does not hold air, else empty."""
+        if self.air.is_leak.any():
+            x, y = 1e3 * self.cut.points[np.flatnonzero(self.air.is_leak)[0]]
+            return f"the part is not sealed: air of the inlet reaches the open at ({x:.4g}, {y:.4g}) mm"
+        if not self.air.is_wet.any():
+            return "the inlet is full of solid: no air gets in"
+        return ""
+
+
+def shape(domain: Domain, state: State) -> Shape:
+    """Return the final part of a run."""
+    cut = contour(domain, state.filtered)
+    mesh = solid_mesh(domain, cut)
+    air = flood(domain, cut)
+    wet, outer = wet_faces(domain, cut, air, mesh)
+    return Shape(cut, mesh, air, wet, outer, *thinnest_wall(mesh, wet, outer))
+
+
+def reanalyse(domain: Domain, found: Shape) -> Reanalysis:
+    """Return how far the output of the final part moves, with its spring and without.
+
+    Raises
+    ------
+    ModelError
+        If the goal is not a motion, or the solid does not reach the output.
+    """
+    task, mesh = domain.task, found.mesh
+    goal = task.goal
+    if not isinstance(goal, Farthest):
+        raise ModelError("a goal without an output has no motion; allowed: goal.kind farthest", "goal")
+    near = NEAR * min(domain.grid.edge_m)
+    loads = no_loads(mesh)
+    for axis, is_held in enumerate(held_nodes(task, mesh.points, near).T):
+        loads = loads.hold(is_held, axis)
+    if len(found.wet):
+        # The flood has named leaks; the mouth of the inlet is open.
+        loads = loads.press(found.wet, task.schedule.pressure_pa[1], is_patch=True)
+    weights = patch(mesh, inside(goal.output, mesh.points, near), np.array(goal.direction))
+    part = make_part(mesh, goal.law("goal.material"), loads)
+    moved, causes = [], []
+    for spring in (goal.spring_pa, 0.0):
+        sprung = part.under(loads.spring(spring * np.abs(weights)))
+        done = solve(sprung, settings=Settings(tolerance=1e-8, iterations=20))
+        reached = float((weights * done.last.u).sum()) if done.status == "solved" else np.nan
+        moved.append((reached, done.last.u))
+        causes.append(done.cause)
+    (motion, u), (free, free_u) = moved
+    return Reanalysis(motion, free, u, free_u, "; ".join(cause for cause in causes if cause))

@@ -1,0 +1,253 @@
+"""From a task to its grid: which elements are given, which nodes are held, pressed, open and wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from soro_core.errors import ConfigError, ModelError
+from soro_design.fem import Mesh
+from soro_design.fem.elements.response import Array, Indices
+from soro_design.topology.physics.compliance import Compliance
+from soro_design.topology.physics.darcy import Flow
+from soro_design.topology.physics.grid import Flags, Grid, make_grid
+from soro_design.topology.physics.stroke import Stroke
+from soro_design.topology.task import Box, Disc, Farthest, Stiffest, Task
+
+# Nodes this close to the border of a region belong to it, in edges of elements.
+NEAR = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """A task on its grid; make one with `make_domain`.
+
+    Attributes
+    ----------
+    task : Task
+        The task.
+    grid : Grid
+        Its grid.
+    is_solid, is_void : ndarray of bool, (e,)
+        Elements that stay so.
+    is_inlet, is_open : ndarray of bool, (n,)
+        Nodes at full pressure and at none.
+    is_held : ndarray of bool, (n, 2)
+        Directions in which nodes do not move.
+    output : ndarray, (n, 2)
+        Weights of the displacements that make that of the output; 0 where the goal has none.
+    """
+
+    task: Task
+    grid: Grid
+    is_solid: Flags
+    is_void: Flags
+    is_inlet: Flags
+    is_open: Flags
+    is_held: Flags
+    output: Array
+
+    @property
+    def is_given(self) -> Flags:
+        """Elements that do not change, (e,) of bool."""
+        return np.asarray(self.is_solid | self.is_void)
+
+    def start(self) -> Array:
+        """Return the design variables (e,) of the first iteration."""
+        x = np.full(len(self.is_solid), self.task.volume_fraction)
+        for one in self.task.start:
+            x[inside(one.where, self.grid.centres, 0.0)] = one.density
+        x[self.is_solid], x[self.is_void] = 1.0, 0.0
+        return x
+
+
+def make_domain(task: Task, where: str = "task") -> Domain:
+    """Return a task on its grid.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    where : str
+        File that errors name.
+
+    Raises
+    ------
+    ConfigError
+        If a region holds nothing, or the output cannot move.
+    """
+    grid = make_grid(task.space, task.size_m, task.cells)
+    points, centres = grid.mesh.points, grid.centres
+    near = NEAR * min(grid.edge_m)
+
+    def nodes(region: Box | Disc, key: str) -> Flags:
+        found = inside(region, points, near)
+        if not found.any():
+            raise ConfigError(
+                where, key, _told(region), f"a region with nodes of the grid, {size_text(task)}"
+            )
+        return found
+
+    def elements(region: Box | Disc, key: str) -> Flags:
+        found = inside(region, centres, 0.0)
+        if not found.any():
+            allowed = f"a region with centres of elements, {size_text(task)}"
+            raise ConfigError(where, key, _told(region), allowed)
+        return found
+
+    def given(regions: tuple[Box | Disc, ...], key: str) -> Flags:
+        every = np.zeros(len(centres), dtype=bool)
+        for k, region in enumerate(regions):
+            every |= elements(region, f"{key}[{k}]")
+        return every
+
+    is_inlet = nodes(task.inlet, "inlet")
+    is_open = np.zeros(len(points), dtype=bool)
+    for k, region in enumerate(task.open):
+        is_open |= nodes(region, f"open[{k}]")
+    is_open &= ~is_inlet
+    if not is_open.any():
+        got = "no region" if not task.open else "regions within the inlet alone"
+        raise ConfigError(where, "open", got, "a region beside the inlet")
+    for k, one in enumerate(task.held):
+        nodes(one.where, f"held[{k}].where")
+    is_held = held_nodes(task, points, near)
+    is_solid, is_void = given(task.solid, "solid"), given(task.void, "void")
+    for k, one_start in enumerate(task.start):
+        elements(one_start.where, f"start[{k}].where")
+    if (is_solid & is_void).any():
+        x, y = 1e3 * centres[np.flatnonzero(is_solid & is_void)[0]]
+        raise ConfigError(where, "void", f"({x:.4g}, {y:.4g}) mm", "elements that are not solid too")
+    if grid.volumes[is_solid].sum() > task.volume_fraction * grid.volumes.sum():
+        raise ConfigError(where, "volume_fraction", task.volume_fraction, "more than the share in `solid`")
+    output = np.zeros(points.shape)
+    if isinstance(task.goal, Farthest):
+        try:
+            output = patch(grid.mesh, nodes(task.goal.output, "goal.output"), np.array(task.goal.direction))
+        except ModelError:
+            allowed = "edges of the border, no single node and nothing inside"
+            raise ConfigError(where, "goal.output", _told(task.goal.output), allowed) from None
+        if not (output[~is_held] != 0.0).any():
+            allowed = "an output that can move: `held` holds all of it in that direction"
+            raise ConfigError(where, "goal.output", _told(task.goal.output), allowed)
+        output = np.where(is_held, 0.0, output)
+        moved = joined(grid.mesh.cells[~is_void], (output != 0.0).any(axis=1))
+        if not (moved & (joined(grid.mesh.cells[is_void], is_inlet) | is_inlet)).any():
+            allowed = "elements that leave a way for material from goal.output to the air of the inlet"
+            raise ConfigError(where, "void", f"{len(task.void)} regions that part them", allowed)
+    return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output)
+
+
+def _told(region: Box | Disc) -> dict[str, Any]:
+    """Return the keys of a region as its file has them."""
+    return region.model_dump(exclude_none=True)
+
+
+def analysis(domain: Domain, where: str = "task") -> Stroke | Compliance:
+    """Return what the goal of a task is computed with; `where` is named in errors."""
+    task, grid = domain.task, domain.grid
+    air = task.air
+    flow = Flow(air.threshold, air.sharpness, air.contrast, air.depth_m)
+    held = np.where(domain.is_inlet, 1.0, np.where(domain.is_open, 0.0, np.nan))
+    goal = task.goal
+    if isinstance(goal, Stiffest):
+        nu = goal.poisson_ratio
+        return Compliance(grid, flow, held, domain.is_held, goal.youngs_modulus_pa, nu, task.void_stiffness)
+    # A spring of the patch, shared by the weights of its nodes.
+    spring = goal.spring_pa * np.abs(domain.output)
+    return Stroke(
+        grid,
+        flow,
+        held,
+        domain.is_held,
+        goal.law(where),
+        task.void_stiffness,
+        domain.output,
+        spring,
+        goal.energy_exponent,
+    )
+
+
+def inside(region: Box | Disc, points: Array, near: float) -> Flags:
+    """Return which points lie in a region, (n,) of bool.
+
+    Parameters
+    ----------
+    region : Box or Disc
+        The region.
+    points : ndarray, (n, 2)
+        Points [m].
+    near : float
+        Distance from its border that still counts [m].
+    """
+    if isinstance(region, Box):
+        found = np.ones(len(points), dtype=bool)
+        for k, side in enumerate((region.x_m, region.y_m)):
+            if side is not None:
+                found &= (points[:, k] >= side[0] - near) & (points[:, k] <= side[1] + near)
+        return found
+    gap = points - np.asarray(region.centre_m)
+    return np.asarray(np.hypot(*gap.T) <= region.radius_m + near)
+
+
+def joined(cells: Indices, seeds: Flags) -> Flags:
+    """Return which nodes (n,) elements (e, 4) join with those of `seeds` (n,)."""
+    n, pairs = len(seeds), np.concatenate([cells[:, k : k + 2] for k in range(3)])
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(np.isin(label, label[seeds]))
+
+
+def held_nodes(task: Task, points: Array, near: float) -> Flags:
+    """Return the directions in which points do not move, (n, 2) of bool.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    points : ndarray, (n, 2)
+        Points [m].
+    near : float
+        Distance from the border of a region that still counts [m].
+    """
+    is_held = np.zeros(points.shape, dtype=bool)
+    for one in task.held:
+        found = inside(one.where, points, near)
+        for axis in one.along:
+            is_held[found, "xy".index(axis)] = True
+    if task.space == "axisymmetric":
+        is_held[points[:, 0] < near, 0] = True
+    return is_held
+
+
+def size_text(task: Task) -> str:
+    """Return the size of the grid in words."""
+    return f"0 to {task.size_m[0]:g} along x and 0 to {task.size_m[1]:g} m along y"
+
+
+def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
+    """Return weights (n, 2) that make the mean motion of a patch of the border along a direction.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh.
+    is_there : ndarray of bool, (n,)
+        Nodes of the patch.
+    along : ndarray, (2,)
+        The direction; its length plays no part.
+
+    Raises
+    ------
+    ModelError
+        If no edge of the border has both its nodes there.
+    """
+    faces = mesh.faces_at(np.asarray(is_there))
+    length = np.hypot(*(mesh.points[faces[:, 1]] - mesh.points[faces[:, 0]]).T)
+    weight = np.zeros(len(mesh.points))
+    np.add.at(weight, faces, length[:, None])
+    return np.asarray((weight / weight.sum())[:, None] * along / np.hypot(*along))

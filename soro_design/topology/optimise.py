@@ -1,0 +1,282 @@
+"""The iterations of topology optimisation: densities, analysis, moving asymptotes; and going on with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from soro_core.errors import ConfigError, ModelError
+from soro_design.fem.elements.response import Array
+from soro_design.topology.domain import Domain, analysis, make_domain
+from soro_design.topology.flood import flood
+from soro_design.topology.mma import Moves, mma_step, no_moves
+from soro_design.topology.physics.compliance import Compliance
+from soro_design.topology.physics.evaluation import Evaluation
+from soro_design.topology.physics.filter import density_filter, greyness, projection
+from soro_design.topology.physics.stroke import Stroke
+from soro_design.topology.shape import contour
+from soro_design.topology.task import Task
+
+# Where there is no equilibrium the pressure is lowered so often by this factor, and rises again by the other.
+RETREATS = 6
+EASED, RISING = 0.8, 1.2
+STATE = "state.npz"
+# Densities of the film are kept as whole numbers up to this.
+TONES = 255
+
+
+@dataclass(frozen=True)
+class Row:
+    """One iteration in numbers.
+
+    Attributes
+    ----------
+    iteration : int
+        From 1.
+    objective : float
+        The goal: u . K u, or -u_out / SE^m, in SI units.
+    motion_m : float
+        Of the output [m], NaN without one.
+    volume : float
+        Share of the grid that is solid.
+    greyness : float
+        Mean of 4 rho (1 - rho).
+    residual : float
+        Unbalanced force over the force of the air.
+    pressure_pa : float
+        At the inlet, below that of the schedule where a design has no equilibrium there.
+    penalty, sharpness : float
+        Of the schedule.
+    eased : float
+        Pressure over that of the schedule.
+    """
+
+    iteration: int
+    objective: float
+    motion_m: float
+    volume: float
+    greyness: float
+    residual: float
+    pressure_pa: float
+    penalty: float
+    sharpness: float
+    eased: float
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """All that an iteration needs from those before it.
+
+    Attributes
+    ----------
+    x : ndarray, (e,)
+        Design variables of the next iteration.
+    moves : Moves
+        Memory of the moving asymptotes.
+    u : ndarray, (n, 2)
+        Displacements of the last iteration [m].
+    density, filtered : ndarray, (e,)
+        Densities of the last iteration, and before their projection.
+    pressure : ndarray, (n,)
+        Of the last iteration [Pa].
+    frames : ndarray of uint8, (iterations, e)
+        Densities of all iterations, for a film.
+    rows : tuple of Row
+        Of all iterations.
+    """
+
+    x: Array
+    moves: Moves
+    u: Array
+    density: Array
+    filtered: Array
+    pressure: Array
+    frames: Any
+    rows: tuple[Row, ...]
+
+
+def first_state(domain: Domain) -> State:
+    """Return the state before the first iteration."""
+    x = domain.start()
+    n, none = len(domain.is_open), np.empty(0)
+    frames = np.empty((0, len(x)), dtype=np.uint8)
+    return State(x, no_moves(), np.zeros((n, 2)), none, none, none, frames, ())
+
+
+def optimise(
+    task: Task,
+    state: State | None = None,
+    progress: Callable[[State], None] | None = None,
+    where: str = "task",
+    until: int | None = None,
+) -> State:
+    """Return the state after the last iteration.
+
+    Parameters
+    ----------
+    task : Task
+        The task.
+    state : State, optional
+        Where to go on; default: from the start.
+    progress : callable, optional
+        Called after each iteration.
+    where : str
+        File that errors name.
+    until : int, optional
+        Iteration to stop at; default: all of them.
+
+    Raises
+    ------
+    ModelError
+        Where a design has no equilibrium, or the output does not move; one line with the reason.
+    """
+    domain = make_domain(task, where)
+    require_sealable(domain, where)
+    found = analysis(domain, where)
+    weights = density_filter(domain.grid, task.filter_radius_m)
+    state = state or first_state(domain)
+    for k in range(len(state.rows), task.schedule.iterations if until is None else until):
+        state = _iterate(domain, found, weights, state, k)
+        if progress is not None:
+            progress(state)
+    return state
+
+
+def require_sealable(domain: Domain, where: str) -> None:
+    """Refuse a task whose given void alone joins the inlet with the open.
+
+    Raises
+    ------
+    ConfigError
+        With the place of the leak; `where` is the file that it names.
+    """
+    found = flood(domain, contour(domain, np.ones(len(domain.is_solid))))
+    if found.is_leak.any():
+        x, y = 1e3 * domain.grid.mesh.points[np.flatnonzero(found.is_leak)[0]]
+        place = f"a way of void from the inlet to the open at ({x:.4g}, {y:.4g}) mm"
+        raise ConfigError(where, "void", place, "room for a wall between them, else no part is sealed")
+
+
+def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple[Array, Array, Array]:
+    """Return filtered and final densities (e,), and the derivative of the latter by the former.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    weights : sparse matrix, (e, e)
+        The density filter.
+    x : ndarray, (e,)
+        Design variables.
+    sharpness : float
+        Of the projection, 0 without.
+    """
+    filtered = np.clip(weights @ x, 0.0, 1.0)
+    density, slope = projection(filtered, sharpness, domain.task.schedule.threshold)
+    density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, density))
+    return filtered, density, np.where(domain.is_given, 0.0, slope)
+
+
+def _evaluated(
+    found: Stroke | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
+) -> Evaluation:
+    if isinstance(found, Compliance):
+        return found.evaluate(density, penalty, pressure_pa)
+    return found.evaluate(density, penalty, pressure_pa, guess)
+
+
+def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: State, k: int) -> State:
+    task = domain.task
+    x = state.x
+    scheduled, penalty, sharpness = task.schedule.at(k)
+    filtered, density, slope = densities(domain, weights, x, sharpness)
+    eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
+    for attempt in range(RETREATS + 1):
+        pressure = eased * scheduled
+        try:
+            at = _evaluated(found, density, penalty, pressure, state.u)
+            break
+        except ModelError as error:
+            if attempt == RETREATS:
+                raise ModelError(f"iteration {k + 1}, {pressure:.4g} Pa: {error}", error.key) from None
+            eased *= EASED
+    if not np.isfinite(at.gradient).all() or not at.gradient.any():
+        raise ModelError(
+            f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
+            "inlet",
+        )
+    share = domain.grid.volumes / domain.grid.volumes.sum()
+    volume = float(share @ density)
+    move = task.schedule.move
+    least, most = np.maximum(x - move, 0.0), np.minimum(x + move, 1.0)
+    least[domain.is_given] = most[domain.is_given] = x[domain.is_given]
+    limit = task.volume_fraction
+    by_volume = weights.T @ (share * slope) / limit
+    following, moves = mma_step(
+        x, weights.T @ (at.gradient * slope), volume / limit - 1.0, by_volume, (least, most), state.moves
+    )
+    row = Row(
+        k + 1,
+        at.objective,
+        at.motion_m,
+        volume,
+        greyness(density),
+        at.residual,
+        pressure,
+        penalty,
+        sharpness,
+        eased,
+    )
+    frame = np.round(TONES * density).astype(np.uint8)
+    return State(
+        following,
+        moves,
+        at.u,
+        density,
+        filtered,
+        at.pressure,
+        np.vstack([state.frames, frame]),
+        (*state.rows, row),
+    )
+
+
+def save(state: State, folder: Path) -> None:
+    """Write a state into a folder; a run that is interrupted meanwhile leaves the one before."""
+    arrays = {f"moves_{one.name}": getattr(state.moves, one.name) for one in fields(Moves)}
+    for name in ("x", "u", "density", "filtered", "pressure", "frames"):
+        arrays[name] = getattr(state, name)
+    rows = json.dumps([asdict(row) for row in state.rows])
+    beside = folder / f"new_{STATE}"
+    np.savez(beside, rows=np.array(rows), **arrays)
+    beside.replace(folder / STATE)
+
+
+def load_state(folder: Path, domain: Domain) -> State:
+    """Return the state that a folder holds.
+
+    Raises
+    ------
+    ConfigError
+        If it holds none, or one of another grid.
+    """
+    path = folder / STATE
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
+            arrays = {name: kept[name] for name in kept.files}
+        rows = tuple(Row(**row) for row in json.loads(str(arrays.pop("rows"))))
+        moves = Moves(**{one.name: arrays.pop(f"moves_{one.name}") for one in fields(Moves)})
+        state = State(moves=moves, rows=rows, **arrays)
+    except FileNotFoundError:
+        raise ConfigError(str(path), "", "no such file", "the folder of a run of `soro design`") from None
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
+        raise ConfigError(str(path), "", str(error), "a state that `soro design run` has written") from None
+    if state.x.shape != domain.is_solid.shape:
+        allowed = f"a run of this grid, {len(domain.is_solid)} elements"
+        raise ConfigError(str(path), "x", f"{len(state.x)} elements", allowed)
+    return state

@@ -1,0 +1,1 @@
+"""Air and stiffness in a part between solid and void."""

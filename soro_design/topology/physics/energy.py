@@ -1,0 +1,197 @@
+"""Kernel of elements between solid and void, with the air in them; docs/design.md (T6) to (T8).
+
+    phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - int p J(u) dV
+
+phi_solid is the energy of the material and phi_small that of small strains: void (gamma = 0) is linear and
+cannot turn inside out (Wang et al. 2014). An element has 8 displacements u = (u_1x, u_1y, ...).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core._jit import inner, kernel
+from soro_design.fem.elements.response import Array, Indices, add_volume_curvature, cofactor
+from soro_design.fem.elements.solid import (
+    Work,
+    add_force,
+    add_stiffness,
+    fill_gradient,
+    make_work,
+    respond_element,
+)
+
+
+class Elements(NamedTuple):
+    """What the kernels read of a grid and its material.
+
+    Attributes
+    ----------
+    law : ndarray
+        Numbers of the material.
+    is_averaged : bool
+        Whether an element has one volume ratio, the mean of J.
+    cells : ndarray of int, (e, 4)
+        Nodes of the elements.
+    kind : ndarray of int, (e,)
+        Kind of each element.
+    slope, hoop, volume : ndarray, (kinds, g, ...)
+        Those of `soro_design.fem.elements.solid.tables`.
+    shape : ndarray, (g, 4)
+        Shape functions at the points of integration.
+    small : ndarray, (kinds, 8, 8)
+        Stiffness of small strains.
+    """
+
+    law: Array
+    is_averaged: bool
+    cells: Indices
+    kind: Indices
+    slope: Array
+    hoop: Array
+    volume: Array
+    shape: Array
+    small: Array
+
+
+@inner
+def _add_air(
+    slope: Array, hoop: Array, volume: Array, shape: Array, p: Array, u: Array, work: Work, f: Array, K: Array
+) -> float:
+    """Add force and stiffness of -int p J dV to f, K; return it."""
+    energy = 0.0
+    for g in range(volume.shape[0]):
+        here = 0.0
+        for a in range(4):
+            here -= shape[g, a] * p[a] * volume[g]
+        fill_gradient(u, slope[g], hoop[g], work.F)
+        energy += here * cofactor(work.F, work.H)
+        add_force(work.H, slope[g], hoop[g], here, f)
+        work.A[:] = 0.0
+        add_volume_curvature(work.F, here, work.A)
+        add_stiffness(work.A, slope[g], hoop[g], 1.0, work.column, K)
+    return energy
+
+
+@kernel
+def assemble(
+    elements: Elements,
+    kappa: Array,
+    gamma: Array,
+    pressure: Array,
+    position: Indices,
+    u: Array,
+    force: Array,
+    data: Array,
+) -> tuple[float, float, int]:
+    """Add forces (n, 2) and stiffness; return the energies of material and air, and -1 or a bad element.
+
+    kappa, gamma (e,) and pressure (n,) are those of elements and nodes; position (e, 8, 8) says where in
+    `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0 in its solid.
+    """
+    law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
+    f, K, fs, Ks = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
+    of_cell, scaled, p, work = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), make_work(8)
+    with_stiffness = data.shape[0] > 0
+    stored, by_air = 0.0, 0.0
+    for e in range(cells.shape[0]):
+        k = kind[e]
+        is_wet = False
+        for a in range(4):
+            p[a] = pressure[cells[e, a]]
+            is_wet = is_wet or p[a] != 0.0
+            for i in range(2):
+                of_cell[a, i] = u[cells[e, a], i]
+                scaled[a, i] = gamma[e] * u[cells[e, a], i]
+        rest = kappa[e] * (1.0 - gamma[e] ** 2)
+        for i in range(8):
+            f[i] = 0.0
+            for j in range(8):
+                K[i, j] = rest * small[k, i, j]
+                f[i] += K[i, j] * of_cell[j // 2, j % 2]
+            stored += 0.5 * f[i] * of_cell[i // 2, i % 2]
+        if gamma[e] > 0.0:
+            energy = respond_element(
+                law, is_averaged, slope[k], hoop[k], volume[k], scaled, with_stiffness, work, fs, Ks
+            )
+            if math.isnan(energy):
+                return stored, by_air, e
+            stored += kappa[e] * energy
+            for i in range(8):
+                f[i] += kappa[e] * gamma[e] * fs[i]
+                for j in range(i + 1):
+                    K[i, j] += kappa[e] * gamma[e] ** 2 * Ks[i, j]
+        if is_wet:
+            by_air += _add_air(slope[k], hoop[k], volume[k], shape, p, of_cell, work, f, K)
+        for i in range(8):
+            force[cells[e, i // 2], i % 2] += f[i]
+        if with_stiffness:
+            for i in range(8):
+                for j in range(i + 1):
+                    data[position[e, i, j]] += K[i, j]
+                    if i != j:
+                        data[position[e, j, i]] += K[i, j]
+    return stored, by_air, -1
+
+
+@kernel
+def sensitivities(
+    elements: Elements,
+    kappa: Array,
+    gamma: Array,
+    u: Array,
+    adjoint: Array,
+    by_element: Array,
+    by_pressure: Array,
+) -> None:
+    """by_element (e, 4), by_pressure (n,) <- derivatives of energy and of adjoint . force.
+
+    The columns: of the stored energy by kappa and by gamma, then of adjoint . force by both. Of the pressure
+    there is only adjoint . force.
+    """
+    law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
+    fs, Ks, f, work = np.empty(8), np.empty((8, 8)), np.empty(8), make_work(8)
+    of_cell, scaled, x, y = np.empty((4, 2)), np.empty((4, 2)), np.empty(8), np.empty(8)
+    by_pressure[:] = 0.0
+    for e in range(cells.shape[0]):
+        k, c = kind[e], gamma[e]
+        for a in range(4):
+            for i in range(2):
+                of_cell[a, i] = x[2 * a + i] = u[cells[e, a], i]
+                scaled[a, i] = c * of_cell[a, i]
+                y[2 * a + i] = adjoint[cells[e, a], i]
+        quadratic, mixed = 0.0, 0.0
+        for i in range(8):
+            for j in range(8):
+                quadratic += 0.5 * x[i] * small[k, i, j] * x[j]
+                mixed += y[i] * small[k, i, j] * x[j]
+        energy = (1.0 - c * c) * quadratic
+        energy_by_gamma = -2.0 * c * quadratic
+        work_done = (1.0 - c * c) * mixed
+        work_by_gamma = -2.0 * c * mixed
+        if c > 0.0:
+            energy += respond_element(
+                law, is_averaged, slope[k], hoop[k], volume[k], scaled, True, work, fs, Ks
+            )
+            for i in range(8):
+                energy_by_gamma += fs[i] * x[i]
+                work_done += c * y[i] * fs[i]
+                work_by_gamma += y[i] * fs[i]
+                for j in range(8):
+                    entry = Ks[i, j] if j <= i else Ks[j, i]
+                    work_by_gamma += c * y[i] * entry * x[j]
+        by_element[e, 0], by_element[e, 1] = energy, kappa[e] * energy_by_gamma
+        by_element[e, 2], by_element[e, 3] = work_done, kappa[e] * work_by_gamma
+        for g in range(volume.shape[1]):
+            fill_gradient(of_cell, slope[k, g], hoop[k, g], work.F)
+            cofactor(work.F, work.H)
+            f[:] = 0.0
+            add_force(work.H, slope[k, g], hoop[k, g], volume[k, g], f)
+            done = 0.0
+            for i in range(8):
+                done += y[i] * f[i]
+            for a in range(4):
+                by_pressure[cells[e, a]] -= shape[g, a] * done

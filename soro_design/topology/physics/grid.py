@@ -1,0 +1,137 @@
+"""Regular grids of rectangles, and the integrals that all their elements share.
+
+Elements of a section are all alike; those of a ring are alike in each column. So every integral is computed
+once for a kind of element: one kind in plane strain, one for each column about an axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
+
+from soro_core.errors import ModelError
+from soro_design.fem import Mesh
+from soro_design.fem.elements.mesh import Space
+from soro_design.fem.elements.pattern import Pattern, make_pattern
+from soro_design.fem.elements.response import Array, Indices
+from soro_design.fem.elements.solid import tables
+from soro_design.fem.meshes.blocks import block
+
+Flags: TypeAlias = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A rectangle divided into equal quad4; make one with `make_grid`.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        Element i of column k has number i + counts[1] k, nodes likewise.
+    counts : tuple of int
+        Elements along x and y.
+    edge_m : tuple of float
+        Lengths of an element along x and y [m].
+    kind : ndarray of int, (e,)
+        Kind of each element.
+    shape : ndarray, (g, 4)
+        Shape functions at the points of integration.
+    slope : ndarray, (kinds, g, 4, 2)
+    hoop : ndarray, (kinds, g, 4)
+    volume : ndarray, (kinds, g)
+        Those of `soro_design.fem.elements.solid.tables`.
+    diffusion, mass : ndarray, (kinds, 4, 4)
+        int dN_a/dX . dN_b/dX dV [m] and int N_a N_b dV [m3].
+    scalars, vectors : Pattern
+        Of matrices of one and two numbers a node.
+    """
+
+    mesh: Mesh
+    counts: tuple[int, int]
+    edge_m: tuple[float, float]
+    kind: Indices
+    shape: Array
+    slope: Array
+    hoop: Array
+    volume: Array
+    diffusion: Array
+    mass: Array
+    scalars: Pattern
+    vectors: Pattern
+
+    @property
+    def centres(self) -> Array:
+        """Middles of the elements, (e, 2) [m]."""
+        return np.asarray(self.mesh.points[self.mesh.cells].mean(axis=1))
+
+    @property
+    def volumes(self) -> Array:
+        """Volumes of the elements, (e,) [m3]."""
+        return np.asarray(self.volume.sum(axis=1)[self.kind])
+
+    def gathered(self, of_cells: Array) -> Array:
+        """Return the sums at the nodes (n,) of what elements give to theirs (e, 4)."""
+        given = np.bincount(self.mesh.cells.ravel(), of_cells.ravel(), len(self.mesh.points))
+        return np.asarray(given, dtype=float)
+
+    def as_rows(self, values: Array) -> Array:
+        """Return values of elements (e,) as an array (y, x)."""
+        return np.asarray(values).reshape(self.counts).T
+
+
+def assembled(pattern: Pattern, of_cells: Array) -> Any:
+    """Return the sparse matrix of matrices of elements (e, m, m)."""
+    data = np.bincount(pattern.cells.ravel(), of_cells.ravel(), len(pattern.keys))
+    return pattern.matrix(np.asarray(data, dtype=float))
+
+
+def between_free(pattern: Pattern, is_held: Flags) -> tuple[Indices, Indices, Any]:
+    """Return the numbers of free rows, the entries of `pattern` between them, and a matrix (csc) for these.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Of all rows.
+    is_held : ndarray of bool, (n, d)
+        Rows to leave out.
+    """
+    is_free = ~is_held.ravel()
+    column = np.repeat(np.arange(pattern.n), np.diff(pattern.start))
+    number = np.cumsum(is_free) - 1
+    kept = np.flatnonzero(is_free[pattern.row] & is_free[column])
+    n = int(is_free.sum())
+    start = np.searchsorted(number[column[kept]], np.arange(n + 1)).astype(np.int32)
+    rows = number[pattern.row[kept]].astype(np.int32)
+    return np.flatnonzero(is_free), kept, csc_matrix((np.zeros(len(kept)), rows, start), shape=(n, n))
+
+
+def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]) -> Grid:
+    """Return the grid of a rectangle with a corner at the origin.
+
+    Parameters
+    ----------
+    space : str
+        plane_strain or axisymmetric, about x = 0.
+    size_m : tuple of float
+        Lengths along x and y [m].
+    counts : tuple of int
+        Elements along x and y.
+    """
+    if space == "solid":
+        raise ModelError("space solid; allowed: plane_strain or axisymmetric", "space")
+    mesh = block("quad4", space, counts, size_m)
+    is_ring = space == "axisymmetric"
+    kind = (
+        np.repeat(np.arange(counts[0]), counts[1]) if is_ring else np.zeros(len(mesh.cells), dtype=np.int64)
+    )
+    slope, hoop, volume = tables(mesh, mesh.cells[:: counts[1]] if is_ring else mesh.cells[:1])
+    shape = mesh.element.shape
+    diffusion = np.einsum("eg,egad,egbd->eab", volume, slope, slope)
+    mass = np.einsum("eg,ga,gb->eab", volume, shape, shape)
+    edge = (size_m[0] / counts[0], size_m[1] / counts[1])
+    scalars, vectors = (make_pattern(mesh.cells, len(mesh.points), d) for d in (1, 2))
+    return Grid(mesh, counts, edge, kind, shape, slope, hoop, volume, diffusion, mass, scalars, vectors)

@@ -1,0 +1,252 @@
+"""Motion of an output of a soft part under the pressure of the air: equilibrium and its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from soro_core.errors import ModelError
+from soro_design.fem import Hyperelastic
+from soro_design.fem.elements.material import Material
+from soro_design.fem.elements.response import Array, Indices
+from soro_design.fem.solve.linear import factorised
+from soro_design.topology.physics.darcy import Flow, pressures
+from soro_design.topology.physics.energy import Elements, assemble, sensitivities
+from soro_design.topology.physics.evaluation import Evaluation
+from soro_design.topology.physics.grid import Flags, Grid, between_free
+from soro_design.topology.physics.interpolation import interpolation
+
+_NONE = np.empty(0)
+# Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.
+TOLERANCE = 1e-7
+ROUNDS, SHORTENINGS = 15, 8
+LEAST_STEP = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A part at rest.
+
+    Attributes
+    ----------
+    u : ndarray, (n, 2)
+        Displacements [m].
+    stored : float
+        Energy of the material [J].
+    residual : float
+        Unbalanced force over the force of the air, as norms.
+    solver : object
+        Factors of the stiffness between free displacements.
+    """
+
+    u: Array
+    stored: float
+    residual: float
+    solver: Any = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """A soft part whose output moves, docs/design.md (T6) to (T9).
+
+    Attributes
+    ----------
+    grid : Grid
+        The grid.
+    flow : Flow
+        How densities let air through.
+    held : ndarray, (n,)
+        Given pressures as a share of that of the inlet, else NaN.
+    is_held : ndarray of bool, (n, 2)
+        Directions in which nodes do not move.
+    material : Hyperelastic or SaintVenant
+        Of solid.
+    void_stiffness : float
+        Stiffness of void over that of solid.
+    output : ndarray, (n, 2)
+        Weights of the displacements whose sum is that of the output; of a patch, never of a node.
+    spring : ndarray, (n, 2)
+        Springs to the ground [N/m].
+    exponent : float
+        m in -u_out / SE^m.
+    """
+
+    grid: Grid
+    flow: Flow
+    held: Array
+    is_held: Flags
+    material: Material
+    void_stiffness: float
+    output: Array
+    spring: Array
+    exponent: float
+    _elements: Elements = field(init=False, repr=False)
+    _free: Indices = field(init=False, repr=False)
+    _entries: Indices = field(init=False, repr=False)
+    _matrix: Any = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        free, entries, matrix = between_free(self.grid.vectors, self.is_held)
+        values = {"_elements": self._read(), "_free": free, "_entries": entries, "_matrix": matrix}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _read(self) -> Elements:
+        """What the kernels read; small strains have the stiffness of the undeformed solid."""
+        grid, n = self.grid, len(self.grid.volume)
+        # An element of each kind, without a neighbour.
+        cells = np.arange(4 * n, dtype=np.int64).reshape(n, 4)
+        position = np.arange(64 * n, dtype=np.int64).reshape(n, 8, 8)
+        is_averaged = isinstance(self.material, Hyperelastic)
+        tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
+        alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros((n, 8, 8)))
+        data, zero, one = np.zeros(64 * n), np.zeros((4 * n, 2)), np.ones(n)
+        assemble(alone, one, one, zero[:, 0].copy(), position, zero, zero.copy(), data)
+        small = data.reshape(n, 8, 8)
+        return alone._replace(cells=grid.mesh.cells, kind=grid.kind, small=small)
+
+    def balance(
+        self, kappa: Array, gamma: Array, pressure: Array, u: Array, with_stiffness: bool = True
+    ) -> tuple[float, float, int, Array, Array]:
+        """Return stored energy, potential, -1 or a bad element, unbalanced forces (n, 2) and stiffness.
+
+        Parameters
+        ----------
+        kappa, gamma : ndarray, (e,)
+            Of (T7).
+        pressure : ndarray, (n,)
+            Of the nodes [Pa].
+        u : ndarray, (n, 2)
+            Displacements [m].
+        with_stiffness : bool
+            Whether to compute entries of the stiffness between free displacements.
+        """
+        grid = self.grid
+        data = np.zeros(len(grid.vectors.keys)) if with_stiffness else _NONE
+        force = np.zeros_like(u)
+        stored, by_air, bad = assemble(
+            self._elements, kappa, gamma, pressure, grid.vectors.cells, u, force, data
+        )
+        force += self.spring * u
+        potential = stored + by_air + 0.5 * float((self.spring * u * u).sum())
+        if with_stiffness:
+            diagonal = grid.vectors.diagonal()
+            data[diagonal] += self.spring.ravel()
+            data = data[self._entries]
+        force[self.is_held] = 0.0
+        return stored, potential, bad, force, data
+
+    def rest(self, density: Array, penalty: float, pressure: Array, guess: Array) -> Rest:
+        """Return where the part rests under the pressures of its nodes.
+
+        Parameters
+        ----------
+        density : ndarray, (e,)
+            Densities of the elements.
+        penalty : float
+            Exponent of the stiffness.
+        pressure : ndarray, (n,)
+            Of the nodes [Pa].
+        guess : ndarray, (n, 2)
+            Displacements to begin with [m].
+
+        Raises
+        ------
+        ModelError
+            Where no equilibrium is found, whether from the guess or by steps from the undeformed part.
+        """
+        kappa, gamma, _, _ = interpolation(density, penalty, self.void_stiffness)
+        found, cause = self._newton(kappa, gamma, pressure, guess)
+        if found is not None:
+            return found
+        # From the undeformed part, in steps that adapt.
+        u, load, step = np.zeros_like(guess), 0.0, 0.25
+        while load < 1.0:
+            trial = min(1.0, load + step)
+            found, cause = self._newton(kappa, gamma, trial * pressure, u)
+            if found is None:
+                step = 0.5 * (trial - load)
+                if step < LEAST_STEP:
+                    raise ModelError(f"no equilibrium beyond {load:.0%} of the pressure: {cause}", "pressure")
+                continue
+            u, load, step = found.u, trial, 1.5 * step
+        assert found is not None
+        return found
+
+    def _newton(self, kappa: Array, gamma: Array, pressure: Array, u: Array) -> tuple[Rest | None, str]:
+        zero = np.zeros_like(u)
+        scale = float(np.linalg.norm(self.balance(kappa, gamma, pressure, zero, False)[3])) or 1.0
+        stored, _, bad, force, data = self.balance(kappa, gamma, pressure, u)
+        if bad >= 0:
+            return None, self._inversion(bad)
+        size = float(np.linalg.norm(force))
+        for _ in range(ROUNDS):
+            self._matrix.data = data
+            solver = factorised(self._matrix)
+            if solver is None:
+                return None, "the stiffness is singular"
+            if size <= TOLERANCE * scale:
+                return Rest(u, stored, size / scale, solver), ""
+            step = zero.copy()
+            step.ravel()[self._free] = -solver.solve(force.ravel()[self._free])
+            length = 1.0
+            for _ in range(SHORTENINGS):
+                moved = u + length * step
+                stored, _, bad, force, data = self.balance(kappa, gamma, pressure, moved)
+                if bad < 0:
+                    break
+                length *= 0.5
+            else:
+                return None, self._inversion(bad)
+            u, size = moved, float(np.linalg.norm(force))
+        return None, f"the residual is {size / scale:.1e} after {ROUNDS} iterations"
+
+    def _inversion(self, e: int) -> str:
+        x, y = 1e3 * self.grid.centres[e]
+        return f"the solid at ({x:.4g}, {y:.4g}) mm turns inside out"
+
+    def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
+        """Return -u_out / SE^m with its gradient, (T9).
+
+        Parameters
+        ----------
+        density : ndarray, (e,)
+            Densities of the elements.
+        penalty : float
+            Exponent of the stiffness.
+        pressure_pa : float
+            Of the inlet.
+        guess : ndarray, (n, 2)
+            Displacements to begin with [m].
+
+        Raises
+        ------
+        ModelError
+            Where there is no equilibrium, or the air strains nothing.
+        """
+        air = pressures(self.grid, self.flow, density, pressure_pa * self.held)
+        at = self.rest(density, penalty, air.at_nodes, guess)
+        kappa, gamma, kappa_by, gamma_by = interpolation(density, penalty, self.void_stiffness)
+        out, m = float((self.output * at.u).sum()), self.exponent
+        if at.stored <= 0.0:
+            raise ModelError("the air of the inlet strains nothing: it meets no solid that is held", "inlet")
+        objective = -out / at.stored**m
+        # d(objective) = by_out d(out) + by_energy d(stored)
+        by_out, by_energy = -(at.stored**-m), m * out * at.stored ** (-m - 1.0)
+        # The force of the material alone is the slope of its energy.
+        no_air = np.zeros_like(air.at_nodes)
+        inner = self.balance(kappa, gamma, no_air, at.u, False)[3] - np.where(
+            self.is_held, 0.0, self.spring * at.u
+        )
+        adjoint = np.zeros(at.u.size)
+        right = (by_out * self.output + by_energy * inner).ravel()[self._free]
+        adjoint[self._free] = -at.solver.solve(right)
+        by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
+        towards = adjoint.reshape(at.u.shape)
+        sensitivities(self._elements, kappa, gamma, at.u, towards, by_element, by_pressure)
+        by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
+        by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
+        gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)
+        return Evaluation(objective, gradient, out, at.u, air.at_nodes, at.residual)

@@ -1,0 +1,115 @@
+"""Pictures of a run of topology optimisation: the iterations as a film, the final part as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from PIL import Image
+
+from soro_design.fem.elements.response import Array
+from soro_design.topology.check import Reanalysis, Shape
+from soro_design.topology.domain import Domain
+from soro_design.topology.optimise import TONES, State
+
+WIDTH_PIXELS = 480
+GREYS = 32
+FRAME_MS, LAST_MS = 120, 2000
+
+
+def whole(domain: Domain, values: Array) -> Array:
+    """Return values of elements (e,) as rows from the top, with the mirror images."""
+    rows = domain.grid.as_rows(values)
+    if "x" in domain.task.mirrors:
+        rows = np.hstack([rows[:, ::-1], rows])
+    if "y" in domain.task.mirrors:
+        rows = np.vstack([rows[::-1], rows])
+    return rows[::-1]
+
+
+def film(domain: Domain, state: State, path: Path) -> None:
+    """Write the densities of all iterations as a GIF.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    state : State
+        After the last iteration.
+    path : Path
+        GIF to write.
+    """
+    first = whole(domain, state.frames[0])
+    edge = domain.grid.edge_m
+    height = round(WIDTH_PIXELS * first.shape[0] * edge[1] / (first.shape[1] * edge[0]))
+    pictures = [
+        Image.fromarray(TONES - whole(domain, frame))
+        .resize((WIDTH_PIXELS, height), Image.Resampling.NEAREST)
+        .quantize(GREYS)
+        for frame in state.frames
+    ]
+    lasts = [FRAME_MS] * (len(pictures) - 1) + [LAST_MS]
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=lasts, loop=0)
+
+
+def picture(domain: Domain, state: State, found: Shape | None, moved: Reanalysis | None, path: Path) -> None:
+    """Draw densities, pressures, the course of the goal, and the final part at rest and under pressure.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    state : State
+        After the last iteration.
+    found : Shape or None
+        The final part, if there is one.
+    moved : Reanalysis or None
+        How it moves, if the goal is a motion.
+    path : Path
+        PNG to write.
+    """
+    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
+    top, bottom = figure.subplots(2, 3)
+    x, y = (1e3 * side for side in domain.task.size_m)
+    extent = (0.0, x, 0.0, y)
+    rows = domain.grid.as_rows(state.density)
+    top[0].imshow(rows, origin="lower", extent=extent, cmap="gray_r", vmin=0.0, vmax=1.0)
+    top[0].set_title("density")
+    counts = domain.grid.counts
+    air = 1e-3 * state.pressure.reshape(counts[0] + 1, counts[1] + 1).T
+    shown = top[1].imshow(air, origin="lower", extent=extent, cmap="viridis")
+    figure.colorbar(shown, ax=top[1], label="kPa", shrink=0.7)
+    top[1].set_title("pressure")
+    iterations = [row.iteration for row in state.rows]
+    top[2].plot(iterations, [row.objective / abs(state.rows[-1].objective) for row in state.rows])
+    top[2].set(title="goal, of the last", xlabel="iteration")
+    other = top[2].twinx()
+    other.plot(iterations, [row.greyness for row in state.rows], color="tab:gray", ls="--")
+    other.set_ylabel("greyness (dashed)")
+    for axes, u, title in zip(
+        bottom,
+        (0.0, moved.u if moved else None, moved.free_u if moved else None),
+        ("part: wet red, open blue", "under pressure, with spring", "under pressure, without spring"),
+        strict=True,
+    ):
+        if found is None or u is None:
+            axes.axis("off")
+            continue
+        axes.set_title(title)
+        _part(axes, found, u)
+    for axes in (top[0], top[1], *bottom):
+        axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    figure.savefig(path, dpi=90)
+
+
+def _part(axes: Any, found: Shape, u: Array | float) -> None:
+    at = 1e3 * (found.mesh.points + u)
+    axes.add_collection(
+        PolyCollection(list(at[found.mesh.cells]), facecolor="0.75", edgecolor="face", lw=0.3)
+    )
+    for faces, colour in ((found.wet, "tab:red"), (found.outer, "tab:blue")):
+        axes.add_collection(LineCollection(list(at[faces]), color=colour, lw=1.2))
+    axes.autoscale_view()

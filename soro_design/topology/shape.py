@@ -1,0 +1,164 @@
+"""The part that a design means: the mesh of its solid, cut along the contour of the densities.
+
+Nodes near the contour move onto it, so that no cut is close to a corner. The rest of each cell is a polygon
+of three to six corners; lines from its centre to the middles of its edges divide it into as many quad4, which
+fit those of the next cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from soro_core.errors import ModelError
+from soro_design.fem import Mesh, make_mesh
+from soro_design.fem.elements.response import Array, Indices
+from soro_design.topology.domain import Domain
+from soro_design.topology.physics.grid import Flags, Grid
+
+# A node whose edge is cut nearer than this share of the edge moves onto the contour.
+SNAP = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Contour:
+    """A field on the nodes of a grid whose zero is the border of the solid.
+
+    Attributes
+    ----------
+    points : ndarray, (n, 2)
+        Nodes, some of them moved onto the contour [m].
+    level : ndarray, (n,)
+        Positive in the solid, negative in the void, 0 on the contour.
+    """
+
+    points: Array
+    level: Array
+
+
+def contour(domain: Domain, filtered: Array) -> Contour:
+    """Return the contour of the filtered densities (e,) at the threshold of the projection."""
+    grid = domain.grid
+    density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, filtered))
+    # Mean of the elements about a node.
+    total, count = (grid.gathered(np.repeat(one, 4)) for one in (density, np.ones_like(density)))
+    return snapped(grid, total / count - domain.task.schedule.threshold)
+
+
+def snapped(grid: Grid, level: Array) -> Contour:
+    """Return the contour of a level (n,), with the nodes near it moved onto it."""
+    points, level = grid.mesh.points.copy(), level.copy()
+    level[np.abs(level) < 1e-12] = 0.0
+    size = points.max(axis=0)
+    # Nodes of a border stay on it, those of corners where they are.
+    is_fixed = (grid.mesh.points == 0.0) | (grid.mesh.points == size)
+    edges = grid_edges(grid)
+    a, b = edges[level[edges[:, 0]] * level[edges[:, 1]] < 0.0].T
+    share = level[a] / (level[a] - level[b])
+    node, other = np.concatenate([a, b]), np.concatenate([b, a])
+    share = np.concatenate([share, 1.0 - share])
+    along = grid.mesh.points[other] - grid.mesh.points[node]
+    is_near = (share < SNAP) & ~(is_fixed[node] & (along != 0.0)).any(axis=1)
+    for k in np.argsort(-share[is_near], kind="stable"):
+        n = node[is_near][k]
+        points[n] = grid.mesh.points[n] + share[is_near][k] * along[is_near][k]
+        level[n] = 0.0
+    return Contour(points, level)
+
+
+def grid_edges(grid: Grid) -> Indices:
+    """Return the edges (m, 2) of a grid by their nodes."""
+    number = np.arange(len(grid.mesh.points)).reshape(grid.counts[0] + 1, grid.counts[1] + 1)
+    pairs = ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:]))
+    return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
+
+
+def is_bridged(level: Array, cells: Indices) -> Flags:
+    """Return which cells (e,) with two solid corners across from each other join them by solid."""
+    signs = np.sign(level[cells])
+    is_saddle = (signs[:, 0] == signs[:, 2]) & (signs[:, 1] == signs[:, 3]) & (signs[:, 0] * signs[:, 1] < 0)
+    return np.asarray(is_saddle & (level[cells].mean(axis=1) > 0.0))
+
+
+def solid_mesh(domain: Domain, cut: Contour) -> Mesh:
+    """Return the mesh of the solid that is connected with the output, or with what is held without one.
+
+    Raises
+    ------
+    ModelError
+        If there is none.
+    """
+    grid = domain.grid
+    points: list[Array] = []
+    numbers: dict[tuple[int, ...], int] = {}
+
+    def number(key: tuple[int, ...], place: Array) -> int:
+        if key not in numbers:
+            numbers[key] = len(points)
+            points.append(place)
+        return numbers[key]
+
+    quads: list[list[int]] = []
+    bridged = is_bridged(cut.level, grid.mesh.cells)
+    for e in np.flatnonzero((cut.level[grid.mesh.cells] > 0.0).any(axis=1)):
+        for part, polygon in enumerate(_polygons(cut, grid.mesh.cells[e], bool(bridged[e]))):
+            places = [_place(cut, key) for key in polygon]
+            n = len(polygon)
+            centre = number((-1, int(e), part, 0, 0), np.mean(places, axis=0))
+            corner = [number(key, place) for key, place in zip(polygon, places, strict=True)]
+            middle = []
+            for k in range(n):
+                low, high = sorted((polygon[k], polygon[(k + 1) % n]))
+                middle.append(number((*low, *high), 0.5 * (places[k] + places[(k + 1) % n])))
+            quads += [[corner[k], middle[k], centre, middle[k - 1]] for k in range(n)]
+    if not quads:
+        raise ModelError("the design holds no solid", "density")
+    return _wanted(domain, np.array(points), np.array(quads))
+
+
+def _polygons(cut: Contour, cell: Indices, is_bridged: bool) -> list[list[tuple[int, ...]]]:
+    """Corners of the solid of a cell: nodes (a, a) and cuts (a, b) of edges, counter-clockwise."""
+    level = cut.level[cell]
+    found: list[tuple[int, ...]] = []
+    for k in range(4):
+        here, following, before = level[k], level[(k + 1) % 4], level[k - 1]
+        a, b = int(cell[k]), int(cell[(k + 1) % 4])
+        # A corner on the contour between void ones only touches the cell.
+        if here > 0.0 or (here == 0.0 and (following >= 0.0 or before >= 0.0)):
+            found.append((a, a))
+        if here * following < 0.0:
+            found.append((min(a, b), max(a, b)))
+    if len(found) == 6 and not is_bridged:
+        k = next(i for i, (a, b) in enumerate(found) if a == b)
+        turned = found[k - 1 :] + found[: k - 1]
+        return [turned[:3], turned[3:]]
+    return [found] if len(found) > 2 else []
+
+
+def _place(cut: Contour, key: tuple[int, ...]) -> Array:
+    a, b = key
+    if a == b:
+        return np.asarray(cut.points[a])
+    share = cut.level[a] / (cut.level[a] - cut.level[b])
+    return np.asarray(cut.points[a] + share * (cut.points[b] - cut.points[a]))
+
+
+def _wanted(domain: Domain, points: Array, quads: Indices) -> Mesh:
+    """The elements that share edges with those at the output, or at what is held."""
+    edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    _, of_edge = np.unique(edges, axis=0, return_inverse=True)
+    owner = np.repeat(np.arange(len(quads)), 4)
+    to_edges = coo_matrix((np.ones(len(owner)), (owner, of_edge.ravel()))).tocsr()
+    _, label = connected_components(to_edges @ to_edges.T, directed=False)
+    marks = domain.output.any(axis=1) if domain.output.any() else domain.is_held.any(axis=1)
+    near = domain.grid.mesh.points[marks]
+    gap = np.abs(points[:, None, :] - near[None]).max(axis=2).min(axis=1)
+    is_there = (gap < 0.5 * min(domain.grid.edge_m))[quads].any(axis=1)
+    if not is_there.any():
+        raise ModelError("the design holds no solid at the output", "goal.output")
+    kept = quads[np.isin(label, np.unique(label[is_there]))]
+    used, cells = np.unique(kept, return_inverse=True)
+    return make_mesh("quad4", domain.task.space, points[used], cells.reshape(kept.shape))

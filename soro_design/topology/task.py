@@ -1,0 +1,236 @@
+"""Task files of topology optimisation, config/design/*.yaml."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import Field, field_validator, model_validator
+
+from soro_core.config import Strict, changed, find_config, parse, read_yaml
+from soro_core.errors import ConfigError
+from soro_design.fem.elements.material import Material, load_material, material_from_dict
+
+Positive = Annotated[float, Field(gt=0.0)]
+Share = Annotated[float, Field(gt=0.0, lt=1.0)]
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+Range = Annotated[tuple[Positive, Positive], Field(strict=False)]
+Axis = Literal["x", "y"]
+
+
+class Box(Strict):
+    """A rectangle; a side that is left out is that of the whole grid."""
+
+    kind: Literal["box"]
+    x_m: Annotated[Pair | None, Field(description="from and to")] = None
+    y_m: Annotated[Pair | None, Field(description="from and to")] = None
+
+
+class Disc(Strict):
+    """What lies within a radius of a point."""
+
+    kind: Literal["disc"]
+    centre_m: Annotated[Pair, Field(description="the point")]
+    radius_m: Positive
+
+
+Region = Annotated[Box | Disc, Field(discriminator="kind")]
+Regions = Annotated[tuple[Region, ...], Field(strict=False)]
+
+
+class Held(Strict):
+    """Nodes that do not move."""
+
+    where: Annotated[Region, Field(description="the nodes")]
+    along: Annotated[
+        tuple[Axis, ...],
+        Field(strict=False, min_length=1, description="directions in which they do not move"),
+    ]
+
+
+class Start(Strict):
+    """Density that the elements of a region start with."""
+
+    where: Annotated[Region, Field(description="the elements, by their centres")]
+    density: Annotated[float, Field(ge=0.0, le=1.0, description="a later region replaces an earlier one")]
+
+
+class Stiffest(Strict):
+    """The least work of the pressure on a linear part in plane stress."""
+
+    kind: Literal["stiffest"]
+    youngs_modulus_pa: Annotated[float, Field(gt=0.0, description="of the material")]
+    poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5, description="of the material")]
+
+
+class Farthest(Strict):
+    """The greatest motion of a patch against a spring, for its energy: least -u_out / SE^m."""
+
+    kind: Literal["farthest"]
+    material: Annotated[
+        str | dict[str, Any],
+        Field(description="a file of config/materials, a path, or the keys of such a file"),
+    ]
+    poisson_ratio: Annotated[
+        float | None, Field(ge=0.0, lt=0.5, description="in place of that of the material")
+    ] = None
+    output: Annotated[Box, Field(description="nodes whose mean motion counts")]
+    direction: Annotated[Pair, Field(description="wanted; its length plays no part")]
+    spring_pa: Annotated[
+        float,
+        Field(ge=0.0, description="[N/m2] spring per thickness; of a ring that of the whole, in N/m"),
+    ]
+    energy_exponent: Annotated[
+        float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer the part")
+    ] = 0.6
+
+    @field_validator("material", mode="before")
+    @classmethod
+    def _name_or_keys(cls, value: object) -> object:
+        if not isinstance(value, str | Mapping):
+            raise ValueError("the name or file of a material, or its keys")
+        return value
+
+    def law(self, where: str) -> Material:
+        """Return the material; `where` is named in errors."""
+        found = self._material(where)
+        if self.poisson_ratio is None:
+            return found
+        return material_from_dict({**found.model_dump(), "poisson_ratio": self.poisson_ratio}, where)
+
+    def _material(self, where: str) -> Material:
+        if isinstance(self.material, str):
+            return load_material(self.material)
+        return material_from_dict(self.material, where)
+
+    def with_keys_of_material(self, where: str) -> Farthest:
+        """Return the goal with the keys of its material in place of a name or file."""
+        return changed(self, material=self._material(where).model_dump(mode="json"))
+
+
+class Air(Strict):
+    """How densities let air through, docs/design.md (T3)."""
+
+    threshold: Annotated[Share, Field(description="density at which a wall becomes tight")] = 0.1
+    sharpness: Annotated[Positive, Field(description="how suddenly")] = 8.0
+    contrast: Annotated[Share, Field(description="conductivity of solid over that of void")] = 1e-7
+    depth_m: Annotated[
+        Positive, Field(description="way into a wall within which the pressure falls to a tenth")
+    ]
+
+
+class Schedule(Strict):
+    """How the task gets harder as the iterations go on."""
+
+    iterations: Annotated[int, Field(ge=1, le=10_000, description="all of them")] = 60
+    ramp: Annotated[int, Field(ge=0, description="over the first ones pressure and penalty rise")] = 36
+    pressure_pa: Annotated[Range, Field(description="at the inlet, from and to")]
+    penalty: Annotated[Range, Field(description="exponent of the stiffness, from and to")] = (1.0, 4.0)
+    sharpness: Annotated[
+        tuple[Positive, ...],
+        Field(
+            strict=False,
+            description="of the projection after the ramp, each for as many iterations; none without one",
+        ),
+    ] = (2.0, 4.0, 8.0)
+    threshold: Annotated[Share, Field(description="density at which the projection steps")] = 0.5
+    move: Annotated[
+        float, Field(gt=0.0, le=1.0, description="greatest change of a variable in an iteration")
+    ] = 0.1
+
+    @model_validator(mode="after")
+    def _ramp_ends(self) -> Schedule:
+        if self.ramp > self.iterations:
+            raise ValueError(f"ramp {self.ramp} <= iterations {self.iterations}")
+        return self
+
+    def at(self, k: int) -> tuple[float, float, float]:
+        """Return pressure [Pa], penalty and sharpness (0 without projection) of iteration k, from 0."""
+        share = min(1.0, k / (self.ramp - 1)) if self.ramp > 1 else 1.0
+        pressure, penalty = (a + share * (b - a) for a, b in (self.pressure_pa, self.penalty))
+        if k < self.ramp or not self.sharpness:
+            return pressure, penalty, 0.0
+        step = (k - self.ramp) * len(self.sharpness) // max(self.iterations - self.ramp, 1)
+        return pressure, penalty, self.sharpness[min(step, len(self.sharpness) - 1)]
+
+
+class Task(Strict):
+    """A rectangle in which material is to be distributed."""
+
+    description: Annotated[str, Field(description="one line")] = ""
+    space: Annotated[Literal["plane_strain", "axisymmetric"], Field(description="the latter about x = 0")] = (
+        "plane_strain"
+    )
+    size_m: Annotated[Range, Field(description="lengths along x and y")]
+    cells: Annotated[
+        tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]],
+        Field(strict=False, description="elements along x and y"),
+    ]
+    goal: Annotated[Stiffest | Farthest, Field(discriminator="kind")]
+    held: Annotated[tuple[Held, ...], Field(strict=False, min_length=1)]
+    inlet: Annotated[Region, Field(description="nodes at full pressure")]
+    open: Annotated[
+        Regions,
+        Field(min_length=1, description="nodes at pressure 0; those of the inlet stay at full pressure"),
+    ]
+    solid: Annotated[Regions, Field(description="elements that stay so, by their centres")] = ()
+    void: Annotated[Regions, Field(description="elements that stay so, by their centres")] = ()
+    start: Annotated[
+        tuple[Start, ...],
+        Field(strict=False, description="what the iterations begin with; elsewhere volume_fraction"),
+    ] = ()
+    volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
+    filter_radius_m: Annotated[Positive, Field(description="of the density filter")]
+    void_stiffness: Annotated[Share, Field(description="stiffness of void over that of solid")] = 1e-6
+    air: Air
+    schedule: Schedule
+    mirrors: Annotated[
+        tuple[Axis, ...],
+        Field(strict=False, description="x where the part goes on behind x = 0, y where behind y = 0"),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _fits(self) -> Task:
+        if self.space == "axisymmetric" and isinstance(self.goal, Stiffest):
+            raise ValueError("goal farthest about an axis; stiffest is for plane stress")
+        return self
+
+
+def load_task(name_or_path: str | Path) -> Task:
+    """Read a task file, or a shipped task by its name (config/design).
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is allowed.
+    """
+    path = find_config(name_or_path, "design")
+    return task_from_dict(read_yaml(path), str(path))
+
+
+def task_from_dict(data: dict[str, Any], where: str = "task") -> Task:
+    """Make a task from a dictionary with the keys of a task file; errors as in `load_task`."""
+    task = parse(data, Task, where)
+    if isinstance(task.goal, Farthest):
+        if task.goal.direction == (0.0, 0.0):
+            raise ConfigError(where, "goal.direction", task.goal.direction, "one that is not zero")
+        task.goal.law(where)
+    return task
+
+
+def resolved(task: Task, where: str = "task") -> Task:
+    """Return a task that needs no other file: the keys of its material stand in it."""
+    if isinstance(task.goal, Stiffest):
+        return task
+    return changed(task, goal=task.goal.with_keys_of_material(where))
+
+
+def write_task(task: Task, path: Path) -> None:
+    """Write a task as a file that `load_task` reads."""
+    data = json.loads(task.model_dump_json(exclude_none=True, exclude_unset=True))
+    path.write_text(
+        yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=110), encoding="utf-8"
+    )

@@ -1,0 +1,1 @@
+"""The server on the Raspberry Pi: what `soro board` runs."""

@@ -1,0 +1,1 @@
+"""The start-up of CANopen nodes over SDO."""

@@ -1,0 +1,1 @@
+"""Faults of emulated devices: names, times and effects."""

@@ -1,0 +1,1 @@
+"""Sockets of an emulator: the link to the twin of the arm, and control from outside."""

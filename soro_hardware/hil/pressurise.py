@@ -1,0 +1,137 @@
+"""Execution of a first pressurisation: expectations, and the loop around the state machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from soro_core.errors import ConfigError
+from soro_core.robot import Robot
+from soro_hardware.hil.first_pressure import advance, interrupted
+from soro_hardware.hil.judge import Bending, Expectation, judge_trip
+from soro_hardware.hil.paced import PacedRegulator, Sample
+from soro_hardware.hil.plan import FirstPressureConfig, Order, Plan, ProcedureState
+from soro_hardware.platform import PlatformBase
+from soro_hardware.port import Array
+
+COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
+
+
+def expectation(
+    platform: PlatformBase, update_hz: float, config: FirstPressureConfig, robot: Robot | None = None
+) -> Expectation:
+    """Return the behaviour of a healthy platform and, with a robot, the bending of its arm.
+
+    Parameters
+    ----------
+    platform : PlatformBase
+        Platform.
+    update_hz : float
+        Rate of exchanges of a chamber [Hz].
+    config : FirstPressureConfig
+        Steps.
+    robot : Robot, optional
+        Robot on the platform.
+
+    Returns
+    -------
+    Expectation
+
+    Raises
+    ------
+    ConfigError
+        If a step is beyond the platform's range, or the chambers of robot and platform differ.
+    """
+    if config.steps_pa[-1] > platform.range.maximum_pa:
+        top = f"set points up to the platform's {platform.range.maximum_pa:g} Pa"
+        raise ConfigError("first pressurisation", "steps_pa", config.steps_pa[-1], top)
+    names, response = platform.chamber_names, platform.emulation.regulator
+    bending = None if robot is None else _bending(robot, names, config.steps_pa)
+    return Expectation(names, config.steps_pa, response, config.rise_pa_s, 1.0 / update_hz, bending)
+
+
+def directions(expected: Expectation) -> tuple[str, ...]:
+    """Return the direction of the tip in the base frame for each chamber, as text; empty without a robot."""
+    if expected.bending is None:
+        return ()
+    angles = [np.arctan2(row[-1, 1], row[-1, 0]) for row in expected.bending.expected_m]
+    return tuple(
+        f"{COMPASS[round(angle / (np.pi / 4)) % 8]} of the base frame ({np.degrees(angle) % 360:.0f} deg)"
+        for angle in angles
+    )
+
+
+def pressurise(
+    plan: Plan,
+    regulator: PacedRegulator,
+    record: Callable[[Sample], None] = lambda sample: None,
+    ask: Callable[[str], None] = lambda question: None,
+    answers: Callable[[], str | None] = lambda: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> ProcedureState:
+    """Execute a plan.
+
+    The exchanges continue during a question: devices vent if their host is silent.
+
+    Parameters
+    ----------
+    plan : Plan
+        Steps and expectations.
+    regulator : PacedRegulator
+        Regulator behind the limiter.
+    record : callable
+        Called with every sample.
+    ask : callable
+        Called with a question to the operator.
+    answers : callable
+        Returns the operator's answer, or None; called only while a question is open.
+    stopped : callable
+        Returns whether to vent and end.
+
+    Returns
+    -------
+    ProcedureState
+        State at the end.
+    """
+    state, order = ProcedureState(), Order(np.zeros(len(plan.expected.names)))
+    while state.phase != "done":
+        if stopped():
+            regulator.vent("interrupted")
+            return interrupted(plan, state)
+        sample = regulator.cycle(order.setpoint_pa)
+        record(sample)
+        state, order = advance(plan, state, sample, answers() if state.asks else None)
+        if order.do == "vent":
+            regulator.vent(f"vent of {plan.expected.names[state.chamber]}")
+        elif order.do == "reset":
+            refusal = regulator.reset()
+            if refusal is not None:
+                state = interrupted(plan, state, f"the limiter stays vented: {refusal}")
+        if order.question:
+            ask(order.question)
+    if regulator.lost is None or state.tripped:
+        return state
+    # During a commanded vent no trip reports lost devices.
+    return replace(state, findings=(*state.findings, judge_trip("devices", regulator.lost)))
+
+
+def _bending(robot: Robot, names: tuple[str, ...], steps_pa: tuple[float, ...]) -> Bending:
+    """Return the displacement of the model's tip with each chamber alone."""
+    # Imported here: without a robot no kernel is compiled.
+    from soro_core.model.equilibrium.statics import equilibrium
+    from soro_core.model.soft_arm import SoftArm
+    from soro_core.rotation import matrix_from_quaternion
+
+    if set(robot.chamber_names) != set(names):
+        raise ConfigError(robot.name, "chambers", ", ".join(robot.chamber_names), ", ".join(names))
+    arm = SoftArm(robot)
+
+    def tip(pressure: Array) -> Array:
+        return np.asarray(arm.pose(equilibrium(arm, pressure), robot.length)[:3, 3])
+
+    rest, order = tip(np.zeros(arm.n_u)), [robot.chamber_names.index(name) for name in names]
+    across = matrix_from_quaternion(np.array(robot.base_quaternion))[:, :2].T
+    expected = [[across @ (tip(p * np.eye(arm.n_u)[n]) - rest) for p in steps_pa] for n in order]
+    return Bending(np.array(expected), across)

@@ -1,0 +1,1 @@
+"""What a lab does with an arm: scenes, recordings, excitation, identification, analysis, reports."""

@@ -1,0 +1,60 @@
+"""`soro fit`: parameters of models from recordings of your own hardware."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(no_args_is_help=True)
+
+
+@app.callback()
+def _group() -> None:
+    """Make `pressures` a subcommand, although it is the only one."""
+
+
+@app.command()
+def pressures(
+    records: Annotated[
+        list[Path],
+        typer.Argument(
+            help="CSV files with the columns t [s] and, for each line NAME, its set point pd_NAME and "
+            "measured pressure pm_NAME [Pa gauge].",
+            show_default=False,
+        ),
+    ],
+    volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
+    supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
+    smallest_kpa: Annotated[float, typer.Option(min=0.1, help="Smallest step that is used.")] = 10.0,
+    picture: Annotated[Path | None, typer.Option(help="Picture of the steps and models (PNG).")] = None,
+) -> None:
+    """Fit the models of regulators and valves to the step responses in RECORDS; see docs/air.md.
+
+    Prints the found and the omitted steps, the errors of each model, also on runs outside the fit, and
+    parameters to paste into a platform.
+    """
+    from rich.console import Console
+
+    from soro_lab.commands.identify_air import print_regulators
+    from soro_lab.identification import air
+    from soro_lab.identification.regulators.stages import AirOptions, find_regulators
+    from soro_lab.identification.steps import StepLimits, read_pressures
+
+    console = Console(stderr=True)
+    options = AirOptions(1e-6 * volume_ml, 1e3 * supply_kpa, StepLimits(change_pa=1e3 * smallest_kpa))
+    with console.status("regulators") as status:
+        found = find_regulators(
+            [read_pressures(path) for path in records], options, lambda stage, _: status.update(stage)
+        )
+    assert found is not None
+    print_regulators(found)
+    for fitted in found.fits[1:]:
+        print(f"# {fitted.kind.name}, parameters for {'each line' if fitted.kind.each_line else 'all lines'}")
+        print(air.yaml_text(fitted))
+    if picture is not None:
+        from soro_lab.identification.air_picture import draw
+
+        draw(picture, found.steps.steps, [found.fits[0], *found.fits[-2:]])
+        console.print(f"written: {picture}")

@@ -1,0 +1,71 @@
+"""`soro gains SCENE`: the numbers that estimator and controller of a scene use, automatic ones among them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+import yaml
+
+from soro_lab.scene import check_gains, load_scene
+from soro_lab.scene.options import SCENE_HELP, given_keys
+
+if TYPE_CHECKING:
+    from soro_core.loop import Loop
+
+
+def gains(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP)],
+    change: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene.")
+    ] = None,
+) -> None:
+    """Print gains, delays and noise as they are used, as YAML.
+
+    What the scene does not state comes from the model of the robot and from the platform (docs/gains.md).
+    Units of elongation and bending: k_p J and J m^2, k_d J s and J m^2 s; of the other keys SI.
+    """
+    from soro_lab.scene.loop import loop_of
+
+    loaded = load_scene(scene, given_keys(change or []))
+    check_gains(loaded, loaded.loaded_robot, scene)
+    typer.echo(yaml.safe_dump(used_values(loop_of(loaded)), sort_keys=False), nl=False)
+
+
+def used_values(loop: Loop) -> dict[str, Any]:
+    """Return the numbers of feedback, set points, law and filter of a loop, gains by coordinate."""
+    from soro_core.control.laws.adaptive import Adaptive
+    from soro_core.control.laws.composite import Composite
+
+    controller, names = loop.controller, loop.controller.robot.coordinate_names
+
+    def by_name(values: Any) -> dict[str, Any]:
+        return dict(zip(names, values.tolist(), strict=True))
+
+    feedback, law = controller.gains, controller.law
+    of_law: dict[str, Any] = {}
+    if isinstance(law, Composite):
+        of_law = {"law_options": law.learner.config.model_dump()}
+    elif isinstance(law, Adaptive):
+        of_law = {"adaptation": law.parameters.config.model_dump(mode="json")}
+    used = {
+        "law": controller.config.law,
+        "gains": {
+            "k_p": by_name(feedback.k_p.diagonal()),
+            "k_d": by_name(feedback.k_d.diagonal()),
+            "lambda_per_s": by_name(feedback.rate),
+        },
+        "pressures": controller.pressures.model_dump(mode="json"),
+        **of_law,
+        "estimator": loop.estimator.config.model_dump(mode="json"),
+    }
+    return {key: _rounded(value) for key, value in used.items()}
+
+
+def _rounded(value: Any) -> Any:
+    """Return a value with four significant digits in each of its numbers."""
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value

@@ -1,0 +1,164 @@
+"""`soro new ARM`: robot, platform and scene file of your own arm, which run on the twin at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_LINK = "by link: 80mm,60mm"
+
+
+def new(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="ARM", help="Name of the arm: small letters, digits and _; files begin with it."
+        ),
+    ],
+    links: Annotated[
+        int | None,
+        typer.Option(help="Number of links; default: as many as the longest list by link has, or 1."),
+    ] = None,
+    length: Annotated[
+        str, typer.Option(help=f"Length of each link, without pressure, like 80mm; {_LINK}. Default 0.1 m.")
+    ] = "",
+    radius: Annotated[
+        str,
+        typer.Option(
+            help="Radius of each link, like 13mm, or by link. Default: from mass, length and density."
+        ),
+    ] = "",
+    mass: Annotated[
+        str, typer.Option(help="Mass of each link, like 30g, or by link. Default: from section and density.")
+    ] = "",
+    chambers: Annotated[
+        str,
+        typer.Option(help="Number of chambers of each link, or by link: 3,3. Default 3, with --planar 2."),
+    ] = "",
+    angles: Annotated[
+        str,
+        typer.Option(
+            help="Directions of the chambers about the tangent, from the local x axis: 0,120,240 in degrees, "
+            "or with the unit rad; links that differ are separated by a slash: 0,120,240/60,180,300. "
+            "Default: evenly spread from 0."
+        ),
+    ] = "",
+    area: Annotated[
+        str,
+        typer.Option(
+            help="Effective area of each chamber, like 40mm2, or by link. Default: from the radius."
+        ),
+    ] = "",
+    offset: Annotated[
+        str,
+        typer.Option(
+            help="Distance of each chamber's centre from the backbone, like 8mm, or by link. "
+            "Default: from the radius."
+        ),
+    ] = "",
+    pressure_range: Annotated[
+        str, typer.Option(help="Lowest and highest gauge pressure, like 0,90kPa; one value: from 0 to it.")
+    ] = "",
+    material: Annotated[
+        str,
+        typer.Option(
+            help="Material, for stiffness and mass: ecoflex-0010, -0030, -0050, dragonskin-10, -20, -30, "
+            "elastosil-m4601, tpu-85a. Default: one that is as soft as the pressures and the weight need."
+        ),
+    ] = "",
+    youngs_modulus: Annotated[
+        str,
+        typer.Option(
+            help="Young's modulus of the section without its chambers, like 120kPa, instead of --material. "
+            "Bellows are 10 to 100 times softer than their material."
+        ),
+    ] = "",
+    density: Annotated[
+        str,
+        typer.Option(help="Density of the material in kg/m3. Default: that of --material, or of a silicone."),
+    ] = "",
+    axial_stiffness: Annotated[
+        str,
+        typer.Option(help="Stiffness of each link against stretching, N/m, or by link. Default: E A / L."),
+    ] = "",
+    bending_stiffness: Annotated[
+        str,
+        typer.Option(help="Stiffness of each link against bending, Nm/rad, or by link. Default: E I / L."),
+    ] = "",
+    mounting: Annotated[
+        str, typer.Option(help="standing (base below), hanging (base above) or lying (base horizontal).")
+    ] = "standing",
+    planar: Annotated[
+        bool, typer.Option("--planar", help="The arm bends in one plane only, that of angles 0 and 180.")
+    ] = False,
+    platform: Annotated[
+        str,
+        typer.Option(
+            help="Regulators: emulated, a shipped platform (canopen_socketcan, itv_serial, alicat_serial, "
+            "veab_tcp, soro_board, vtem_modbus, ...) or its family. All of them are emulated until the run "
+            "says --valves real."
+        ),
+    ] = "emulated",
+    sensors: Annotated[
+        str,
+        typer.Option(
+            help="pose (at the tip), poses (at the end of each link; of one link at its middle too), imu "
+            "(at the tip), or pose,imu and poses,imu."
+        ),
+    ] = "pose",
+    sensor_places: Annotated[
+        str, typer.Option(help="Places of the sensors instead, parts of the length of the arm: 0.5,1.")
+    ] = "",
+    payload: Annotated[
+        str, typer.Option(help="Load at the tip of the twin, which the controller has to learn, like 20g.")
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the files; default ARM.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+) -> None:
+    """Write ARM_robot.yaml, ARM_platform.yaml and ARM_scene.yaml for your own arm, from what you know of it.
+
+    Numbers take a unit (80mm, 30g, 90kPa); alone they are in m, kg, Pa, and angles in degrees. What is not
+    given is estimated, or guessed such that the arm runs on the twin: a comment at each number says which.
+    Stiffness is right within a factor of two or three at best, until it is identified.
+
+    Exit status 0: written; 2: wrong use, or a file exists.
+    """
+    from rich.console import Console
+    from rich.markup import escape
+
+    from soro_lab.scaffold import Options, new_arm, write_arm
+
+    options = Options(
+        name=name,
+        links=links,
+        length=length,
+        radius=radius,
+        mass=mass,
+        chambers=chambers,
+        angles=angles,
+        area=area,
+        offset=offset,
+        pressure_range=pressure_range,
+        material=material,
+        youngs_modulus=youngs_modulus,
+        density=density,
+        axial_stiffness=axial_stiffness,
+        bending_stiffness=bending_stiffness,
+        mounting=mounting,
+        planar=planar,
+        platform=platform,
+        sensors=sensors,
+        sensor_places=sensor_places,
+        payload=payload,
+    )
+    written = write_arm(new_arm(options), Path(name) if out is None else out, force)
+    console = Console(stderr=True)
+    for line in written.warnings:
+        console.print(f"[yellow]{escape(line)}[/yellow]", soft_wrap=True)
+    for path in (written.robot, written.platform, written.scene):
+        typer.echo(f"written: {path}")
+    typer.echo(f"run it on the twin: soro run {written.scene} --set mode=lockstep")

@@ -1,0 +1,185 @@
+"""`soro trade SCENE`: cost and error of each way to compute the arm, and the best for a requirement."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from soro_hardware import signals
+
+if TYPE_CHECKING:
+    from soro_lab.scene import Requirement, Scene
+    from soro_lab.trade.case import Case
+
+WIDTH = 160
+
+
+def trade(
+    scene: Annotated[str, typer.Argument(help="Scene or robot: a file, or the name of a shipped one.")],
+    error: Annotated[
+        str,
+        typer.Option(
+            help="Requirement: cheapest model within this RMS error of the tip, % of the length, like 1%. "
+            "The tip alone: errors of shape, energy and frequency stand in the table."
+        ),
+    ] = "",
+    budget_us: Annotated[
+        float,
+        typer.Option(
+            help="Requirement: model of the least tip error whose longest tick takes at most so many us."
+        ),
+    ] = 0.0,
+    rate_hz: Annotated[
+        float,
+        typer.Option(
+            help="Requirement: model of the least tip error whose longest tick fits into this rate."
+        ),
+    ] = 0.0,
+    preset: Annotated[str, typer.Option(help="How many combinations: quick, standard or full.")] = "standard",
+    seconds: Annotated[
+        float, typer.Option(help="Simulated time, 0.1 to 600; 0: 4 s of a scene, 1 s of a robot.")
+    ] = 0.0,
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Processes that compute errors; times are taken alone.")
+    ] = 1,
+    dask: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Compute errors on this Dask cluster (extra: dask).")
+    ] = "",
+    repeats: Annotated[int, typer.Option(min=1, help="Of each time; the median counts.")] = 3,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of picture, JSON and block; default trade/NAME.")
+    ] = None,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Measure again what is known already, and keep it.")
+    ] = False,
+) -> None:
+    """Measure speed against accuracy for SCENE, and name the model that meets the requirement.
+
+    Without a requirement: that of the scene's `model: auto`, else 1 %. Ctrl-C writes what is done.
+    Ends with 0 if a model meets the requirement, with 1 if none does.
+    """
+    from soro_lab.commands.trade_report import notes, table, verdict
+    from soro_lab.trade.cache import Cache
+    from soro_lab.trade.choice import keep_choice
+    from soro_lab.trade.grid import PRESETS
+    from soro_lab.trade.picture import draw
+    from soro_lab.trade.study import Stopped, run_study
+    from soro_lab.trade.workers import workers
+
+    if preset not in PRESETS:
+        raise typer.BadParameter(f"{preset}: allowed are {', '.join(PRESETS)}", param_hint="--preset")
+    if seconds and not 0.1 <= seconds <= 600.0:
+        raise typer.BadParameter(f"{seconds:g}: allowed are 0.1 to 600 s", param_hint="--seconds")
+    if dask and jobs > 1:
+        raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
+    console = Console(stderr=True)
+    with signals.noted() as interrupted:
+        loaded, requirement = _requirement(scene, error, budget_us, rate_hz)
+        computing = workers(jobs, dask)
+        folder = _folder(out if out is not None else Path("trade") / Path(scene).stem)
+        console.print(f"[dim]requirement: {requirement}[/dim]")
+        case = _case(scene, loaded, requirement, seconds)
+        console.print(f"[dim]excitation: {case.text}[/dim]", soft_wrap=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        cache = Cache(fresh=fresh)
+        with Progress(*columns, console=console) as bar:
+            task = bar.add_task("reference", total=None)
+
+            def show(text: str, done: int, total: int) -> None:
+                bar.update(task, description=text, completed=done, total=total or None)
+
+            try:
+                study = run_study(
+                    case,
+                    PRESETS[preset],
+                    requirement,
+                    computing,
+                    cache,
+                    repeats,
+                    show,
+                    lambda: bool(interrupted),
+                )
+            except Stopped:
+                console.print("interrupted: nothing was done yet")
+                raise typer.Exit(130) from None
+            finally:
+                computing.close()
+    written = [folder / "trade.png"] if draw(study, folder / "trade.png") else []
+    (folder / "trade.json").write_text(json.dumps(study.as_dict(), indent=1) + "\n")
+    screen = Console()
+    # Wrapped by a narrow terminal, if at all: a cut figure would be worse.
+    Console(width=max(WIDTH, screen.width)).print(table(study))
+    for line in notes(study):
+        screen.print(line, soft_wrap=True, markup=False, highlight=False)
+    chosen, block = study.choice, folder / "model.yaml"
+    block.unlink(missing_ok=True)  # never that of another requirement
+    if chosen is not None and not study.stopped:
+        if loaded is not None:
+            keep_choice(loaded, requirement, chosen.candidate, cache)
+        block.write_text(study.block)
+        written.append(block)
+    screen.print(f"written: {', '.join(map(str, [*written, folder / 'trade.json']))}", soft_wrap=True)
+    screen.print(verdict(study), soft_wrap=True, markup=False, highlight=False)
+    if study.stopped:
+        raise typer.Exit(130)
+    raise typer.Exit(0 if chosen is not None else 1)
+
+
+def _requirement(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scene | None, Requirement]:
+    """Return the scene, if there is one, and the requirement; raises ConfigError."""
+    from soro_core.config import parse
+    from soro_lab.scene import Requirement, load_scene
+
+    options: dict[str, Any] = {"error": error, "budget_us": float(budget_us), "rate_hz": float(rate_hz)}
+    requirement = parse(options, Requirement, where="soro trade")
+    loaded = load_scene(name) if _is_scene(name) else None
+    if not requirement.given:
+        section = None if loaded is None else loaded.model
+        requirement = section.requirement if section is not None and section.auto else Requirement(error="1%")
+    return loaded, requirement
+
+
+def _is_scene(name: str) -> bool:
+    """Whether it is a scene, not a robot: robots have links, or those of another one."""
+    from soro_core.config import config_folder, read_yaml
+    from soro_core.errors import ConfigError
+    from soro_core.robot.load import BASED_ON
+
+    path = Path(name)
+    if path.suffix:
+        return not {"links", BASED_ON} & read_yaml(path).keys()
+    scenes, robots = (
+        sorted(file.stem for file in (config_folder() / kind).glob("*.yaml")) for kind in ("scenes", "robots")
+    )
+    if name not in (*scenes, *robots):
+        allowed = f"a path ending in .yaml, a scene ({', '.join(scenes)}) or a robot ({', '.join(robots)})"
+        raise ConfigError("soro trade", "SCENE", name, allowed)
+    return name in scenes
+
+
+def _case(name: str, scene: Scene | None, requirement: Requirement, seconds: float) -> Case:
+    from dataclasses import replace
+
+    from soro_core.robot import load_robot
+    from soro_lab.trade.case import bare_case, scene_case
+
+    case = bare_case(load_robot(name), seconds or 1.0) if scene is None else scene_case(scene, seconds or 4.0)
+    if not requirement.error:  # a requirement of time is about ticks, so that no step may be longer than one
+        case = replace(case, paced=True)
+    return replace(case, tick_s=1.0 / requirement.rate_hz) if requirement.rate_hz else case
+
+
+def _folder(path: Path) -> Path:
+    from soro_core.errors import ConfigError
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        allowed = f"a folder that can be written to ({error.strerror})"
+        raise ConfigError("--out", "", str(path), allowed) from None
+    return path

@@ -1,0 +1,26 @@
+"""The report of an identification: a page that needs no network, its numbers as report.json, its pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from soro_lab.identification.arm.report.content import Result, content_of
+from soro_lab.identification.arm.report.page import page_of
+from soro_lab.identification.arm.report.traces import traces
+from soro_lab.reporting.html import write
+
+__all__ = ["Result", "write_report"]
+
+
+def write_report(result: Result, folder: Path) -> Path:
+    """Write index.html, report.json and the folder pictures; return the page.
+
+    Parameters
+    ----------
+    result : Result
+    folder : Path
+        Made where it does not exist.
+    """
+    seen = traces(result.found)
+    content = content_of(result, seen)
+    return write(page_of(content, seen), content, folder)

@@ -1,0 +1,75 @@
+"""Streams that the arm as described cannot show, or whose prediction depends on no number of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from soro_core.errors import ConfigError
+from soro_core.model import SoftArm
+from soro_lab.identification.arm.cases.numbers import is_of_robot
+from soro_lab.identification.arm.cases.predict import shown
+from soro_lab.identification.arm.search.problem import Problem
+from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.recording import Recording
+from soro_lab.identification.recording.streams import Shape
+
+# What strains of 1e-3 and more change at least [m, rad, 1/m]; expected errors by one deviation of a number.
+_NOTHING, _NO_EFFECT = 1e-12, 1e-6
+_ALLOWED = "a stream that the arm shows: correct its link and direction in the column map, or take it out"
+
+
+def check_motion(arm: SoftArm, recordings: Sequence[Recording]) -> None:
+    """Refuse a stream that stays the same whatever the arm does, as the bend of a link that cannot bend so.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    recordings : sequence of Recording
+
+    Raises
+    ------
+    ConfigError
+        That names the recording and the stream.
+    """
+    q = 1e-3 * np.outer([0.0, 1.0], np.arange(1.0, arm.n_q + 1.0))
+    for recording in recordings:
+        for shape in recording.shapes:
+            does = shown(shape, arm.robot, arm, q).reshape(2, -1)
+            if not _is_on_base(shape) and np.abs(does[1] - does[0]).max() < _NOTHING:
+                got = "a prediction that is the same whatever the arm does"
+                raise ConfigError(recording.name, shape.name, got, _ALLOWED)
+
+
+def check_numbers(problem: Problem, solution: Solution) -> None:
+    """Refuse a stream on which no number of the robot has an effect, as one that no pressure moves.
+
+    Parameters
+    ----------
+    problem : Problem
+    solution : Solution
+        Of this problem.
+
+    Raises
+    ------
+    ConfigError
+        That names the stream.
+    """
+    of_robot = [is_of_robot(number.name) for number in problem.numbers]
+    moves, row = dict[str, bool](), 0
+    for case in problem.cases:
+        for shape in case.shapes:
+            behind = row + len(shape.t) * len(problem.expected[shape.name])
+            effect = bool((np.abs(solution.jacobian[row:behind, of_robot]) > _NO_EFFECT).any())
+            moves[shape.name] = moves.get(shape.name, False) or effect or _is_on_base(shape)
+            row = behind
+    for name, is_moved in moves.items():
+        if not is_moved:
+            got = "a prediction that no number of the robot and no pressure of the recordings changes"
+            raise ConfigError("recordings", name, got, _ALLOWED)
+
+
+def _is_on_base(shape: Shape) -> bool:
+    place = getattr(shape, "place", None)
+    return place is not None and place.is_base

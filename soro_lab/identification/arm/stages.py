@@ -1,0 +1,302 @@
+"""The way from recordings to the numbers of an arm: frames, states at rest, whole runs, laws, certainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.errors import ConfigError, ModelError, SoroError
+from soro_core.model import SoftArm
+from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.case import Case, Whole
+from soro_lab.identification.arm.cases.numbers import Number, is_of_robot, with_numbers
+from soro_lab.identification.arm.cases.pace import longest_step
+from soro_lab.identification.arm.cases.starts import is_release, start_numbers
+from soro_lab.identification.arm.choose import Choice, Trial, choose
+from soro_lab.identification.arm.frames import calibrated, clock_numbers, frame_numbers
+from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range, squares
+from soro_lab.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
+from soro_lab.identification.arm.search.blind import check_motion, check_numbers
+from soro_lab.identification.arm.search.certainty import Certainty, certainty, not_determined
+from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
+from soro_lab.identification.arm.search.problem import Problem, modelled
+from soro_lab.identification.arm.search.solve import Solution, evaluated, solve
+from soro_lab.identification.arm.search.swing import swinging
+from soro_lab.identification.interrupts import only_in_searches
+from soro_lab.identification.recording import (
+    Marker,
+    Plate,
+    Recording,
+    check_names,
+    still_limits,
+    without_hands,
+)
+
+Array: TypeAlias = NDArray[np.float64]
+Progress: TypeAlias = Callable[[str, float], None]
+
+# Step of the simulations by which laws are compared, over that of the last fit.
+_COARSE = 2.0
+# Turn of the slowest swing in a step of the last fit [rad]: its stiffness comes out right to 0.3 %.
+_TURN = 0.2
+# Relative change of the cost at which a search ends: one that only compares laws, and the last one. With ten
+# thousand samples of noise, one deviation of a number changes the cost by less than 1e-4 of it.
+_COMPARED, _LAST = 2e-3, 1e-6
+# Most steps of a search that compares laws, and of one that shows which promise most.
+_FULL, _FEW = 10, 4
+
+
+@dataclass(frozen=True)
+class Options:
+    """How arms are identified.
+
+    Attributes
+    ----------
+    dt_s : float or None
+        Step of simulations [s] of the last fit; laws are compared with twice that. None: so long that
+        stiffness is right to 0.3 %.
+    rate_hz : float
+        Samples a second that are compared.
+    laws : tuple of Law
+        Laws that may be added.
+    most : int
+        Largest number of steps of each search.
+    is_constant : bool
+        Whether strains are simulated as constant along a link, as in the default model of a controller:
+        faster, and stiffness is what makes that model swing right; else it is that of the link.
+    starts : int
+        Number of starts of the fit of states at rest.
+    seed : int
+        Of these starts.
+    hold_out : tuple of str
+        Names of recordings that no fit sees, not even the last one; () holds out sections of all.
+    keep : tuple of str
+        Names of numbers that stay as described.
+    """
+
+    dt_s: float | None = None
+    rate_hz: float = 100.0
+    laws: tuple[Law, ...] = LAWS
+    most: int = 25
+    is_constant: bool = False
+    starts: int = 3
+    seed: int = 1
+    hold_out: tuple[str, ...] = ()
+    keep: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What an identification found.
+
+    Attributes
+    ----------
+    robot : Robot
+        With all numbers that the data determine.
+    problem, solution, certainty
+        Of the last fit, on all data.
+    choice : Choice or None
+        Laws that were tried; None where nothing could be held out.
+    fitted, held_out : tuple of Error
+        Of the fit without the held-out sections.
+    held_out_share : float
+        RMS error on the held-out sections in ranges moved; nan where there are none.
+    kept : dict
+        Numbers that the data do not determine, with the combinations that stay open: as described, or, of a
+        law, where the fit had them.
+    fit_cases, held_cases : tuple of Whole
+        What the choice of laws was fitted to and judged by.
+    interrupted : bool
+        Whether Ctrl-C ended a search: then these are the best numbers until there.
+    """
+
+    robot: Robot
+    problem: Problem
+    solution: Solution
+    certainty: Certainty
+    choice: Choice | None
+    fitted: tuple[Error, ...]
+    held_out: tuple[Error, ...]
+    held_out_share: float
+    kept: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    fit_cases: tuple[Whole, ...] = ()
+    held_cases: tuple[Whole, ...] = ()
+    interrupted: bool = False
+
+
+@only_in_searches()
+def identify(
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: Options | None = None,
+    progress: Progress = lambda stage, cost: None,
+) -> Identified:
+    """Find the numbers of an arm. Ctrl-C ends the search; what was found until then is returned.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its geometry and masses hold; other numbers are where the search begins.
+    recordings : sequence of Recording
+        Cleaned; each begins at rest or with a release.
+    options : Options, optional
+    progress : callable
+        Called with the name of a stage and its cost, often.
+
+    Raises
+    ------
+    ConfigError
+        If no recording has a section with pressures and shape, a name stands for two kinds of streams, the
+        arm cannot show a stream, or one of the options is unknown.
+    ModelError
+        If the arm as described cannot be simulated.
+    """
+    options = Options() if options is None else options
+    recordings = [recording for recording in recordings if recording.shapes]
+    check_names(recordings)
+    recordings, options = _let_go(recordings, options)
+    robot, keep = plain(robot, options.keep), options.keep
+    is_constant = options.is_constant
+    check_motion(SoftArm(robot), recordings)
+    dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
+    fit, held = split(recordings, _COARSE * dt, options.rate_hz, options.hold_out)
+    recordings = [recording for recording in recordings if recording.name not in options.hold_out]
+    whole = [Whole(r, dt, rate_hz=options.rate_hz) for r in recordings]
+    rests, moved = rests_of(recordings), ranges(whole)
+    expected = {s.name: first_errors(s, moved[s.name]) for case in whole for s in case.shapes}
+    frames = frame_numbers(SoftArm(robot), [rests] if rests is not None else fit)
+    releases = [recording.name for recording in recordings if is_release(recording)]
+    clocks = clock_numbers([case for case in whole if case.name not in releases])
+    kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
+
+    def problem(laws: Sequence[Law], cases: Sequence[Case]) -> Problem:
+        numbers, begin = freed(robot, laws, kinds, keep)
+        runs = [case.name for case in cases if isinstance(case, Whole)]
+        begun = modelled(with_numbers(robot, begin), is_constant)
+        starts = start_numbers(begun, [r for r in runs if r in releases])
+        own = (*clocks, *starts) if runs else ()
+        return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected, {}, is_constant)
+
+    values: dict[str, float] = {}
+    interrupted = False
+    if rests is not None:
+        values, interrupted = _at_rest(problem((), [rests]), options, progress)
+        options = replace(options, most=1) if interrupted else options
+    values = swinging(problem((), fit), values)
+    linear = solve(problem((), fit), values, options.most, _COMPARED, partial(progress, "linear"))
+    check_numbers(problem((), fit), linear)
+    expected = residual_errors(problem((), fit), linear.values)
+
+    def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
+        name = " + ".join(law.name for law in laws) or "linear"
+        begin = {**linear.values, **freed(robot, laws, kinds, keep)[1], **start}
+        most = min(_FULL if in_full else _FEW, options.most)
+        try:
+            told, cases = partial(progress, name), problem(laws, fit)
+            found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
+            own = squares(held, problem(laws, held).predicted(found.values), moved)
+        except (ModelError, ConfigError):
+            return None
+        return Trial(laws, own, found.values, found.interrupted)
+
+    interrupted = interrupted or linear.interrupted
+    choice = choose(options.laws, trial) if held and not interrupted else None
+    laws, best = (choice.chosen.laws, choice.chosen.values) if choice else ((), linear.values)
+    fitted = errors(fit, problem(laws, fit).predicted(best), expected)
+    judged = errors(held, problem(laws, held).predicted(best), expected)
+    expected = residual_errors(problem(laws, whole), best)
+    interrupted = interrupted or (choice is not None and any(t.interrupted for t in choice.tried))
+    limits = replace(options, most=1) if interrupted else options
+    last = problem(laws, whole)
+    solution, sure, kept = _determined(last, best, limits, progress)
+    share = share_of_range(judged, moved) if judged else float("nan")
+    found = calibrated(
+        last.robot_of(solution.values), (s for r in recordings for s in r.shapes), solution.values
+    )
+    interrupted = interrupted or solution.interrupted
+    parts = tuple(fit), tuple(held)
+    return Identified(
+        found, last, solution, sure, choice, fitted, judged, share, kept, *parts, interrupted=interrupted
+    )
+
+
+def _let_go(recordings: Sequence[Recording], options: Options) -> tuple[list[Recording], Options]:
+    """Return the recordings without the time in which a hand holds the arm; parts are held out together."""
+    still = still_limits(recordings)
+    parts = {recording.name: without_hands(recording, still) for recording in recordings}
+    held = tuple(part for name in options.hold_out for part in _names(parts.get(name, ())) or (name,))
+    return [part for own in parts.values() for part in own], replace(options, hold_out=held)
+
+
+def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    return tuple(recording.name for recording in recordings)
+
+
+def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[dict[str, float], bool]:
+    """Return the numbers at rest, undamped, the best of several starts, and whether Ctrl-C came."""
+    numbers = tuple(n for n in problem.numbers if "/damping_" not in n.name)
+    problem = replace(problem, numbers=numbers)
+    own = np.array([is_of_robot(n.name) for n in numbers])
+    draw = np.random.default_rng(options.seed)
+    found: list[Solution] = []
+    for k in range(options.starts):
+        start = problem.value(own * draw.normal(0.0, 0.5, len(numbers)) * (k > 0))
+        try:
+            found.append(solve(problem, start, options.most, progress=partial(progress, "rest")))
+        except (ModelError, ConfigError):
+            if k == 0 and options.starts == 1:
+                raise
+        if found and found[-1].interrupted:
+            break
+    best = min(found, key=lambda s: s.cost).values if found else {}
+    return best, any(s.interrupted for s in found)
+
+
+def _determined(
+    problem: Problem, start: Mapping[str, float], options: Options, progress: Progress
+) -> tuple[Solution, Certainty, dict[str, tuple[str, ...]]]:
+    """Fit, take out what the data do not determine, and fit the rest again.
+
+    The deviations are those with all numbers free: what is taken out is no surer for it, nor are the others.
+    """
+    kept: dict[str, tuple[str, ...]] = {}
+    whole = problem
+    while True:
+        told, again = partial(progress, "all data"), bool(kept)
+        # What is taken out was open, so the others hardly move.
+        solution = solve(problem, start, options.most, _LAST, told, secant=again)
+        if solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
+            break
+        open_ = not_determined(problem, solution)
+        if not open_:
+            break
+        kept.update(open_)
+        for name in open_:
+            problem = _without(problem, name, solution.values)
+        start = {k: v for k, v in solution.values.items() if k not in kept}
+    if not kept:
+        return solution, certainty(problem, solution), kept
+    last = evaluated(whole, {**problem.fixed, **solution.values})
+    return last, certainty(whole, last), kept
+
+
+def _without(problem: Problem, name: str, values: Mapping[str, float]) -> Problem:
+    """Return the problem that does not search a number.
+
+    One of a law stays where the fit had it: the law was chosen because it predicts. Others stay as described,
+    where such an arm can be simulated with the other numbers.
+    """
+    numbers: tuple[Number, ...] = tuple(n for n in problem.numbers if n.name != name)
+    described = replace(problem, numbers=numbers)
+    if not is_of_law(name):
+        try:
+            described.predicted({n.name: values[n.name] for n in numbers})
+            return described
+        except SoroError:
+            pass
+    return replace(described, fixed={**problem.fixed, name: values[name]})

@@ -1,0 +1,159 @@
+"""The robot file of an identified arm: every number with its deviation and where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import yaml
+
+from soro_core.robot.parts import fields
+from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.cases.physical import Unphysical, unphysical
+from soro_lab.identification.arm.laws import is_of_law
+from soro_lab.identification.arm.search.combinations import Combination, combinations
+from soro_lab.identification.arm.stages import Identified
+
+# What would determine a number that a recording leaves open, by the begin of its own name.
+_WEIGHT = "a known weight at the tip in some of the runs (it makes forces absolute), or quick steps"
+_SINGLE = "levels of single chambers, with a position sensor"
+_EXPERIMENTS = {
+    "k_": _WEIGHT,
+    "rise_": "levels up to the largest pressure",
+    "rate_": "levels up to the largest pressure",
+    "damping_": "quick steps or a release, with poses at 100 Hz",
+    "creep_": "steps that are held for ten seconds",
+    "slow_": "steps that are held for a minute",
+    "dahl_": "the same levels approached from below and from above",
+    "gain": _WEIGHT,
+    "arm": _WEIGHT,
+    "area_saturation": "levels up to the largest pressure",
+    "dead_band": "levels of a few kilopascals, one chamber at a time",
+    "area_slope": "levels of all chambers together and of single ones",
+}
+
+
+def robot_text(found: Identified, sources: Sequence[str]) -> str:
+    """Return the robot file.
+
+    Parameters
+    ----------
+    found : Identified
+    sources : sequence of str
+        Names of the recordings.
+    """
+    keys = fields(found.robot)
+    keys["links"] = [_plain(link) for link in keys["links"]]
+    lines = [
+        f"# Identified by soro identify from {', '.join(sources)}.",
+        *(f"# {line}" for line in _quality(found)),
+        "#",
+        *(f"# {line}".rstrip() for line in number_table(found)),
+    ]
+    body = yaml.safe_dump(_plain(keys), sort_keys=False, default_flow_style=None, width=110)
+    return "\n".join(lines) + "\n" + body
+
+
+def number_table(found: Identified) -> list[str]:
+    """Return one line a number: name, value, standard deviation, unit, origin."""
+    rows = [("number", "value", "deviation", "unit", "origin"), *_rows(found)]
+    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    return ["  ".join([*(row[i].ljust(widths[i]) for i in range(4)), row[4]]) for row in rows]
+
+
+def experiment(name: str) -> str:
+    """Return what would determine a number."""
+    own = name.split("/")[-1]
+    if "/chamber" in name:  # against the other chambers of its link
+        return _SINGLE
+    return next(text for end, text in _EXPERIMENTS.items() if own.startswith(end))
+
+
+def impossible(found: Identified) -> tuple[Unphysical, ...]:
+    """Return what no arm has among the numbers that were found."""
+    own = {name: value for name, value in found.solution.values.items() if name not in found.kept}
+    return unphysical(found.robot, own)
+
+
+def combined(found: Identified) -> tuple[Combination, ...]:
+    """Return the ratios and products that the data determine better than the numbers themselves."""
+    return combinations(found.problem.numbers, found.certainty, found.solution.values)
+
+
+def marks(name: str, found: Identified, odd: Sequence[Unphysical]) -> Iterator[str]:
+    """Return what is to be known of a number beside its deviation.
+
+    Parameters
+    ----------
+    name : str
+    found : Identified
+    odd : sequence of Unphysical
+    """
+    if name in found.kept:
+        yield "fixed"
+    elif name in found.certainty.at_bound:
+        yield "at its bound"
+    if any(name in each.numbers for each in odd):
+        yield "unphysical"
+
+
+def origin(name: str, found: Identified) -> str:
+    """Return where a number comes from.
+
+    Parameters
+    ----------
+    name : str
+    found : Identified
+    """
+    if name.startswith("frame/"):
+        return "identified, of the measurement"
+    if name in found.kept:
+        open_ = "; ".join(c for c in found.kept[name] if c != f"+{name}")
+        only = f" (open: {open_})" if open_ else ""
+        begin = "likely" if is_of_law(name) else "as described"
+        return f"{begin}: not determined{only}; {experiment(name)}"
+    return "identified"
+
+
+def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
+    odd = impossible(found)
+    for each in combined(found):
+        yield (
+            each.name,
+            f"{each.value:.5g}",
+            f"{100 * each.deviation:.2g} %",
+            "",
+            "identified, surer than its parts",
+        )
+    for number in found.problem.numbers:
+        name, value = number.name, found.solution.values[number.name]
+        more = [mark for mark in marks(name, found, odd) if mark != "fixed"]
+        where = "; ".join([origin(name, found), *more])
+        yield name, f"{value:.5g}", _deviation(number, found), number.unit, where
+
+
+def _deviation(number: Number, found: Identified) -> str:
+    if number.name in found.certainty.at_bound and number.name not in found.kept:
+        return "-"  # where a bound ends the search, the parabola of the covariance has no meaning
+    size = found.certainty.deviations[number.name]
+    return f"{100 * size:.2g} %" if number.kind == "factor" else f"{size:.2g}"
+
+
+def _quality(found: Identified) -> Iterator[str]:
+    why = "the search was interrupted" if found.interrupted else "nothing could be held out"
+    yield f"Laws: {found.choice.chosen.name if found.choice else f'linear ({why})'}."
+    what = "Held out" if found.held_out else "Fitted"
+    yield from (f"{what}: {error}." for error in found.held_out or found.fitted)
+    if found.held_out:
+        yield f"RMS error on what was held out: {100 * found.held_out_share:.2g} % of the range moved."
+    if found.interrupted:
+        yield "INTERRUPTED: the search did not end; these are the best numbers until there."
+    yield from (f"UNPHYSICAL: {each}." for each in impossible(found))
+
+
+def _plain(value: object) -> object:
+    """Lists and plain numbers, as YAML writes them."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return float(f"{value:.8g}") if isinstance(value, float) else value

@@ -1,0 +1,121 @@
+"""A recording of an arm: pressures in, shape out, each stream with its own stamps on one clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from soro_core.errors import ConfigError
+from soro_lab.identification.recording.faults import Faults
+from soro_lab.identification.recording.streams import (
+    Attitude,
+    Bend,
+    Curvature,
+    Imu,
+    Marker,
+    Plate,
+    Series,
+    Shape,
+    Stream,
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Streams of one run, cleaned.
+
+    Attributes
+    ----------
+    name : str
+        Name of the run.
+    chambers : tuple of str
+        Names of the n_u chambers, in the robot's order.
+    pressure : Series
+        Pressures (n, n_u) [Pa gauge].
+    command : Series or None
+        Set points (n, n_u) [Pa gauge].
+    duty : Series or None
+        Duty cycles of pumps (n, n_u), 0 to 1.
+    plates, markers, curvatures, bends, imus : tuple
+        What shows the shape of the arm; none of air alone.
+    is_stated : bool
+        Whether the pressures are stated levels, because none were measured.
+    frame : str
+        What positions and quaternions refer to.
+    faults : tuple of Faults
+        What was left out of each stream of the file; also that of a window is of the whole file.
+    notes : tuple of str
+        What the reader has assumed, a line each.
+    """
+
+    name: str
+    chambers: tuple[str, ...]
+    pressure: Series
+    command: Series | None = None
+    duty: Series | None = None
+    plates: tuple[Plate, ...] = ()
+    markers: tuple[Marker, ...] = ()
+    curvatures: tuple[Curvature, ...] = ()
+    bends: tuple[Bend, ...] = ()
+    imus: tuple[Imu, ...] = ()
+    is_stated: bool = False
+    frame: str = "world"
+    faults: tuple[Faults, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Streams that show the shape of the arm: what IMUs state where nothing else does."""
+        return (*self.plates, *self.markers, *self.curvatures, *self.bends) or self.attitudes
+
+    @property
+    def attitudes(self) -> tuple[Attitude, ...]:
+        """Rotations that IMUs state."""
+        stated = (imu.attitude() for imu in self.imus)
+        return tuple(attitude for attitude in stated if attitude is not None)
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """All streams."""
+        driving = tuple(each for each in (self.command, self.duty) if each is not None)
+        seen = (*self.plates, *self.markers, *self.curvatures, *self.bends, *self.imus)
+        return (self.pressure, *driving, *seen)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time [s] at which both pressures and shape, if there is any, are known."""
+        streams: tuple[Stream, ...] = (*self.shapes, *self.imus)
+        shown = [stream for stream in streams if stream.t.size] or [self.pressure]
+        starts, ends = [float(s.t[0]) for s in shown], [float(s.t[-1]) for s in shown]
+        return max(min(starts), float(self.pressure.t[0])), min(max(ends), float(self.pressure.t[-1]))
+
+    def window(self, start: float, end: float) -> Recording:
+        """Return the samples with start <= t < end [s] of all streams; stamps stay as they are."""
+        return self._with({stream.name: stream.window(start, end) for stream in self.streams})
+
+    def renamed(self, name: str) -> Recording:
+        """Return the recording under another name."""
+        return replace(self, name=name)
+
+    def shifted(self, stream: str, seconds: float) -> Recording:
+        """Return the recording with the stamps of one stream grown by a number of seconds.
+
+        Raises
+        ------
+        ConfigError
+            If there is no stream of that name.
+        """
+        known = {each.name: each for each in self.streams}
+        if stream not in known:
+            raise ConfigError(self.name, "stream", stream, f"one of {', '.join(known)}")
+        return self._with({stream: known[stream].shifted(seconds)})
+
+    def _with(self, changed: dict[str, Stream]) -> Recording:
+        """Return the recording with other streams under some of the names."""
+        groups = ("plates", "markers", "curvatures", "bends", "imus")
+        values = {
+            group: tuple(changed.get(each.name, each) for each in getattr(self, group)) for group in groups
+        }
+        pressure = changed.get(self.pressure.name, self.pressure)
+        command = self.command and changed.get(self.command.name, self.command)
+        duty = self.duty and changed.get(self.duty.name, self.duty)
+        return replace(self, pressure=pressure, command=command, duty=duty, **values)  # type: ignore[arg-type]

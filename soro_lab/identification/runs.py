@@ -1,0 +1,118 @@
+"""Simulation of recorded runs with a robot model.
+
+A measured curvature is the bending angle divided by the length: the mean of a strain that varies along the
+link. A release starts from a curvature that is uniform along the link.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from soro_core.errors import ModelError
+from soro_core.integrate import simulate
+from soro_core.model import SoftArm
+from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.robot.coordinates import StrainFields, strain_fields
+from soro_lab.identification.records import ForcedRun
+
+Array: TypeAlias = NDArray[np.float64]
+
+
+def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int = 0) -> tuple[Array, Array]:
+    """Simulate the curvature under the measured pressures, from rest at the first sample.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model with bending_x and bending_y on `link`.
+    run : ForcedRun
+        Measured pressures; the arm is at rest at the first sample.
+    dt : float
+        Time step [s]; 20 ms are enough for fitting, since the recorded motion is slow.
+    link : int
+        Number of the link whose curvature is returned.
+
+    Returns
+    -------
+    t : array of shape (n,)
+        Times of the run [s].
+    curvature : array of shape (n, 2)
+        Means of kx, ky [1/m] over the link, in the frame of the model.
+
+    Raises
+    ------
+    ModelError
+        If the link lacks one of the two bendings, or the simulation fails.
+    """
+    fields = strain_fields(arm.robot)
+    means = np.stack([_mean(fields, strain, link) for strain in ("bending_x", "bending_y")])
+    begin = float(run.t[0])
+    q0 = equilibrium(arm, run.pressure[0])
+    steps = int((float(run.t[-1]) - begin) / dt + 1e-9)
+    result = simulate(
+        arm, q0, np.zeros(arm.n_q), t_end=steps * dt, dt=dt, pressure=lambda t: run.pressure_at(begin + t)
+    )
+    q = np.asarray(result.q, float)
+    if len(q) != steps + 1 or not np.isfinite(q).all():
+        raise ModelError(
+            f"the forced run failed after {len(q)} of {steps + 1} samples: {result.status.message}"
+        )
+    return begin + np.asarray(result.t, float), q @ means.T
+
+
+def release_bend(
+    arm: SoftArm, bend: float, t_end: float, dt: float = 1e-3, internal: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """Simulate the release of the arm from a bending angle, at rest and without pressure.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Model of one link with bending_y.
+    bend : float
+        Bending angle at the start [rad].
+    t_end, dt : float
+        Duration and time step [s].
+    internal : array_like of shape (n_internal,), optional
+        States of creep and hysteresis at the start; default 0, relaxed: the arm was held bent for long. An
+        arm that was bent at once has those of creep at -q. A recording does not show them, so a fit may have
+        them as parameters.
+
+    Returns
+    -------
+    t, bend : arrays of shape (n,)
+        Time [s] and bending angle kappa L (1 + eps) [rad] of the mean strains.
+
+    Raises
+    ------
+    ModelError
+        If the arm has more than one link or no bending_y, `internal` is not allowed, or the simulation fails.
+    """
+    if len(arm.robot.links) != 1:
+        raise ModelError(
+            f"release of {arm.robot.name}: got {len(arm.robot.links)} links; allowed is one", "links"
+        )
+    fields = strain_fields(arm.robot)
+    curvature, stretch = _mean(fields, "bending_y", 0), fields.of("elongation") * fields.mean
+    length = arm.robot.links[0].length
+    q0 = equilibrium(arm, np.zeros(arm.n_u))
+    shape = fields.of("bending_y") * fields.uniform
+    q0 += shape * bend / (length * (1 + stretch @ q0) * (curvature @ shape))
+    result = simulate(arm, q0, np.zeros(arm.n_q), t_end=t_end, dt=dt, pressure=None, internal0=internal)
+    q = np.asarray(result.q, float)
+    if not np.isfinite(q).all() or result.t[-1] < t_end - 1.5 * dt:
+        raise ModelError(f"the release failed at {result.t[-1]} s: {result.status.message}")
+    return np.asarray(result.t, float), (q @ curvature) * length * (1 + q @ stretch)
+
+
+def _mean(fields: StrainFields, strain: str, link: int) -> Array:
+    """Return the row (n_q,) whose product with q is the mean of a strain over a link."""
+    row = fields.of(strain, link)
+    if not row.any():
+        found = ", ".join(f"link{i}/{name}" for i, name in zip(fields.links, fields.strains, strict=True))
+        key = f"link{link}/{strain}"
+        raise ModelError(f"recorded run: got an arm with {found}; required is {key}", key)
+    return row * fields.mean

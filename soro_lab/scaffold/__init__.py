@@ -1,0 +1,11 @@
+"""Robot, platform and scene file of a new arm, from a few options.
+
+Every number of the files has its unit and where it comes from: given, estimated, or a guess.
+"""
+
+from soro_lab.scaffold.arm import Geometry, NewArm, NewLink, new_arm
+from soro_lab.scaffold.files import write_arm
+from soro_lab.scaffold.noted import Noted
+from soro_lab.scaffold.options import Options
+
+__all__ = ["Geometry", "NewArm", "NewLink", "Noted", "Options", "new_arm", "write_arm"]

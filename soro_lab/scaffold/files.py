@@ -1,0 +1,98 @@
+"""Write the files of a new arm: all of them, checked as they are read, or none."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from soro_core.errors import ConfigError
+from soro_core.robot import load_robot
+from soro_lab.scaffold.arm import NewArm
+from soro_lab.scaffold.options import WHERE
+from soro_lab.scaffold.platform_file import platform_header, platform_name, platform_tree
+from soro_lab.scaffold.reference import FirstReference, first_reference, rests
+from soro_lab.scaffold.robot_file import robot_header, robot_tree
+from soro_lab.scaffold.scene_file import scene_header, scene_tree
+from soro_lab.scaffold.text import commented
+from soro_lab.scene import check_scene, load_scene
+from soro_lab.scene.loop import loop_of
+
+
+@dataclass(frozen=True)
+class Written:
+    """What has been written.
+
+    Attributes
+    ----------
+    robot, platform, scene : Path
+        The files.
+    reference : FirstReference
+        Of the scene.
+    warnings : tuple of str
+        What the numbers of the arm make unlikely to work, a line each.
+    """
+
+    robot: Path
+    platform: Path
+    scene: Path
+    reference: FirstReference
+    warnings: tuple[str, ...]
+
+
+def write_arm(arm: NewArm, folder: Path, force: bool = False) -> Written:
+    """Write robot, platform and scene into a folder.
+
+    Parameters
+    ----------
+    arm : NewArm
+    folder : Path
+        Made where it does not exist.
+    force : bool
+        Whether existing files are replaced.
+
+    Raises
+    ------
+    ConfigError
+        If a file exists, the folder cannot be written to, or the arm does not fit the platform.
+    """
+    names = tuple(f"{arm.name}_{kind}.yaml" for kind in ("robot", "platform", "scene"))
+    there = [folder / name for name in names if (folder / name).exists()]
+    if there and not force:
+        allowed = "a folder without these files, or --force to replace them"
+        raise ConfigError(WHERE, "--out", ", ".join(map(str, there)), allowed)
+    try:
+        ancestor = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        with tempfile.TemporaryDirectory(dir=ancestor, prefix=".soro_new_") as made:
+            reference, warnings = _write(arm, Path(made), names)
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in names:
+                (Path(made) / name).replace(folder / name)
+    except OSError as error:
+        allowed = f"a folder that can be written to ({error.strerror})"
+        raise ConfigError(WHERE, "--out", str(folder), allowed) from None
+    robot, platform, scene = (folder / name for name in names)
+    return Written(robot, platform, scene, reference, warnings)
+
+
+def _write(arm: NewArm, folder: Path, names: tuple[str, ...]) -> tuple[FirstReference, tuple[str, ...]]:
+    """Write the files into an empty folder, each read back; return the reference, and warnings."""
+    robot_name, platform, scene = names
+    shipped = platform_name(arm.platform, sum(len(link.geometry.angles) for link in arm.links))
+    (folder / platform).write_text(commented(platform_header(arm, shipped), platform_tree(arm, shipped)))
+    (folder / robot_name).write_text(commented(robot_header(arm), robot_tree(arm)))
+    robot = load_robot(folder / robot_name)
+    load = arm.payload.value
+    reference = first_reference(robot, load)
+    tree = scene_tree(arm, robot, reference, (robot_name, platform))
+    (folder / scene).write_text(commented(scene_header(arm, reference), tree))
+    loaded = load_scene(folder / scene)
+    warnings = check_scene(loaded, scene)
+    loop_of(loaded)
+    if not rests(robot, load, loaded.twin_node().refine):
+        warnings.append(
+            f"{arm.name} has no stable rest without pressure under its weight"
+            + (" and payload" if load else "")
+            + ": it is too soft, too heavy or too long; or --mounting hanging"
+        )
+    return reference, tuple(warnings)

@@ -1,0 +1,29 @@
+"""A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
+
+from soro_lab.scene.check import check_gains, check_model, check_plant, check_scene
+from soro_lab.scene.load import load_scene
+from soro_lab.scene.model import ModelSection, Requirement
+from soro_lab.scene.nodes import (
+    ControllerNodeConfig,
+    EstimatorNodeConfig,
+    ExciterNodeConfig,
+    MarkersConfig,
+    RegulatorNodeConfig,
+)
+from soro_lab.scene.scene import Scene
+
+__all__ = [
+    "ControllerNodeConfig",
+    "EstimatorNodeConfig",
+    "ExciterNodeConfig",
+    "MarkersConfig",
+    "ModelSection",
+    "RegulatorNodeConfig",
+    "Requirement",
+    "Scene",
+    "check_gains",
+    "check_model",
+    "check_plant",
+    "check_scene",
+    "load_scene",
+]

@@ -1,0 +1,165 @@
+"""Checks of a scene against its robot, its platform and its gains, before anything starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from soro_core.control.config import require_chambers
+from soro_core.errors import ConfigError
+from soro_core.robot import Discretisation, Robot, load_robot
+from soro_core.robot.discretisation import EXPLICIT
+from soro_core.twin.config import check_volumes, described_plant
+from soro_hardware import PlatformBase
+from soro_lab.scene.limits import unused_range
+from soro_lab.scene.scene import Scene
+
+
+def check_scene(scene: Scene, where: str) -> list[str]:
+    """Refuse a scene that does not fit the robot and the platform that it names.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene, with its model stated or chosen.
+    where : str
+        File of the scene, for the error.
+
+    Returns
+    -------
+    list of str
+        Lines for the user: ranges that are not used, faults after the end of the run, keys that limits or
+        regulators contradict.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is allowed.
+    """
+    check_plant(scene, where)
+    late = [fault for fault in scene.faults if fault.at >= scene.duration_s]
+    return [
+        *unused_range(scene),
+        *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
+        *(f"controller.{line}" for line in scene.controller_node().known_pressures(scene.loaded_platform)[1]),
+    ]
+
+
+def check_plant(scene: Scene, where: str) -> None:
+    """Refuse a robot, a platform and a model that do not fit each other, whatever commands them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene, with its model stated or chosen.
+    where : str
+        File of the scene, for the error.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is allowed.
+    """
+    robot = scene.loaded_robot
+    require_chambers(robot, f"scene {scene.name}")
+    if scene.loaded_platform is not None:
+        _check_platform(scene, scene.loaded_platform, robot)
+    check_model(scene, robot, where)
+
+
+def check_model(scene: Scene, robot: Robot, where: str) -> None:
+    """Refuse a model that the robot cannot have, in the nodes or in the twin.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene, with its model stated or chosen.
+    robot : Robot
+        Robot of the scene.
+    where : str
+        File of the scene, for the error.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what prevents it.
+    """
+    twin = scene.twin_node()
+    plant = described_plant(robot, twin)
+    _check("model", scene.discretisation, robot, 1, where)
+    _check("twin.refine" if twin.refine > 1 else "model", twin.model, plant, twin.refine, where)
+    if twin.air == "states":
+        _check_air(twin.integrator, plant, where)
+
+
+def check_gains(scene: Scene, robot: Robot, where: str) -> str:
+    """Refuse gains that are those of another robot.
+
+    Stated gains count as those of `controller.robot`, and without this key as those of the scene's robot;
+    automatic ones are those of the robot.
+
+    Parameters
+    ----------
+    scene : Scene
+    robot : Robot
+        Robot of the scene.
+    where : str
+        File of the scene, for the error.
+
+    Returns
+    -------
+    str
+        A line for the user if stated gains name no robot and count as those of this one; else empty.
+
+    Raises
+    ------
+    ConfigError
+        The message names the robot of the gains.
+    """
+    owner = scene.gains_robot
+    if not scene.controller.gains.stated:
+        return ""
+    if owner in (scene.robot, robot.name):
+        named = bool(scene.controller.robot)
+        return "" if named else f"controller.gains name no robot: taken for those of {robot.name}"
+    try:
+        name = load_robot(owner).name
+    except ConfigError:  # the file of that robot no longer exists
+        name = Path(owner).stem
+    if name == robot.name:
+        return ""
+    allowed = (
+        f"controller.gains: auto, or gains for {robot.name}, or controller.robot: {scene.robot} if these are "
+        "known to fit it"
+    )
+    raise ConfigError(where, "controller.gains", f"gains of {name}", allowed)
+
+
+def _check_platform(scene: Scene, platform: PlatformBase, robot: Robot) -> None:
+    platform = platform.at_rate(scene.rate_hz)
+    if scene.valves == "real" and not (scene.device or platform.device):
+        allowed = f"--device, or {platform.where_device} in the platform file: where the valves are"
+        raise ConfigError(scene.platform, "device", "", allowed)
+    fed, has = platform.chamber_names, robot.chamber_names
+    if set(fed) != set(has):
+        other = [f"{name}, which the robot does not have" for name in fed if name not in has]
+        other += [f"no {name}" for name in has if name not in fed]
+        allowed = f"one valve for each chamber of robot {scene.robot}: {', '.join(has)}"
+        raise ConfigError(scene.platform, "valves", f"{len(fed)} valves: {other[0]}", allowed)
+
+
+def _check_air(integrator: str, robot: Robot, where: str) -> None:
+    if integrator in EXPLICIT:
+        allowed = f"an implicit integrator of the twin, not {integrator}; or lag"
+        raise ConfigError(where, "twin.air", "states", allowed)
+    check_volumes(robot, where, "twin.air")
+
+
+def _check(key: str, model: Discretisation, robot: Robot, refine: int, where: str) -> None:
+    try:
+        model.discretise(robot.refine(refine))
+    except ConfigError as error:
+        stated = model.model_dump(exclude_defaults=True)
+        if refine > 1:
+            stated["refine"] = refine
+        got = ", ".join(f"{name} {value}" for name, value in stated.items())
+        raise ConfigError(where, key, got, f"what the robot can have ({error})") from None

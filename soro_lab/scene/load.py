@@ -1,0 +1,69 @@
+"""Reading a scene file: what it names is found beside it, and options change its keys."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from soro_core.config import find_config, parse, read_yaml
+from soro_core.errors import ConfigError
+from soro_core.safety import Rating, check_rating
+from soro_lab.scene.limits import default_limits
+from soro_lab.scene.scene import Scene
+
+# Keys of a scene that name files.
+_FILES = ("robot", "platform", "controller")
+
+
+def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene:
+    """Read a scene, by path or by name, with changes like ``{"controller.adapt": False}`` applied.
+
+    Files that it names are found beside it, else from the working directory; those of the changes from there.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the key, what was found and what is allowed.
+    """
+    path = find_config(name, "scenes")
+    data = read_yaml(path)
+    data |= {key: _beside(path.parent, data[key]) for key in _FILES if key in data}
+    if isinstance(twin := data.get("twin"), dict) and "plant" in twin:
+        data["twin"] = twin | {"plant": _beside(path.parent, twin["plant"])}
+    _read_controller(data)
+    for key, value in (changes or {}).items():
+        _set(data, key, value, str(path))
+        _read_controller(data)
+    data.setdefault("name", path.stem)
+    scene = parse(data, Scene, where=str(path))
+    platform = scene.loaded_platform
+    scene = scene.with_limits(default_limits(scene, str(path)))
+    check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
+    for number, fault in enumerate(scene.faults):
+        if platform and fault.chamber and fault.chamber not in platform.chamber_names:
+            allowed = f"one of {', '.join(platform.chamber_names)}"
+            raise ConfigError(str(path), f"faults[{number}].chamber", fault.chamber, allowed)
+    return scene
+
+
+def _beside(folder: Path, name: Any) -> Any:
+    """Return the path of a file in a folder by its name there; any other value as it is."""
+    if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
+        return str((folder / name).absolute())
+    return name
+
+
+def _read_controller(data: dict[str, Any]) -> None:
+    """Replace the name of a controller file by its content."""
+    if isinstance(name := data.get("controller"), str):
+        data["controller"] = read_yaml(find_config(name, "controllers"))
+
+
+def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:
+    *parents, leaf = key.split(".")
+    for parent in parents:
+        inner = data.setdefault(parent, {})
+        if not isinstance(inner, dict):
+            raise ConfigError(where, key, value, f"{parent} is a value, not a section")
+        data = inner
+    data[leaf] = value

@@ -1,0 +1,268 @@
+"""The scene file: its keys, their checks, and the parameters of each node."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from soro_core.config import Strict, changed
+from soro_core.control.config import ControllerConfig
+from soro_core.control.laws.registry import find_law
+from soro_core.errors import ConfigError
+from soro_core.estimation.config import EstimatorConfig
+from soro_core.pneumatics import RegulatorModel
+from soro_core.robot import Discretisation, Robot, load_robot
+from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
+from soro_core.safety import Limits
+from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
+from soro_hardware import PlatformBase, load_platform
+from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_lab.excitation.config import ExciteConfig
+from soro_lab.scene.model import ModelSection
+from soro_lab.scene.nodes import (
+    ControllerNodeConfig,
+    EstimatorNodeConfig,
+    ExciterNodeConfig,
+    MarkersConfig,
+    RegulatorNodeConfig,
+)
+from soro_lab.scene.sections import RecorderSection, VerdictSection, sample_keys
+
+
+class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
+    """A run: its robot, platform, duration, and the keys of each node."""
+
+    name: str = Field("", pattern=r"^[a-z0-9_]*$", description="name of the run; the file's name if empty")
+    description: str = Field("", description="what the run shows, in one line (soro scenes)")
+    platform: str = Field(
+        "", description="platform file or name; empty: the twin takes the place of the regulator node"
+    )
+    valves: Literal["emulated", "real"] = Field(
+        "emulated", description="emulated: those of the platform are started; real: they exist"
+    )
+    device: str = Field("", description="valves: real: adapter or port in place of the platform file's")
+    arm: Literal["simulated", "real"] = Field(
+        "simulated", description="simulated by the twin; real: its sensors publish, the twin runs as a shadow"
+    )
+    shadow: ShadowSection = Field(ShadowSection(), description="the twin beside a real arm")
+    # A loop below 10 Hz does not control an arm; a single node may be slower.
+    rate_hz: float = Field(200.0, ge=10, le=1000, description="ticks of the control loop a second")
+    duration_s: float = Field(20.0, gt=0, le=86400, description="time under control")
+    model: ModelSection | None = Field(
+        None,
+        description="how the arm is computed: stated, or auto with a requirement; default: as the robot",
+    )
+    measured: str = Field(
+        "", description="CSV of a measured forced run (t, p1 ..., kx, ky) that soro trade compares with"
+    )
+    twin: TwinSection = Field(TwinSection(), description="the simulated arm and its sensors")
+    estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
+    controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
+    verdict: VerdictSection = Field(VerdictSection(), description="when a run is lost")
+    excite: ExciteConfig = Field(ExciteConfig(), description="the excitation of soro excite")
+    markers: bool = Field(
+        False, description="also start the node markers, which draws the arm for RViz and Foxglove"
+    )
+    recorder: RecorderSection = Field(RecorderSection(), description="the recorder")
+    faults: tuple[Injection, ...] = Field(
+        (), strict=False, description="faults of the emulated valves, `at` seconds after the start"
+    )
+
+    @field_validator("twin", mode="before")
+    @classmethod
+    def _stated_once(cls, value: Any) -> Any:
+        given = dict(value) if isinstance(value, TwinConfig) else value
+        decided = TwinConfig.model_fields.keys() - TwinSection.model_fields.keys()
+        if isinstance(given, Mapping) and (twice := sorted(decided & set(given))):
+            raise ValueError(f"no {twice[0]} under twin: the scene states it at its top, for all nodes")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        real, twin = self.valves == "real", self.twin
+        contradictions = (
+            (
+                self.platform and twin.regulator,
+                "no regulator under twin beside a platform, whose emulation.regulator counts",
+            ),
+            (
+                self.faults and not self.platform,
+                "no faults without a platform: they are those of emulated devices",
+            ),
+            (
+                real and twin.air == "states",
+                "no air: states under twin beside valves: real, which hold the air",
+            ),
+            (real and not self.platform, "no valves: real without a platform, which describes them"),
+            (
+                real and self.mode != "real_time",
+                "no lockstep with valves: real, whose time cannot be stopped",
+            ),
+            (real and self.faults, "no faults with valves: real, only with emulated ones"),
+            (not real and self.device, "no device with valves: emulated, only with real ones"),
+            (
+                not real and self.arm == "real",
+                "no arm: real without valves: real, because emulated ones do not supply it",
+            ),
+        )
+        for present, message in contradictions:
+            if present:
+                raise ValueError(message)
+        for name, sensor in (("pose", twin.pose), ("imu", twin.imu)):
+            ticks = self.rate_hz / sensor.rate_hz
+            if sensor.enabled and abs(ticks - round(ticks)) > 1e-9:
+                raise ValueError(
+                    f"a {name} rate that divides rate_hz, not {sensor.rate_hz:g} of {self.rate_hz:g}"
+                )
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all keys with their values, also defaults, as in a scene file."""
+        values = self.model_dump(mode="json")
+        if self.controller.gains.stated:  # the file must say whose they are
+            values["controller"]["robot"] = self.gains_robot
+        return values
+
+    @cached_property
+    def loaded_robot(self) -> Robot:
+        """The robot that the scene names; its file is read once."""
+        return load_robot(self.robot)
+
+    @cached_property
+    def loaded_platform(self) -> PlatformBase | None:
+        """The platform that the scene names, or None; its file is read once."""
+        return load_platform(self.platform) if self.platform else None
+
+    def markers_node(self) -> MarkersConfig:
+        """Parameters of the markers node."""
+        return MarkersConfig(robot=self.robot)
+
+    def with_model(self, model: ModelSection | None) -> Scene:
+        """Return the scene with another model; it keeps the loaded robot and platform."""
+        return self._with(model=model)
+
+    def with_duration(self, duration_s: float) -> Scene:
+        """Return the scene with another duration [s]; it keeps the loaded robot and platform."""
+        return self._with(duration_s=duration_s)
+
+    def with_limits(self, limits: Limits) -> Scene:
+        """Return the scene with other limits; it keeps the loaded robot and platform."""
+        return self._with(limits=limits)
+
+    def _with(self, **values: Any) -> Scene:
+        other = changed(self, **values)
+        vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
+        return other
+
+    @property
+    def gains_robot(self) -> str:
+        """Name or file of the robot that the gains are for."""
+        return self.controller.robot or self.robot
+
+    @property
+    def discretisation(self) -> Discretisation:
+        """How estimator and controller discretise the robot.
+
+        Raises
+        ------
+        ConfigError
+            If the model is still to be chosen (`soro_lab.trade.with_chosen_model`).
+        """
+        if self.model is None:
+            return Discretisation()
+        if self.model.auto:
+            raise ConfigError(self.name or "scene", "model.auto", True, "a model that is stated or chosen")
+        return self.model.discretisation
+
+    @property
+    def regulator(self) -> RegulatorModel:
+        """The twin's regulators, where there is no platform."""
+        return self.twin.regulator or RegulatorModel()
+
+    def _plant(self) -> dict[str, Any]:
+        """Keys of the twin: those that follow from the model, and those that `twin` states itself."""
+        stated = {name: value for name, value in self.twin if value is not None}
+        if self.model is None:
+            return stated
+        model = self.discretisation
+        from_model = {"refine": 1, "integrator": self.model.integrator, "step_s": self.model.dt_s}
+        return {"model": model.quadrature if "refine" in stated else model, **from_model, **stated}
+
+    def _shared(self, config: type[Strict]) -> dict[str, Any]:
+        """Values of the keys that a node shares with the scene."""
+        names = {name for keys in SHARED if issubclass(config, keys) for name in keys.model_fields}
+        return {name: getattr(self, name) for name in names}
+
+    def twin_node(self, plant_link: str = "", fault_link: str = "") -> TwinConfig:
+        """Parameters of the twin node.
+
+        Parameters
+        ----------
+        plant_link, fault_link : str
+            Sockets of the emulated valves, where the scene emulates them.
+        """
+        return TwinConfig(
+            **self._plant(),
+            **self._shared(TwinConfig),
+            pressures="valves" if self.emulates else "measured" if self.platform else "regulators",
+            plant_link=plant_link if self.emulates else "",
+            fault_link=fault_link if self.emulates else "",
+            duration_s=self.duration_s,
+            paused=self.mode == "lockstep",
+        )
+
+    @property
+    def emulates(self) -> bool:
+        """Whether valves are emulated."""
+        return bool(self.platform) and self.valves == "emulated"
+
+    def shadow_node(self) -> ShadowConfig:
+        """Parameters of the shadow node, beside a real arm."""
+        return ShadowConfig(**dict(self.twin_node()), tolerance_m=self.shadow.tolerance_m)
+
+    def regulator_node(self, device: str = "") -> RegulatorNodeConfig:
+        """Parameters of the regulator node; `device` is that of emulated valves."""
+        return RegulatorNodeConfig(
+            **self._shared(RegulatorNodeConfig),
+            platform=self.platform,
+            device=device if self.emulates else self.device,
+            keep_latch=not self.emulates,  # emulated valves end with their run
+            take_over=True,
+        )
+
+    def estimator_node(self) -> EstimatorNodeConfig:
+        """Parameters of the estimator node."""
+        return EstimatorNodeConfig(
+            **self._shared(EstimatorNodeConfig),
+            **sample_keys(self.twin),
+            model=self.discretisation,
+            learned=find_law(self.controller.law).learns,
+            filter=self.estimator,
+        )
+
+    def exciter_node(self) -> ExciterNodeConfig:
+        """Parameters of the exciter node, which takes the place of estimator and controller."""
+        return ExciterNodeConfig(
+            **self._shared(ExciterNodeConfig),
+            **sample_keys(self.twin),
+            platform=self.platform,
+            regulator=self.regulator,
+            model=self.discretisation,
+            excite=self.excite,
+        )
+
+    def controller_node(self) -> ControllerNodeConfig:
+        """Parameters of the controller node, which waits for `~/enable` until every node is active."""
+        return ControllerNodeConfig(
+            **self._shared(ControllerNodeConfig),
+            platform=self.platform,
+            regulator=self.regulator,
+            model=self.discretisation,
+            control=self.controller,
+            pose_locations=self.twin.pose.locations,
+            imu_locations=self.twin.imu.locations,
+            reach=self.verdict.tip_error_part,
+        )

@@ -1,0 +1,1 @@
+"""Messages and arrays: conversion both ways."""

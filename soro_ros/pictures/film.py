@@ -1,0 +1,294 @@
+"""A film of a recorded run: the arm on its reference, the pressures in its chambers, the error of its tip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from soro_core.config import find_config
+from soro_core.errors import BagError
+from soro_core.model.discretised import discretised
+from soro_core.robot import Robot, load_robot
+from soro_core.twin.config import described_plant
+from soro_core.twin.plant import true_robot
+from soro_lab.scene import Scene
+from soro_ros.recordings.recording import Recording
+from soro_ros.recordings.report import pressure_bounds, read_run, tip_error
+from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, walls
+
+Array = NDArray[np.float64]
+
+TRACE_S = 4.0
+_SIZE_IN = (8.0, 4.5)
+_TEXT, _PALE, _RED = "#333333", "#b9bec6", "#c1121f"
+
+
+@dataclass(frozen=True)
+class Take:
+    """Everything that the pictures of a run are drawn from, at the times `t` (n,) [s] of the pictures.
+
+    Poses (n, m, 4, 4) of the backbone at the arc lengths `s` (m,); pressures, set points (n, chambers) [Pa].
+    """
+
+    scene: Scene
+    robot: Robot
+    recording: Recording
+    t: Array
+    s: Array
+    poses: Array
+    pressure: Array
+    command: Array
+    most_pa: float
+
+    def payload_kg(self, k: int) -> float:
+        """Payload [kg] of a simulated arm at picture `k`; 0 for a real one, whose payload is not known."""
+        return self.scene.twin.payload_at(float(self.t[k])) if self.scene.arm == "simulated" else 0.0
+
+
+def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) -> Take:
+    """Read a run and compute the shape of its arm at each picture.
+
+    A simulated arm is drawn as the twin's plant had it, a real one as the estimator found it.
+
+    Parameters
+    ----------
+    bag : Path
+        Folder of the run's bag.
+    scene : Scene
+        Scene of the run.
+    begin_s, end_s : float
+        First and last time [s] under control.
+    rate_hz : float
+        Pictures a second.
+
+    Raises
+    ------
+    BagError
+        If the bag has no coordinates or no pressures of that time.
+    """
+    recording = read_run(bag, scene)
+    robot = load_robot(find_config(scene.robot, "robots"))
+    if recording.true_state.t.size:
+        states, twin = recording.true_state, scene.twin_node()
+        arm = discretised(true_robot(robot, twin), twin.model)
+    else:
+        states, arm = recording.estimated_state, discretised(robot, scene.discretisation)
+    known = (states, recording.reading, recording.command)
+    if any(series.t.size < 2 for series in known):
+        raise BagError(f"no states or no pressures of the arm {scene.name}", bag, "missing")
+    end_s = min(end_s, *(float(series.t[-1]) for series in known))
+    if end_s < begin_s + 1.0 / rate_hz:
+        raise BagError(f"ends at {end_s:.2f} s, too early for a film from {begin_s:g} s on", bag, "value")
+    t = np.arange(begin_s, end_s + 1e-9, 1.0 / rate_hz)
+    s = places(robot)
+    poses = np.array([[arm.pose(q, min(at, arm.length)) for at in s] for q in states.at(t)])
+    most = pressure_bounds(scene)[1]
+    return Take(scene, robot, recording, t, s, poses, recording.reading.at(t), recording.command.at(t), most)
+
+
+class Picture:
+    """One figure that shows one time of a take after the other."""
+
+    def __init__(self, shown: Take, width_px: int = 800) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self._take, self._camera = shown, Camera()
+        self._figure = Figure(figsize=_SIZE_IN, dpi=width_px / _SIZE_IN[0], facecolor="white")
+        self._canvas = FigureCanvasAgg(self._figure)
+        self._make_arm(self._figure.add_axes((0.0, 0.08, 0.62, 0.86)))
+        self._make_bars(self._figure.add_axes((0.66, 0.56, 0.31, 0.36)))
+        self._make_error(self._figure.add_axes((0.66, 0.13, 0.31, 0.28)))
+
+    def at(self, k: int) -> NDArray[np.uint8]:
+        """Pixels (height, width, 3) of picture `k` of the take."""
+        self._draw_arm(k)
+        self._draw_bars(k)
+        now = self._take.t[k]
+        past = self._error_t <= now
+        self._error_line.set_data(self._error_t[past], self._error[past])
+        self._error_dot.set_data(self._error_t[past][-1:], self._error[past][-1:])
+        self._canvas.draw()
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+    def _make_arm(self, axis: Any) -> None:
+        from matplotlib.collections import PolyCollection
+        from matplotlib.lines import Line2D
+
+        shown, radius = self._take, self._take.robot.links[0].radius
+        path = shown.recording.wanted_tip
+        inside = (path.t >= 0.0) & (path.t <= shown.scene.duration_s)
+        self._wanted = path.value[inside]
+        body = shown.poses[..., :3, 3].reshape(-1, 3)
+        self._floor = float(body[:, 2].min()) - 0.02 * radius
+        seen = self._camera.project(np.concatenate([body, self._fallen(body), self._wanted]))
+        if shown.scene.arm == "simulated":
+            plant = described_plant(shown.robot, shown.scene.twin_node())
+            seen_walls = [self._camera.project(corners)[:, :2] for corners in walls(plant, body)]
+            axis.add_collection(PolyCollection(seen_walls, facecolors="#e8dcc4", edgecolors="#a08c63"))
+        low, high = seen[:, :2].min(axis=0) - 1.1 * radius, seen[:, :2].max(axis=0) + 2.2 * radius
+        axis.set_aspect("equal")
+        axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        axis.axis("off")
+        self._title = self._figure.text(0.03, 0.93, "", color=_TEXT, size=11, weight="bold")
+        self._time = self._figure.text(0.03, 0.87, "", color=_TEXT, size=10)
+        for x, colour, text in ((0.03, _PALE, "reference of the tip"), (0.27, _RED, "path of the tip")):
+            self._figure.add_artist(Line2D((x, x + 0.03), (0.05, 0.05), color=colour, lw=2.5))
+            self._figure.text(x + 0.04, 0.05, text, va="center", color=_TEXT, size=9)
+        self._shadow = PolyCollection([], facecolors="#e4e7ec", edgecolors="#e4e7ec", linewidths=0.3)
+        self._faces = PolyCollection([], linewidths=0.25)
+        axis.add_collection(self._shadow)
+        axis.add_collection(self._faces)
+
+    def _draw_arm(self, k: int) -> None:
+        shown = self._take
+        names = shown.recording.reading.names
+        part = np.clip(shown.pressure[k] / shown.most_pa, 0.0, 1.0)
+        payload_kg = shown.payload_kg(k)
+        faces = surface(shown.robot, shown.s, shown.poses[k], dict(zip(names, part, strict=True)), payload_kg)
+        self._shadow.set_verts(self._camera.project(self._fallen(faces.corners))[..., :2])
+        width = 0.045 * shown.robot.links[0].radius
+        true = shown.recording.true_tip
+        passed = (true.t >= shown.t[k] - TRACE_S) & (true.t <= shown.t[k]) & (true.t >= 0.0)
+        pieces = [
+            (self._camera.project(faces.corners), faces.colours),
+            self._ribbon(self._wanted, 1.6 * width, _PALE, shown.poses[k, -1, :3, 3]),
+            self._ribbon(true.value[passed], 1.3 * width, _RED, shown.poses[k, -1, :3, 3]),
+        ]
+        pieces[2][0][..., 2] += 8 * width  # over the reference where the two are together
+        corners = np.concatenate([corners for corners, _ in pieces])
+        order = np.argsort(corners[..., 2].mean(axis=1))
+        colours = np.concatenate([colours for _, colours in pieces])[order]
+        self._faces.set_verts(corners[order, :, :2])
+        self._faces.set_facecolor(colours)
+        self._faces.set_edgecolor(colours)
+        self._time.set_text(f"{shown.t[k]:.1f} s")
+        carries = f" carries {payload_kg * 1e3:g} g" if payload_kg else ""
+        self._title.set_text(f"{shown.robot.name}{carries}")
+
+    def _fallen(self, points: Array) -> Array:
+        """The shadow of points on the floor."""
+        shadow = points.copy()
+        shadow[..., :2] += (points[..., 2:] - self._floor) * (0.12, 0.06)
+        shadow[..., 2] = self._floor
+        return shadow
+
+    def _ribbon(self, points: Array, width: float, colour: str, tip: Array) -> tuple[Array, Array]:
+        """A line in space as faces of a width on the screen, so that the arm hides what is behind it.
+
+        What ends within the plate at the tip goes behind it.
+        """
+        from matplotlib.colors import to_rgb
+
+        if len(points) < 3:
+            return np.zeros((0, 4, 3)), np.zeros((0, 3))
+        points = points[:: max(1, len(points) // 400)]
+        seen, radius = self._camera.project(points), self._take.robot.links[-1].radius
+        seen[np.linalg.norm(points - tip, axis=1) < radius, 2] -= 2 * radius
+        along = np.gradient(seen[:, :2], axis=0)
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        beside = 0.5 * width * np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(seen))])
+        left, right = seen + beside, seen - beside
+        corners = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
+        return corners, np.tile(to_rgb(colour), (len(corners), 1))
+
+    def _make_bars(self, axis: Any) -> None:
+        names = self._take.recording.reading.names
+        where = np.arange(len(names))
+        order = [bellow.name for bellow in chambers(self._take.robot)]
+        colours = [COLOURS[order.index(name) % len(COLOURS)] if name in order else _TEXT for name in names]
+        self._bars = axis.bar(where, np.zeros(len(names)), width=0.62, color=colours)
+        (self._ticks,) = axis.plot(
+            where, np.zeros(len(names)), "_", color=_TEXT, ms=78 / max(3, len(names)), mew=1.5
+        )
+        one = all(name.startswith("link0/") for name in names)
+        digits = [name.replace("link", "").replace("chamber", "") for name in names]
+        axis.set_xticks(where, [name.removeprefix("link0/") for name in names] if one else digits)
+        axis.set_xlabel("" if one else "link/chamber", size=9, color=_TEXT)
+        self._style(axis, "pressure [kPa]; line: set point")
+        axis.set_ylim(0, self._take.most_pa / 1e3)
+
+    def _draw_bars(self, k: int) -> None:
+        for bar, value in zip(self._bars, self._take.pressure[k], strict=True):
+            bar.set_height(value / 1e3)
+        self._ticks.set_ydata(self._take.command[k] / 1e3)
+
+    def _make_error(self, axis: Any) -> None:
+        shown = self._take
+        t, error = tip_error(shown.recording, shown.scene.duration_s)
+        inside = (t >= shown.t[0]) & (t <= shown.t[-1])
+        self._error_t, self._error = t[inside], error[inside] * 1e3
+        (self._error_line,) = axis.plot([], [], color=_RED, lw=1.5)
+        (self._error_dot,) = axis.plot([], [], "o", color=_RED, ms=5)
+        self._style(axis, "tip to reference [mm]")
+        axis.set_xlim(shown.t[0], shown.t[-1])
+        axis.set_ylim(0, 1.1 * max(float(self._error.max()), 0.1) if self._error.size else 1)
+        axis.set_xlabel("time [s]", size=9, color=_TEXT)
+
+    def _style(self, axis: Any, title: str) -> None:
+        axis.set_title(title, loc="left", size=9, color=_TEXT)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.spines[["left", "bottom"]].set_color(_PALE)
+        axis.tick_params(labelsize=8, colors=_TEXT, length=2, color=_PALE)
+        axis.grid(axis="y", alpha=0.25)
+        axis.set_axisbelow(True)
+
+
+def write(shown: Take, file: Path, width_px: int = 800, colours: int = 96) -> None:
+    """Write a take as a film: an animated GIF that begins again at its end.
+
+    Parameters
+    ----------
+    shown : Take
+        What is shown.
+    file : Path
+        Where it is written.
+    width_px : int
+        Width of the film; its height is 9/16 of that.
+    colours : int
+        In its palette, 16 to 256: fewer make a smaller file.
+    """
+    from PIL import Image
+
+    picture = Picture(shown, width_px)
+    images = [picture.at(k) for k in range(len(shown.t))]
+    palette = _palette(images[:: max(1, len(images) // 8)], colours)
+    frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    each_ms = round(1000 * (shown.t[-1] - shown.t[0]) / max(1, len(shown.t) - 1) / 10) * 10
+    frames[0].save(file, save_all=True, append_images=frames[1:], duration=each_ms, loop=0, optimize=False)
+
+
+def _palette(images: list[NDArray[np.uint8]], colours: int) -> Any:
+    """The colours of the figure as they are, and those that occur, large areas counted by their root."""
+    from matplotlib.colors import to_rgb
+    from PIL import Image
+
+    fixed = np.array([to_rgb(colour) for colour in ("white", _TEXT, _PALE, _RED, *COLOURS)]) * 255
+    pixels = np.concatenate([image[::2, ::2].reshape(-1, 3) for image in images])
+    seen, count = np.unique(pixels[pixels.min(axis=1) < 245], axis=0, return_counts=True)
+    seen = np.repeat(seen, np.ceil(np.sqrt(count)).astype(int), axis=0)
+    rest = Image.fromarray(seen[None]).quantize(colours - len(fixed), kmeans=4).getpalette()
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*fixed.astype(int).ravel().tolist(), *(rest or [])[: 3 * (colours - len(fixed))]])
+    return palette
+
+
+def still(shown: Take, file: Path, width_px: int = 800) -> None:
+    """Write the last picture of a take as PNG.
+
+    Parameters
+    ----------
+    shown : Take
+        The take.
+    file : Path
+        File of the picture.
+    width_px : int
+        Width of the picture [pixels].
+    """
+    from PIL import Image
+
+    Image.fromarray(Picture(shown, width_px).at(len(shown.t) - 1)).save(file, optimize=True)

@@ -1,0 +1,258 @@
+"""The panels of the pictures of a run: each draws one part of a recording into axes of matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from soro_lab.scene import Scene
+from soro_ros.recordings.events import Event
+from soro_ros.recordings.recording import Recording, Series
+from soro_ros.recordings.report import WINDOW_S, Array, tip_error, within
+from soro_ros.view.arm_shape import COLOURS
+
+# Estimates of a law that belong to the matrix W of a learned force.
+_WEIGHTS = ("/offset", "/by ")
+# Lines in a panel that a legend names.
+MOST_NAMES = 12
+# Times that samples are usually apart.
+_GAP = 20.0
+# Labels this close, as a part of the width, would lie over one another.
+_CLOSE = 0.04
+_EVENT_COLOURS = {"trip": "#b3392f", "injected": "#7b5ea7", "warning": "#e08e2b", "over": "#4f8a4c"}
+
+
+@dataclass(frozen=True)
+class View:
+    """What the panels show.
+
+    Attributes
+    ----------
+    recording : Recording
+    scene : Scene or None
+        None where it is not known.
+    begin_s, end_s : float
+        First and last time [s].
+    kind : str
+        Where `recording.true_tip` comes from: true, measured or estimated.
+    """
+
+    recording: Recording
+    scene: Scene | None
+    begin_s: float
+    end_s: float
+    kind: str
+
+    def shown(self, series: Series) -> Series:
+        """Return the samples in the time that is shown, broken where messages are missing."""
+        if not series.t.size:
+            return series
+        inside = (series.t >= self.begin_s) & (series.t <= self.end_s)
+        return broken(Series(series.t[inside], series.value[inside], series.names))
+
+    @property
+    def error(self) -> tuple[Array, Array]:
+        """Times (n,) [s] and distances (n,) [m] of the tip from its reference."""
+        t, error = tip_error(self.recording, self.end_s)
+        inside = t >= self.begin_s
+        return t[inside], error[inside]
+
+
+def broken(series: Series) -> Series:
+    """Return a series with a NaN in each gap, so that no line is drawn over what was not recorded.
+
+    A gap is many times as long as the samples are usually apart.
+    """
+    if series.t.size < 3:
+        return series
+    apart = np.diff(series.t)
+    gaps = np.flatnonzero(apart > _GAP * np.median(apart)) + 1
+    between = 0.5 * (series.t[gaps - 1] + series.t[gaps])
+    value = np.insert(series.value, gaps, np.nan, axis=0)
+    return Series(np.insert(series.t, gaps, between), value, series.names)
+
+
+class Panel(NamedTuple):
+    """One panel: its title, what it needs and whether that was recorded, and the function that draws it."""
+
+    title: str
+    topics: str
+    known: Callable[[View], bool]
+    draw: Callable[[Any, View], None]
+    over_time: bool = True
+
+
+def draw_path(axis: Any, view: View) -> None:
+    """Draw the way of tip and reference, seen along the axis of the base."""
+    true, wanted = (within(s, view.end_s) for s in (view.recording.true_tip, view.recording.wanted_tip))
+    if wanted.t.size:
+        axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
+    axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{view.kind} tip")
+    late = true.t >= view.end_s - WINDOW_S
+    if late.any():
+        label = f"{view.kind} tip, last {WINDOW_S:g} s"
+        axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=label)
+    axis.set(xlabel="x [mm]", ylabel="y [mm]")
+    axis.set_aspect("equal", adjustable="datalim")  # the way of a planar arm is a line
+
+
+def draw_tip(axis: Any, view: View) -> None:
+    """Draw the coordinates of tip and reference over time."""
+    true, wanted = view.shown(view.recording.true_tip), view.shown(view.recording.wanted_tip)
+    for k, name in enumerate("xyz"):
+        if wanted.t.size:
+            axis.plot(wanted.t, wanted.value[:, k] * 1e3, color=f"C{k}", lw=2.5, alpha=0.35)
+        axis.plot(true.t, true.value[:, k] * 1e3, color=f"C{k}", lw=0.9, label=f"{name}, {view.kind} tip")
+    axis.set(ylabel="position [mm]")
+
+
+def draw_error(axis: Any, view: View) -> None:
+    """Draw the distance of the tip from its reference, and of its estimate from it."""
+    t, error = view.error
+    _line(axis, t, error * 1e3, color="C0", label=f"{view.kind} tip to reference")
+    if view.recording.estimated_tip.t.size and view.kind != "estimated":
+        off = np.linalg.norm(view.recording.estimated_tip.at(t) - view.recording.true_tip.at(t), axis=1)
+        _line(axis, t, off * 1e3, color="C2", label=f"estimated tip to {view.kind} tip")
+    axis.set(ylabel="distance [mm]", ylim=(0, None))
+
+
+def _line(axis: Any, t: Array, value: Array, **style: Any) -> None:
+    shown = broken(Series(t, value[:, None]))
+    axis.plot(shown.t, shown.value[:, 0], lw=0.8, **style)
+
+
+def draw_pressures(axis: Any, view: View) -> None:
+    """Draw measured pressures, set points and limits."""
+    reading, command = view.shown(view.recording.reading), view.shown(view.recording.command)
+    names = reading.names or command.names
+    for series, measured in ((reading, True), (command, False)):
+        for k, name in enumerate(series.names):
+            colour = COLOURS[names.index(name) % len(COLOURS)] if name in names else "0.3"
+            style = {"lw": 0.9, "label": f"{name} measured"} if measured else {"lw": 1.8, "alpha": 0.35}
+            axis.plot(series.t, series.value[:, k] / 1e3, color=colour, **style)
+    if view.scene is not None:
+        for bound in (view.scene.limits.minimum_pa, view.scene.limits.maximum_pa):
+            axis.axhline(bound / 1e3, color="0.3", ls="--", lw=0.8)
+    axis.set(ylabel="gauge pressure [kPa]")
+
+
+def _draw_strains(axis: Any, view: View, words: Sequence[str], label: str, factor: float) -> None:
+    estimated, true = view.recording.estimated_state, view.recording.true_state
+    chosen = [name for name in estimated.names or true.names if any(word in name for word in words)]
+    for series, style in ((true, {"lw": 2.5, "alpha": 0.35}), (estimated, {"lw": 0.9})):
+        shown = view.shown(series)
+        for k, name in enumerate(chosen):
+            if name in shown.names:
+                values = shown.value[:, shown.names.index(name)] * factor
+                named = {"label": name} if series is estimated or not estimated.t.size else {}
+                axis.plot(shown.t, values, color=f"C{k % 10}", **style, **named)
+    axis.set(ylabel=label)
+
+
+def draw_curvatures(axis: Any, view: View) -> None:
+    """Draw bending and torsion, estimated and true."""
+    _draw_strains(axis, view, ("bending", "torsion"), "strain [1/m]", 1.0)
+
+
+def draw_stretches(axis: Any, view: View) -> None:
+    """Draw elongation and shear, estimated and true."""
+    _draw_strains(axis, view, ("elongation", "shear"), "strain [%]", 100.0)
+
+
+def draw_estimates(axis: Any, recording: Recording) -> None:
+    """Draw the parameter estimates, each over its first value."""
+    series = recording.estimates
+    weights = [k for k, name in enumerate(series.names) if is_weight(name)]
+    for k in weights:  # W of a learned force: too many for a legend
+        label = "W of the learned force" if k == weights[0] else None
+        axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
+    for k, name in enumerate(series.names):
+        if k in weights:
+            continue
+        values = series.value[:, k]
+        largest = float(np.max(np.abs(values))) or 1.0
+        # What starts from (almost) nothing, as an unknown load does, is shown against its largest value.
+        scale, what = (abs(values[0]), "start") if abs(values[0]) > 0.01 * largest else (largest, "largest")
+        unit = " kg" if name.endswith("mass") else ""
+        label = f"{name} / {scale:.3g}{unit} ({what}), end {values[-1]:.3g}{unit}"
+        axis.plot(series.t, values / scale, lw=1.0, label=label)
+    axis.set(ylabel="estimate, scaled", ylim=(None if weights else 0, None))
+
+
+def is_weight(name: str) -> bool:
+    """Whether an estimate is an entry of the matrix W of a learned force."""
+    return any(part in name for part in _WEIGHTS)
+
+
+def mark(axis: Any, events: Sequence[Event], begin_s: float, end_s: float) -> None:
+    """Mark events by their numbers: lines at their times; those that are close together share a label.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    events : sequence of Event
+    begin_s, end_s : float
+        Time [s] that the axes show.
+    """
+    labels: list[tuple[float, str, str]] = []
+    for number, event in enumerate(events, 1):
+        if not begin_s <= event.t_s <= end_s:
+            continue
+        colour = _EVENT_COLOURS[event.kind]
+        axis.axvline(event.t_s, color=colour, lw=1.0, ls="--", zorder=0.5)
+        if labels and event.t_s - labels[-1][0] < _CLOSE * (end_s - begin_s):
+            labels[-1] = (labels[-1][0], f"{labels[-1][1]},{number}", colour)
+        else:
+            labels.append((event.t_s, str(number), colour))
+    for t_s, text, colour in labels:
+        place = {"ha": "center", "va": "bottom", "transform": axis.get_xaxis_transform()}
+        axis.text(t_s, 1.0, text, color=colour, size=8, weight="bold", **place)
+
+
+def lines_of(events: Sequence[Event]) -> list[str]:
+    """Return a line for each event, with the number that marks it."""
+    return [f"{k}: {event.t_s:.2f} s, {event.node}: {event.text}" for k, event in enumerate(events, 1)]
+
+
+def _has_strain(view: View, *words: str) -> bool:
+    names = (*view.recording.estimated_state.names, *view.recording.true_state.names)
+    return any(word in name for name in names for word in words)
+
+
+PATH = Panel(
+    "tip path, seen along the base's axis",
+    "truth/tip, sensors/pose0 or arm/tip",
+    lambda view: view.recording.true_tip.t.size > 1,
+    draw_path,
+    over_time=False,
+)
+ERROR = Panel("tip error", "a tip and arm/desired/tip", lambda view: view.error[0].size > 1, draw_error)
+PRESSURES = Panel(
+    "pressures (pale: set points; dashed: limits)",
+    "chambers/state or chambers/command",
+    lambda view: view.recording.reading.t.size + view.recording.command.t.size > 1,
+    draw_pressures,
+)
+TIP = Panel("tip (pale: reference)", "a tip", lambda view: view.recording.true_tip.t.size > 1, draw_tip)
+CURVATURES = Panel(
+    "curvature, estimated (pale: true)",
+    "arm/state or truth/state",
+    lambda view: _has_strain(view, "bending", "torsion"),
+    draw_curvatures,
+)
+STRETCHES = Panel(
+    "elongation and shear, estimated (pale: true)",
+    "arm/state or truth/state",
+    lambda view: _has_strain(view, "elongation", "shear"),
+    draw_stretches,
+)
+ESTIMATES = Panel(
+    "what the law has learned",
+    "controller/estimates",
+    lambda view: view.recording.estimates.t.size > 1,
+    lambda axis, view: draw_estimates(axis, view.recording),
+)
+ALL = (PATH, ERROR, PRESSURES, TIP, CURVATURES, STRETCHES, ESTIMATES)

@@ -1,0 +1,184 @@
+"""Pictures of a run: panels side by side."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soro_lab.scene import Scene
+from soro_ros.conversion.units import symbol_of
+from soro_ros.pictures import panels
+from soro_ros.pictures.panels import MOST_NAMES, Panel, View, mark
+from soro_ros.recordings import shadow_report
+from soro_ros.recordings.recording import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from soro_ros.recordings.events import Event
+    from soro_ros.recordings.selection import Field
+
+# Distance of a legend from its axes, which leaves room for the numbers and the name of the axis [inches].
+_LEGEND_IN = 0.6
+# Events that stand below a picture.
+_MOST_EVENTS = 8
+_RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
+
+
+def draw(recording: Recording, scene: Scene, file: Path) -> None:
+    """Draw a run: tip and reference, error, pressures, parameter estimates.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of `soro_ros.report.read_run`.
+    scene : Scene
+        Scene of the run.
+    file : Path
+        File of the picture.
+    """
+    from matplotlib import pyplot
+
+    view = View(recording, scene, 0.0, scene.duration_s, "measured" if scene.arm == "real" else "true")
+    adaptation = "on" if scene.controller.adapt else "off"
+    what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
+    title = f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}"
+    figure = picture(_RUN, view, title)
+    figure.savefig(file, dpi=110)
+    pyplot.close(figure)
+
+
+def _payload(scene: Scene) -> str:
+    """Return the payload, and each later one with its time."""
+    changes = scene.twin.payload_changes
+    later = zip(changes.payload_kg, changes.at_s, strict=True)
+    return ", ".join(
+        [f"{scene.twin.payload_kg * 1e3:g} g", *(f"{mass * 1e3:g} g from {t:g} s" for mass, t in later)]
+    )
+
+
+def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
+    """Return panels in two columns, those of a shadow below them, with the events of the run.
+
+    Parameters
+    ----------
+    chosen : sequence of Panel
+        At least one.
+    view : View
+    title : str
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    beside = view.recording.shadow.t.size > 0
+    columns = min(2, len(chosen))
+    rows = -(-len(chosen) // columns) + beside
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(6 * columns, 5 * rows), layout="constrained", squeeze=False
+    )
+    for axis, panel in zip(axes.flat, chosen, strict=False):
+        fill(axis, panel, view)
+    for axis in axes.flat[len(chosen) : -2 if beside else None]:
+        axis.set_visible(False)
+    if beside:
+        draw_shadow(axes[-1], view)
+    figure.suptitle(title)
+    _tell(figure, view.recording.events, 75 * columns)
+    return figure
+
+
+def _tell(figure: Figure, events: Sequence[Event], width: int) -> None:
+    """Write the first events below a picture, in lines of at most `width` letters."""
+    if lines := panels.lines_of(events):
+        more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
+        told = (textwrap.shorten(line, width) for line in [*lines[:_MOST_EVENTS], *more])
+        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize="small")
+
+
+def picture_of_fields(
+    fields: Sequence[Field], begin_s: float | None, end_s: float | None, events: Sequence[Event] = ()
+) -> Figure:
+    """Return chosen fields over time, one above the other: a panel for each unit of each topic.
+
+    Parameters
+    ----------
+    fields : sequence of Field
+        At least one.
+    begin_s, end_s : float or None
+        Time [s] that is shown; None for all.
+    events : sequence of Event
+        What is marked.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    groups: dict[tuple[str, str], list[Field]] = {}
+    for field in fields:
+        groups.setdefault((field.topic, field.unit), []).append(field)
+    figure, axes = plt.subplots(
+        len(groups), 1, figsize=(10, 3.6 * len(groups)), layout="constrained", squeeze=False, sharex=True
+    )
+    for axis, ((topic, unit), members) in zip(axes.flat, groups.items(), strict=True):
+        for field in members:
+            axis.plot(field.t, field.value, lw=0.9, label=field.path)
+        many = f" ({len(members)} lines)" if len(members) > MOST_NAMES else ""
+        axis.set_title(f"{topic}{many}", pad=14 if events else None)
+        axis.set(ylabel=f"[{symbol_of(unit)}]" if unit else "", xlim=(begin_s, end_s))
+        axis.grid(alpha=0.3)
+        legend(axis)
+    for axis in axes.flat:  # the limits that all of them share are known now
+        mark(axis, events, *axis.get_xlim())
+    axes[-1, 0].set_xlabel("time [s]")
+    _tell(figure, events, 120)
+    return figure
+
+
+def draw_shadow(axes: Sequence[Any], view: View) -> None:
+    """Draw the differences of a real arm from its shadow into two axes."""
+    tolerance_m = view.scene.shadow.tolerance_m if view.scene is not None else 0.0
+    shadow_report.draw(axes, view.recording.shadow, tolerance_m)
+    for axis in axes:
+        style(axis, view)
+
+
+def fill(axis: Any, panel: Panel, view: View) -> None:
+    """Draw a panel into axes, with title, events and a legend below, where it lies over no data.
+
+    Parameters
+    ----------
+    axis : matplotlib axes
+    panel : Panel
+    view : View
+    """
+    panel.draw(axis, view)
+    axis.set_title(panel.title, pad=14 if panel.over_time and view.recording.events else None)
+    if panel.over_time:
+        style(axis, view)
+    else:
+        axis.grid(alpha=0.3)
+        legend(axis)
+
+
+def style(axis: Any, view: View) -> None:
+    """Give axes over time their limits, grid, events and legend."""
+    axis.set_xlabel("time [s]")
+    axis.set_xlim(view.begin_s, view.end_s)
+    axis.grid(alpha=0.3)
+    mark(axis, view.recording.events, view.begin_s, view.end_s)
+    legend(axis)
+
+
+def legend(axis: Any) -> None:
+    """Name the lines of axes below them, unless they are too many."""
+    handles, names = axis.get_legend_handles_labels()
+    if 0 < len(names) <= MOST_NAMES:
+        rows = axis.get_subplotspec().get_gridspec().nrows
+        below = _LEGEND_IN * rows / axis.figure.get_figheight()
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -below), "ncols": 2, "fontsize": "small"}
+        axis.legend(handles, names, **place)

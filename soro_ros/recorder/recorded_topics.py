@@ -1,0 +1,44 @@
+"""The topics that the bag of a run holds."""
+
+from __future__ import annotations
+
+from soro_lab.scene import Scene
+
+# Topics of the control loop, with their types, so that the recorder subscribes before the first message.
+_TOPICS = (
+    ("chambers/command", "sensor_msgs/msg/JointState"),
+    ("chambers/state", "sensor_msgs/msg/JointState"),
+    ("exciter/section", "sensor_msgs/msg/JointState"),
+    ("arm/state", "sensor_msgs/msg/JointState"),
+    ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    ("arm/shadow/tip", "geometry_msgs/msg/PoseStamped"),
+    ("arm/shadow/difference", "sensor_msgs/msg/JointState"),
+    ("arm/desired/tip", "geometry_msgs/msg/PoseStamped"),
+    ("arm/covariance", "std_msgs/msg/Float64MultiArray"),
+    ("arm/learned", "std_msgs/msg/Float64MultiArray"),
+    ("controller/estimates", "sensor_msgs/msg/JointState"),
+    ("controller/deviations", "sensor_msgs/msg/JointState"),
+    ("controller/terms", "sensor_msgs/msg/JointState"),
+    ("truth/tip", "geometry_msgs/msg/PoseStamped"),
+    ("truth/state", "sensor_msgs/msg/JointState"),
+    ("truth/chambers", "sensor_msgs/msg/JointState"),
+)
+_BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def recorded_topics(scene: Scene) -> tuple[str, ...]:
+    """Return the topics of a scene as the recorder takes them: name, type, and how long messages are kept."""
+    namespace, lockstep = scene.name, scene.mode == "lockstep"
+    kept = " transient_local" if lockstep else ""  # as qos.loop() has it
+    sensors = [
+        (f"sensors/{name}{k}", kind)
+        for name, kind, places in (
+            ("pose", "geometry_msgs/msg/PoseStamped", scene.twin.pose.locations),
+            ("imu", "sensor_msgs/msg/Imu", scene.twin.imu.locations),
+        )
+        for k in range(len(places))
+    ]
+    named = [f"/{namespace}/{topic} {kind}{kept}" for topic, kind in (*_TOPICS, *sensors)]
+    clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
+    others = (f"/{namespace}/arm/backbone {_BACKBONE}", f"/diagnostics {_DIAGNOSTICS}", f"/{namespace}/*")
+    return (*named, *clock, *others)

@@ -1,0 +1,256 @@
+"""The topics of a recorded run as arrays over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+
+from soro_lab.bag import BagMessage, BagReader
+from soro_ros.conversion import messages
+from soro_ros.conversion.decoding import Messages
+from soro_ros.recordings.events import Event, Said, clock, events_of
+
+Array = NDArray[np.float64]
+
+_TYPES = {
+    "sensor_msgs/msg/JointState": JointState,
+    "geometry_msgs/msg/PoseStamped": PoseStamped,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
+}
+# Topics of an arm that the pictures show; an arm is a namespace with one of them.
+SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
+_LATCH = "chambers/latch"
+_USED = {
+    *SHOWN,
+    _LATCH,
+    "controller/estimates",
+    "sensors/pose0",
+    "arm/shadow/difference",
+    "arm/shadow/tip",
+    "truth/state",
+}
+
+
+@dataclass(frozen=True)
+class Series:
+    """Samples of one topic: stamps `t` (n,) [s], values (n, m), and a name a column where there are names."""
+
+    t: Array
+    value: Array
+    names: tuple[str, ...] = ()
+
+    def at(self, t: Array) -> Array:
+        """Values interpolated at other times, (len(t), m)."""
+        columns = [np.interp(t, self.t, column) for column in self.value.T]
+        return np.column_stack(columns)
+
+
+# No arm has larger numbers [m, rad, Pa].
+_MOST = 1e8
+EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The topics of a run for its report; times count from the first set point under control.
+
+    Of a recording without set points they count from its first message.
+
+    Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
+    one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
+    are the coordinates of the plant and those of the estimator. `problems` are lines on what is damaged, or
+    cannot be read and is left out.
+    """
+
+    true_tip: Series
+    estimated_tip: Series
+    wanted_tip: Series
+    command: Series
+    reading: Series
+    estimates: Series
+    diagnostics: dict[str, dict[str, str]]
+    faults: tuple[str, ...]
+    measured_tip: Series = EMPTY
+    shadow: Series = EMPTY
+    shadow_tip: Series = EMPTY
+    true_state: Series = EMPTY
+    estimated_state: Series = EMPTY
+    events: tuple[Event, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def read(bag: Path, namespace: str) -> Recording:
+    """Read a run's bag, with the namespace of the robot's nodes."""
+    with BagReader(bag) as reader:
+        return recorded(reader, namespace)
+
+
+@dataclass(frozen=True)
+class Spans:
+    """First and last log time of each topic, and the longest gap between two messages [ns]."""
+
+    of: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+
+    def note(self, item: BagMessage) -> None:
+        """Take the next message of the bag."""
+        now = item.log_time_ns
+        first, last, gap = self.of.get(item.topic, (now, now, 0))
+        self.of[item.topic] = first, now, max(gap, now - last)
+
+
+def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> Recording:
+    """Read an open bag.
+
+    Parameters
+    ----------
+    reader : BagReader
+    namespace : str
+        Namespace of the robot's nodes.
+    spans : Spans, optional
+        Takes the times of every message, also of other topics.
+    """
+    prefix = f"/{namespace}/" if namespace else "/"
+    # Stamps, log times and values, by topic and names of their columns.
+    rows: dict[str, dict[tuple[str, ...], list[tuple[int, int, list[float]]]]] = {}
+    diagnostics: dict[str, dict[str, str]] = {}
+    faults: list[str] = []
+    said: list[Said] = []
+    wanted = {
+        topic.name
+        for topic in reader.topics
+        if topic.type in _TYPES
+        and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
+    }
+    kinds = {topic.name: _TYPES[topic.type] for topic in reader.topics if topic.name in wanted}
+    messages_of = Messages(reader, kinds)
+    for item in reader.messages(wanted if spans is None else None):
+        if spans is not None:
+            spans.note(item)
+        if (message := messages_of.read(item)) is None:
+            continue
+        name = item.topic.removeprefix(prefix)
+        if isinstance(message, DiagnosticArray):
+            said += [Said(item.log_time_ns, *words) for words in _levels(message, prefix)]
+            for node, found, error in statuses(message, prefix):
+                diagnostics[node] = found
+                if error and error not in faults:
+                    faults.append(error)
+            continue
+        if isinstance(message, DiagnosticStatus):
+            if name == _LATCH:
+                said.append(Said(item.log_time_ns, "latch", _level(message), message.message))
+            continue
+        if isinstance(message, JointState):
+            values = list(message.effort if name.startswith("chambers") else message.position)
+            names = tuple(message.name)
+            # What has no values has no column.
+            if not values or len(values) != len(names):
+                continue
+        else:
+            names = ()
+            pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
+            values = [pose.position.x, pose.position.y, pose.position.z]
+        if not any(abs(value) > _MOST for value in values):  # NaN is a chamber without a reading
+            row = messages.to_ns(message.header.stamp), item.log_time_ns, values
+            rows.setdefault(name, {}).setdefault(names, []).append(row)
+    if not rows:
+        messages_of.need(kinds)
+    problems = tuple(messages_of.problems)
+    # Other names are other columns, from another program: those of most messages count.
+    kept = {name: max(groups.items(), key=lambda one: len(one[1])) for name, groups in rows.items()}
+    if "arm/desired/tip" in kept:
+        start = kept["arm/desired/tip"][1][0][0]
+    else:
+        start = min((listed[0][0] for _, listed in kept.values()), default=reader.start_ns)
+
+    def series(name: str) -> Series:
+        if name not in kept:
+            return EMPTY
+        names, listed = kept[name]
+        t = np.array([stamp - start for stamp, _, _ in listed]) * 1e-9
+        return Series(t, np.array([values for _, _, values in listed]), names)
+
+    _, densest = max(kept.values(), key=lambda one: len(one[1]), default=((), []))
+    stamps, logged = [row[0] for row in densest], [row[1] for row in densest]
+    events = events_of(said, clock(logged, stamps, start))
+    return Recording(
+        true_tip=series("truth/tip"),
+        estimated_tip=series("arm/tip"),
+        wanted_tip=series("arm/desired/tip"),
+        command=series("chambers/command"),
+        reading=series("chambers/state"),
+        estimates=series("controller/estimates"),
+        diagnostics=diagnostics,
+        faults=tuple(faults),
+        measured_tip=series("sensors/pose0"),
+        shadow=series("arm/shadow/difference"),
+        shadow_tip=series("arm/shadow/tip"),
+        true_state=series("truth/state"),
+        estimated_state=series("arm/state"),
+        events=events,
+        problems=problems,
+    )
+
+
+def arms(reader: BagReader) -> tuple[str, ...]:
+    """Return the namespaces in a bag that have topics of an arm; ``""`` for none before them.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read, or its messages are not those of ROS 2.
+    """
+    reader.check_encodings()
+    found = [
+        topic.name[: -len(shown) - 1].strip("/")
+        for topic, count in zip(reader.topics, reader.counts, strict=True)
+        for shown in SHOWN
+        if count and topic.name.endswith(f"/{shown}")
+    ]
+    return tuple(sorted(set(found)))
+
+
+def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[str, str], str]]:
+    """Yield the status of each node of one arm; other arms publish on the same topic.
+
+    Parameters
+    ----------
+    message : DiagnosticArray
+        A message on /diagnostics.
+    prefix : str
+        Namespace of the arm, with a slash at both ends.
+
+    Yields
+    ------
+    name : str
+        Name of the node.
+    values : dict of str to str
+        Its diagnostic values.
+    error : str
+        Name and message of a node with an error; "" of others.
+    """
+    for status in message.status:
+        if status.name.startswith(prefix):
+            name = status.name.removeprefix(prefix)
+            is_error = _level(status) >= 2
+            values = {pair.key: pair.value for pair in status.values}
+            yield name, values, f"{name}: {status.message}" if is_error else ""
+
+
+def _levels(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, int, str]]:
+    for status in message.status:
+        if status.name.startswith(prefix):
+            yield status.name.removeprefix(prefix), _level(status), status.message
+
+
+def _level(status: DiagnosticStatus) -> int:
+    return int.from_bytes(status.level, "little")

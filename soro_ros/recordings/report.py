@@ -1,0 +1,249 @@
+"""Figures of a run, and their table."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from soro_lab.scene import Scene
+from soro_ros.recordings import shadow_report
+from soro_ros.recordings.events import Event
+from soro_ros.recordings.recording import Recording, Series, read
+
+Array = NDArray[np.float64]
+
+# Length [s] of the windows that are compared: the start of the adaptation, and the end of the run.
+WINDOW_S = 5.0
+SETTLED_PART_OF_LENGTH = 0.05
+# Time [s] that may be missing at either end of a window.
+MISSING_S = 0.2
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of a run; NaN where the run was too short."""
+
+    duration_s: float
+    tip_error_first_rms_m: float
+    tip_error_last_rms_m: float
+    tip_error_last_max_m: float
+    estimator_error_last_rms_m: float
+    settling_s: float
+    pressure_min_pa: float
+    pressure_max_pa: float
+    saturated_part: float
+    frames_sent: int
+    frames_lost: int
+    lateness_p50_ms: float
+    lateness_p99_ms: float
+    overruns: int
+    faults: tuple[str, ...]
+    shadow: shadow_report.Differences | None = None
+    verdict: str = ""
+    reason: str = ""
+
+    def to_json(self) -> str:
+        """Return the figures as JSON; an unknown figure is null."""
+        known = {
+            k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()
+        }
+        return json.dumps(known, indent=2)
+
+
+def summarise(recording: Recording, scene: Scene) -> Summary | None:
+    """Return the figures of a run, as `of_scene` gives it, or None if the controller never ran."""
+    t, error = tip_error(recording, scene.duration_s)
+    if t.size < 2:
+        return None
+    length = scene.loaded_robot.length
+    first = window(t, scene.controller.reference.start_s)
+    last = window(t, scene.duration_s - WINDOW_S)
+    estimated = recording.estimated_tip
+    estimator_error = (
+        np.linalg.norm(estimated.at(t) - recording.true_tip.at(t), axis=1)
+        if estimated.t.size
+        else np.full(t.size, np.nan)
+    )
+    loop = recording.diagnostics.get("regulator", recording.diagnostics.get("twin", {}))
+    command = _during(recording.command, scene.duration_s)
+    low, high = pressure_bounds(scene)
+    at_bound = (command <= low + 1.0) | (command >= high - 1.0)
+    reading = _during(recording.reading, scene.duration_s)
+    reading = reading[np.isfinite(reading)]  # none of the chambers of a silent device
+    settled = settling_time(t, error, SETTLED_PART_OF_LENGTH * length)
+    return Summary(
+        duration_s=float(t[-1]),
+        tip_error_first_rms_m=_rms(error[first]),
+        tip_error_last_rms_m=_rms(error[last]),
+        tip_error_last_max_m=float(error[last].max()) if last.any() else float("nan"),
+        estimator_error_last_rms_m=_rms(estimator_error[last]),
+        settling_s=settled if _is_complete(float(t[-1]), recording.faults, scene) else float("nan"),
+        pressure_min_pa=float(reading.min()) if reading.size else float("nan"),
+        pressure_max_pa=float(reading.max()) if reading.size else float("nan"),
+        saturated_part=float(at_bound.mean()) if at_bound.size else 0.0,
+        frames_sent=int(loop.get("frames_sent", 0)),
+        frames_lost=int(loop.get("frames_lost", 0)),
+        lateness_p50_ms=float(loop.get("lateness_p50_ms", "nan")),
+        lateness_p99_ms=float(loop.get("lateness_p99_ms", "nan")),
+        overruns=int(loop.get("overruns", 0)),
+        faults=recording.faults,
+        shadow=shadow_report.summarise(recording.shadow, scene.duration_s),
+    )
+
+
+def pressure_bounds(scene: Scene) -> tuple[float, float]:
+    """Return the lowest and highest set point [Pa gauge] of the controller of a scene."""
+    pressures, _ = scene.controller_node().known_pressures(scene.loaded_platform)
+    low, high = scene.loaded_robot.pressure_range_pa
+    return max(pressures.minimum_pa, low), min(pressures.maximum_pa, high)
+
+
+def read_run(bag: Path, scene: Scene) -> Recording:
+    """Read the bag of a run, as its scene says what it was."""
+    return of_scene(read(bag, scene.name), scene)
+
+
+def of_scene(recording: Recording, scene: Scene) -> Recording:
+    """Return a recording with the faults of its scene; the true tip of a real arm is the measured one."""
+    injected = (Event(fault.at, "injected", "scene", str(fault)) for fault in scene.faults)
+    events = tuple(sorted((*recording.events, *injected)))
+    tip = recording.measured_tip if scene.arm == "real" else recording.true_tip
+    return replace(recording, events=events, true_tip=tip)
+
+
+def tip_error(recording: Recording, duration_s: float) -> tuple[Array, Array]:
+    """Return times (n,) [s] and distances (n,) [m] between the tip and its reference, while under control."""
+    wanted, true = recording.wanted_tip, recording.true_tip
+    if wanted.t.size < 2 or true.t.size < 2:
+        return np.zeros(0), np.zeros(0)
+    inside = (true.t >= 0.0) & (true.t <= min(duration_s, wanted.t[-1]))
+    t = true.t[inside]
+    return t, np.asarray(np.linalg.norm(true.value[inside] - wanted.at(t), axis=1))
+
+
+def window(t: Array, begin_s: float) -> NDArray[np.bool_]:
+    """Return which times (n,) [s] are in the window from `begin_s`; none if they do not cover it."""
+    end_s = begin_s + WINDOW_S
+    if t[0] > begin_s + MISSING_S or t[-1] < end_s - MISSING_S:
+        return np.zeros(t.size, dtype=bool)
+    return np.asarray((t >= begin_s) & (t <= end_s))
+
+
+def settling_time(t: Array, error: Array, bound: float) -> float:
+    """Return the time from which the error stays below a bound.
+
+    Parameters
+    ----------
+    t, error : ndarray (n,)
+        Times [s] and errors [m].
+    bound : float
+        Bound [m].
+
+    Returns
+    -------
+    float
+        Time [s]; NaN if the last error is not below the bound.
+    """
+    above = np.flatnonzero(error >= bound)
+    if above.size == 0:
+        return float(t[0])
+    return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else float("nan")
+
+
+def _is_complete(lasted_s: float, faults: tuple[str, ...], scene: Scene) -> bool:
+    """Return whether a run was complete; the settling time of an interrupted run is unknown."""
+    return not faults and lasted_s >= scene.duration_s - MISSING_S
+
+
+def table(summary: Summary, scene: Scene) -> Table:
+    """Return the figures as a table for the terminal."""
+    shown = Table(title=title_of(scene), show_header=False)
+    for name, value in rows(summary, scene):
+        shown.add_row(name, value)
+    return shown
+
+
+def title_of(scene: Scene) -> str:
+    """Return what a run was, in one line."""
+    real = "real " if scene.arm == "real" else ""
+    return f"{scene.name}: {real}{scene.robot} on {scene.platform or 'the twin'}, {scene.mode}"
+
+
+def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
+    """Return the figures with their names, as texts."""
+    start = scene.controller.reference.start_s
+    adapting = " (while adapting)" if scene.controller.adapt else ""
+    return [
+        *_verdict(summary),
+        ("adaptation", "on" if scene.controller.adapt else "off"),
+        ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
+        (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
+        (f"tip error RMS, last {WINDOW_S:g} s", _mm(summary.tip_error_last_rms_m)),
+        (f"tip error max, last {WINDOW_S:g} s", _mm(summary.tip_error_last_max_m)),
+        (f"estimator's tip error RMS, last {WINDOW_S:g} s", _mm(summary.estimator_error_last_rms_m)),
+        (f"settling to {SETTLED_PART_OF_LENGTH:.0%} of the length", _settling(summary, scene)),
+        (
+            "measured pressures",
+            _or_dash(f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa"),
+        ),
+        ("set points at a bound", f"{summary.saturated_part:.1%}"),
+        ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
+        *_timing(summary, scene),
+        *shadow_report.rows(summary.shadow),
+        *_injected(scene),
+        ("trips", "; ".join(summary.faults) or "none"),
+    ]
+
+
+def _verdict(summary: Summary) -> list[tuple[str, str]]:
+    """Return the row of the verdict, if there is one."""
+    text = f"{summary.verdict}: {summary.reason}" if summary.reason else summary.verdict
+    return [("verdict", text)] if text else []
+
+
+def _injected(scene: Scene) -> list[tuple[str, str]]:
+    """Return the row of the faults that the scene injected, if there are any."""
+    text = "; ".join(f"{fault} at {fault.at:g} s" for fault in scene.faults)
+    return [("injected faults", text)] if text else []
+
+
+def _settling(summary: Summary, scene: Scene) -> str:
+    """Return the settling time as text; a run that was vented or interrupted has none."""
+    if not _is_complete(summary.duration_s, summary.faults, scene):
+        return "- (not run to its end)"
+    return f"{summary.settling_s:.2f} s" if np.isfinite(summary.settling_s) else "not within the run"
+
+
+def _timing(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
+    """Return the rows of lateness and overruns; lockstep has no schedule."""
+    if scene.mode == "lockstep":
+        return []
+    late = _or_dash(f"{summary.lateness_p50_ms:.2f} / {summary.lateness_p99_ms:.2f} ms")
+    return [("loop lateness p50 / p99", late), ("overruns", str(summary.overruns))]
+
+
+def within(series: Series, duration_s: float) -> Series:
+    """Return the samples of a series from 0 to `duration_s` [s]."""
+    inside = (series.t >= 0.0) & (series.t <= duration_s)
+    return Series(series.t[inside], series.value[inside], series.names)
+
+
+def _during(series: Series, duration_s: float) -> Array:
+    return within(series, duration_s).value if series.t.size else series.value
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def _or_dash(text: str) -> str:
+    return "-" if "nan" in text else text
+
+
+def _mm(metres: float) -> str:
+    return f"{metres * 1e3:.2f} mm" if np.isfinite(metres) else "-"

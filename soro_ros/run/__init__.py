@@ -1,0 +1,1 @@
+"""A run: a scene as processes, watched to its end, and its verdict."""

@@ -1,0 +1,390 @@
+"""A scene as processes: emulated valves, twin, regulator, estimator, controller, recorder."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from rclpy.node import Node
+
+from soro_core.config import Strict, changed
+from soro_core.errors import SoroError
+from soro_hardware.emulation.sockets.control import ControlClient
+from soro_lab.bag.config import RecorderConfig
+from soro_lab.scene import Scene
+from soro_ros.host import claims
+from soro_ros.host.claims import Claims
+from soro_ros.host.pulse import Pulse
+from soro_ros.host.versions import versions
+from soro_ros.process import kernels
+from soro_ros.recorder.recorded_topics import recorded_topics
+from soro_ros.run import processes
+from soro_ros.run.processes import Child, NodeError
+from soro_ros.run.supervisor import Supervisor
+
+# A cold start compiles the model's kernels in several processes at once.
+START_LIMIT_S = 180.0
+# Emulated valves compile nothing.
+VALVES_LIMIT_S = 20.0
+# The user starts the driver of a real arm's pose sensor.
+POSE_LIMIT_S = 20.0
+# Running nodes discover each other within two seconds.
+LOOP_LIMIT_S = 30.0
+# Time limits of an end [s]: the regulator vents and checks its readings, the recorder writes its buffer.
+_END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
+_END_LIMIT_S = 5.0
+# Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
+END_ORDER = (
+    "regulator",
+    "exciter",
+    "controller",
+    "estimator",
+    "shadow",
+    "twin",
+    "markers",
+    "recorder",
+    "valves",
+)
+
+
+# Nodes that look on: the arm goes on without them.
+OBSERVERS = frozenset({"shadow", "markers", "recorder"})
+# A run that hangs may be longer than its scene by this time, in which control begins [s].
+_BEGIN_S, _END_S = 30.0, 2.0
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The nodes between the readings and the commands of a run.
+
+    Attributes
+    ----------
+    nodes : mapping of str to Strict
+        Their parameters, by name.
+    commander : str
+        Name of the node that commands: it is enabled at the begin.
+    shadow : bool
+        Whether the twin runs beside a real arm.
+    observers : frozenset of str
+        Names of the nodes whose failure does not end the run.
+    """
+
+    nodes: Mapping[str, Strict]
+    commander: str
+    shadow: bool = True
+    observers: frozenset[str] = OBSERVERS
+
+
+def control_loop(scene: Scene) -> Loop:
+    """Return estimator and controller of a scene."""
+    nodes = {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
+    return Loop(nodes, "controller")
+
+
+def excitation_loop(scene: Scene) -> Loop:
+    """Return the exciter of a scene, which moves the arm for its recording.
+
+    The model of a robot that is not identified yet is no shadow.
+    """
+    observers = OBSERVERS - {"recorder"}
+    return Loop({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)
+
+
+class Run:
+    """The processes of one scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to start.
+    folder : Path
+        Folder of the run: parameters, logs, bag.
+    report : callable
+        Function that shows one line of progress.
+    interrupted : sequence of int
+        Signals that have ended the run, see `signals.noted`; the start stops as soon as there is one.
+    loop : Loop, optional
+        Nodes between readings and commands; default: estimator and controller.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        folder: Path,
+        report: Callable[[str], None],
+        interrupted: Sequence[int] = (),
+        loop: Loop | None = None,
+    ) -> None:
+        self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
+        self._loop = loop or control_loop(scene)
+        self.bag = folder / "bag"
+        """Folder of the bag."""
+        self.nodes: list[str] = []
+        """Names of the nodes that have been started."""
+        self._children: dict[str, Child] = {}
+        # Short, whatever the folder of the run: the path of a socket has at most 107 characters.
+        self._links = tempfile.TemporaryDirectory(prefix="soro-")
+        links = Path(self._links.name)
+        self._device = links / "valves.pty"
+        self._plant, self._faults = links / "plant.sock", links / "faults.sock"
+        # The node that drives the valves; it vents when it ends.
+        self._driver = "regulator" if scene.platform else "twin"
+        self.begun = False
+        """Whether control has begun."""
+        self._reported_compiling = False
+        self._status: dict[str, int] = {}
+        self._claims = Claims()
+        # In lockstep no air moves, and the time of the nodes is not that of this program.
+        self._pulse = Pulse() if scene.mode == "real_time" else None
+        self.warnings: dict[str, str] = {}
+        """What became of an observer while the arm went on, by the name of its node."""
+        self.recording_failure = ""
+        """Why the recording has no end; empty where it has one."""
+
+    def claim(self, node: Node) -> None:
+        """Claim the arm in the domain of a node; its own nodes claim their names as they start.
+
+        Raises
+        ------
+        ConfigError
+            If another program has this arm, or one of its nodes.
+        """
+        namespace = f"/{self.scene.name}"
+        nodes = [name for name in END_ORDER if name not in (*OBSERVERS, "valves")]
+        names = [claims.readings(namespace), *(f"{namespace}/{name}" for name in nodes)]
+        if self.scene.mode == "lockstep":
+            names.append("/clock")
+        self._claims.take(node, [claims.of_arm(self.scene.name)])
+        claims.require_free(node, names)
+
+    def start(self, supervisor: Supervisor) -> None:
+        """Start every process and wait until every node is active; nothing moves before `begin`.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If a signal has ended the run.
+        ConfigError
+            If another program has a node of the same name.
+        SoroError
+            If a process ends or a node reports an error.
+        """
+        scene = self.scene
+        self.check()
+        if scene.emulates:
+            self._start_valves()
+        if scene.recorder.enabled:
+            topics, exclude = recorded_topics(scene), scene.recorder.exclude
+            notes = tuple(f"{name}={version}" for name, version in versions().items())
+            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude, notes=notes)
+            self._start_nodes(supervisor, {"recorder": recorder})
+        nodes: dict[str, Strict] = {}
+        if scene.arm != "real":
+            nodes["twin"] = scene.twin_node(str(self._plant), str(self._faults))
+        elif self._loop.shadow:
+            nodes["shadow"] = scene.shadow_node()
+        nodes |= self._loop.nodes
+        if scene.markers:
+            nodes["markers"] = scene.markers_node()
+        supervisor.look()
+        self._start_nodes(supervisor, nodes)
+        if scene.platform:
+            # Last, when no node compiles any more: its deadlines start with its first exchange.
+            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._device))})
+        if scene.arm == "real":
+            self._wait_for_arm(supervisor)
+        if scene.mode == "real_time":
+            # Before the nodes have discovered each other, the controller would act on old readings.
+            command = f"command of the {self._loop.commander}, which answers readings"
+            check = partial(self._check_start, supervisor)
+            supervisor.wait(command, lambda: supervisor.commanded, check, LOOP_LIMIT_S)
+        self._check_start(supervisor)
+        if scene.mode == "lockstep":
+            supervisor.check_clock()
+
+    def begin(self, supervisor: Supervisor) -> None:
+        """Inject the scene's faults, enable the controller, and start the clock and what the twin plans."""
+        self.begun = True
+        if self._pulse is not None:
+            self._pulse.begin(self.scene.duration_s + _BEGIN_S)
+        if self.scene.faults:
+            with contextlib.closing(ControlClient(self._faults)) as client:
+                for fault in self.scene.faults:
+                    client.inject(fault)
+        supervisor.call(f"{self._loop.commander}/enable")
+        if self.scene.arm == "simulated":
+            supervisor.call("twin/start")
+
+    def check(self) -> None:
+        """Raise KeyboardInterrupt if a signal has ended the run, and NodeError if a process has ended.
+
+        That an observer has ended is a warning, once the arm is in control.
+        """
+        if self._interrupted:
+            raise KeyboardInterrupt
+        for child in self._children.values():
+            if child.process.poll() is not None:
+                if not self._spares(child.name):
+                    raise NodeError(child.name, child.end_report())
+                self._warn(child.name, child.end_report(), has_failed=True)
+
+    def check_nodes(self, supervisor: Supervisor, left_s: float) -> None:
+        """Raise what ends a run in control, and warn of what does not.
+
+        Parameters
+        ----------
+        supervisor : Supervisor
+            What the nodes say.
+        left_s : float
+            Time [s] that the run still takes: without another call the arm is vented soon after it.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If a signal has ended the run.
+        SoroError
+            If a process or a node fails, or this program itself stood still.
+        """
+        if self._pulse is not None:
+            self._pulse.renew(left_s + _END_S)
+            if still_s := self._pulse.stood_still_s:
+                raise SoroError(
+                    f"this program stood still for {still_s:.1f} s (stopped, or starved), so the "
+                    f"{self._driver} has vented the arm"
+                )
+        self.check()
+        essential = [name for name in self.nodes if not self._spares(name)]
+        supervisor.check(essential)
+        supervisor.check_silence(essential)
+        for name in set(self.nodes) - set(essential):
+            if self._children[name].process.poll() is not None:
+                continue
+            if trouble := supervisor.error(name):
+                self._warn(name, trouble, has_failed=True)
+            elif trouble := supervisor.silence(name):
+                self._warn(name, trouble)
+
+    def _spares(self, name: str) -> bool:
+        """Whether the run goes on without a node now."""
+        return self.begun and name in self._loop.observers
+
+    def _warn(self, name: str, line: str, has_failed: bool = False) -> None:
+        """Report once what became of an observer; `has_failed` if it does not do its work any more."""
+        if has_failed and name == "recorder":
+            self.recording_failure = line
+        if self.warnings.get(name) != line:
+            self.warnings[name] = line
+            self._report(f"warning: {line}; the arm goes on")
+
+    def end(self) -> dict[str, str]:
+        """End every process in order; return a line for each that did not end cleanly, by name.
+
+        An observer of a run that had begun is no such process: `warnings` have its line.
+        """
+        unclean = {}
+        for name in sorted(END_ORDER, key=lambda name: name != self._driver):
+            child = self._children.pop(name, None)
+            if child is None:
+                continue
+            self._status[name], forced = processes.stop(child, _END_LIMITS_S.get(name, _END_LIMIT_S))
+            if self._status[name] != 0 and self._spares(name):
+                self._warn(name, child.end_report(forced), has_failed=True)
+            elif self._status[name] != 0:
+                unclean[name] = child.end_report(forced)
+        self._links.cleanup()
+        self._claims.close()
+        if self._pulse is not None:
+            self._pulse.close()
+        return unclean
+
+    @property
+    def refused(self) -> bool:
+        """Whether a node refused its configuration before the begin; after `end`."""
+        return not self.begun and 2 in self._status.values()
+
+    def outcome(self) -> str:
+        """State of valves and bag, in one line; after `end`."""
+        if not self.begun:
+            air = "ended before control began"
+        elif self._status.get(self._driver) == 0:
+            air = "vented"
+        else:
+            others = "valves with a watchdog vent by themselves, others by the second process"
+            air = f"the {self._driver} ended without venting ({others})"
+        if not self.bag.exists():
+            return air
+        if self._status.get("recorder") == 0:
+            return f"{air}; bag closed"
+        return f"{air}; the bag is not closed: soro bag repair {self.bag}"
+
+    def _start_nodes(self, supervisor: Supervisor, configs: Mapping[str, Strict]) -> None:
+        """Start nodes with their parameters and wait until all of them are active."""
+        self.check()
+        compiled = kernels.compiled()
+        supervisor.check_alone(configs)
+        self._report(f"starting {', '.join(configs)}")
+        for name, config in configs.items():
+            ending = changed(config, end_on_failed_start=True)
+            command = processes.node_command(name, ending, self.scene.name, self.folder)
+            pipe = self._pulse.pipe if self._pulse is not None and name == self._driver else None
+            child = processes.start(name, command, self.folder, pipe=pipe)
+            self._children[name] = child
+            self.nodes.append(name)
+            supervisor.listen_to(name, child.process.pid)
+
+        def check() -> None:
+            self._check_start(supervisor)
+            if not self._reported_compiling and kernels.compiled() > compiled:
+                self._reported_compiling = True
+                self._report(
+                    "compiling kernels of the model that are not in the cache yet: up to two minutes, once"
+                )
+
+        def active() -> bool:
+            return all(supervisor.active(name) for name in configs)
+
+        supervisor.wait("answer of all nodes", active, check, START_LIMIT_S)
+
+    def _check_start(self, supervisor: Supervisor) -> None:
+        """Raise SoroError if a process has ended, or another run has nodes of the same names.
+
+        Two controllers of one name would command both arms.
+        """
+        self.check()
+        supervisor.check_alone(self.nodes)
+
+    def _wait_for_arm(self, supervisor: Supervisor) -> None:
+        """Wait until a sample of the real arm has come to the node that needs it."""
+        node, count = ("shadow", "compared") if self._loop.shadow else (self._loop.commander, "samples")
+        what = "pose of the arm on sensors/pose0" if self._loop.shadow else "sample of the arm on sensors/"
+        self._report(f"waiting for the {what}")
+
+        def arrived() -> bool:
+            return int(supervisor.values(node).get(count, 0)) > 0
+
+        supervisor.wait(what, arrived, self.check, POSE_LIMIT_S)
+
+    def _start_valves(self) -> None:
+        scene = self.scene
+        self._report(f"starting emulated valves of {scene.platform}")
+        command = [sys.executable, "-m", "soro_hardware.emulation", scene.platform]
+        command += ["--device-link", str(self._device), "--plant-link", str(self._plant)]
+        command += ["--control", str(self._faults)]
+        command += ["--seed", str(scene.seed), "--cycle-hz", str(scene.rate_hz)]
+        if scene.mode == "lockstep":
+            command.append("--lockstep")
+        # Above the priority of the driver: real devices have processors of their own.
+        priority = 40 if scene.mode == "real_time" else 0
+        child = self._children["valves"] = processes.start("valves", command, self.folder, priority)
+        deadline = time.monotonic() + VALVES_LIMIT_S
+        while "ready:" not in child.log.read_text(errors="replace"):
+            self.check()
+            if time.monotonic() > deadline:
+                raise SoroError(f"emulated valves are not ready: {child.last_lines()}")
+            time.sleep(0.02)

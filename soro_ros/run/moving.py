@@ -1,0 +1,153 @@
+"""One motion, from the side of a program that asks for it: `soro move`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+
+from soro_core.errors import ConfigError
+from soro_core.frames import Frames
+from soro_ros.conversion import messages, qos
+from soro_ros.host.services import ServiceCaller
+from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS
+from soro_ros.topics.motion_topic import TOPIC
+
+_DESIRED = "arm/desired/tip"
+# Time between two lines of progress [s].
+_LINE_S = 1.0
+_POLL_S = 0.02
+
+
+class Mover:
+    """Sends a path to a controller and follows its reports.
+
+    Parameters
+    ----------
+    caller : ServiceCaller
+    controller : str
+        Full name of the controller node.
+    limit_s : float
+        Longest wait for an answer or a report [s].
+    say : callable
+        Takes a line of progress.
+    """
+
+    def __init__(
+        self,
+        caller: ServiceCaller,
+        controller: str,
+        limit_s: float,
+        say: Callable[[str], None],
+    ) -> None:
+        self._caller, self._controller = caller, controller
+        self._limit_s, self._say = limit_s, say
+        self._namespace = controller.rpartition("/")[0]
+        self._tip: np.ndarray | None = None
+        self._world = Frames().world
+        self._reports: list[DiagnosticStatus] = []
+        node, names = caller.node, self._namespace
+        self._path = node.create_publisher(Path, f"{names}/{TOPIC}", qos.RELIABLE)
+        node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
+        node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
+
+    def configure(self, parameters: Mapping[str, float]) -> None:
+        """Set parameters of the controller.
+
+        Raises
+        ------
+        ConfigError
+            If it refuses one.
+        """
+        if not parameters:
+            return
+        wanted = [Parameter(key, value=value).to_parameter_msg() for key, value in parameters.items()]
+        request = SetParameters.Request(parameters=wanted)
+        answer = self._caller.call(self._controller, "set_parameters", SetParameters, request, self._limit_s)
+        for (key, value), result in zip(parameters.items(), answer.results, strict=True):
+            if not result.successful:
+                raise ConfigError(self._controller, key, value, result.reason)
+
+    def start(self) -> np.ndarray:
+        """Return where the tip is wanted now (3,) [m].
+
+        Raises
+        ------
+        ConfigError
+            If the controller is not in control.
+        """
+        if not self._wait(lambda: self._tip is not None and self._is_joined()):
+            found = "no reference on arm/desired/tip" if self._tip is None else f"no reader of {TOPIC}"
+            raise ConfigError(self._controller, "controller", found, "a controller in control: soro enable")
+        return np.asarray(self._tip)
+
+    def move(self, positions: np.ndarray) -> int:
+        """Send a path (n, 3) [m] and wait for its end; return the exit status 0, 1 or 2."""
+        node, path = self._caller.node, Path()
+        stamp_ns = node.get_clock().now().nanoseconds
+        path.header.frame_id, path.header.stamp = self._world, messages.to_time(stamp_ns)
+        path.poses = [PoseStamped(pose=messages.pose(row, np.array([0.0, 0, 0, 1]))) for row in positions]
+        self._reports.clear()
+        self._path.publish(path)
+        heard, state, next_line = time.monotonic(), "", 0.0
+        while time.monotonic() - heard < self._limit_s:
+            self._caller.spin(_POLL_S)
+            while self._reports:
+                report = self._reports.pop(0)
+                values = {pair.key: pair.value for pair in report.values}
+                if values.get("stamp_ns") != str(stamp_ns):
+                    continue
+                heard = time.monotonic()
+                if report.name not in (PLANNING, MOVING):
+                    self._say(_line(report.name, report.message, values))
+                    return {REACHED: 0, REFUSED: 2}.get(report.name, 1)
+                if report.name != state or heard >= next_line:
+                    state, next_line = report.name, heard + _LINE_S
+                    self._say(_line(state, report.message, values))
+            if vented := self._vented():
+                self._say(f"lost: {vented}")
+                return 1
+        self._say(f"lost: no report of the controller on {STATUS} for {self._limit_s:g} s")
+        return 1
+
+    def _is_joined(self) -> bool:
+        return (
+            self._path.get_subscription_count() > 0
+            and self._caller.node.count_publishers(f"{self._namespace}/{STATUS}") > 0
+        )
+
+    def _wait(self, ready: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + self._limit_s
+        while not ready() and time.monotonic() < deadline:
+            self._caller.spin(_POLL_S)
+        return ready()
+
+    def _vented(self) -> str:
+        """Why the arm of the controller is vented; empty if it is not."""
+        for name, status in self._caller.status.items():
+            is_of_arm = name.rpartition("/")[0] == self._namespace
+            if is_of_arm and status.message.startswith("vented"):
+                return f"{name}: {status.message}"
+        return ""
+
+    def _on_desired(self, message: PoseStamped) -> None:
+        # In the frame in which the controller states its own poses, whatever its name.
+        self._tip, self._world = messages.pose_arrays(message.pose)[0], message.header.frame_id
+
+
+def _line(state: str, text: str, values: Mapping[str, str]) -> str:
+    """One line of progress."""
+    parts = [text] if text else []
+    if "passed_s" in values:
+        parts.append(f"{values['passed_s']} of {values['duration_s']} s")
+    if float(values.get("factor", 1.0)) > 1.0 and state == MOVING:
+        parts.append(f"{values['factor']} times the time, for pressures and rates to fit")
+    if "from_the_end_m" in values:
+        parts.append(f"{1e3 * float(values['from_the_end_m']):.1f} mm from the end")
+    return ": ".join([state, ", ".join(parts)]) if parts else state

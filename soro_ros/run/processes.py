@@ -1,0 +1,182 @@
+"""Child processes of a run: how one starts, how one ends, and why it has ended."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel
+
+from soro_core.errors import SoroError
+from soro_ros.host import pulse
+
+_PR_SET_PDEATHSIG = 1
+_PRCTL = ctypes.CDLL(None).prctl
+
+
+# A line of a ROS log: level, time, logger, text.
+_LOGGED = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)")
+
+# Period of SIGINT while a process ends [s]: a process that still imports ignores it.
+REPEAT_S = 0.3
+
+
+class NodeError(SoroError):
+    """A node or a process failed; `name` is its name."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+@dataclass(frozen=True)
+class Child:
+    """A running process and its log."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def end_report(self, forced: bool = False) -> str:
+        """Exit status of a process that has ended, and why; `forced` for one that `stop` had to kill."""
+        if forced:
+            return f"{self.name} did not end when it was asked to, and was killed"
+        status = self.process.poll()
+        killed = status == -signal.SIGKILL  # its log does not show the reason
+        reason = "killed (SIGKILL: by hand, or out of memory)" if killed else self.last_lines()
+        return f"{self.name} ended with status {status}: {reason}"
+
+    def last_lines(self, lines: int = 5) -> str:
+        """The end of the log, in one line; only the errors, if a node has logged some."""
+        text = self.log.read_text(errors="replace").strip().splitlines()[-lines:]
+        logged = [found for line in text if (found := _LOGGED.match(line))]
+        errors = [line[2].strip() for line in logged if line[1] in ("ERROR", "FATAL")]
+        return " | ".join(errors or (line.strip() for line in text)) or "nothing in its log"
+
+
+def start(name: str, command: list[str], folder: Path, priority: int = 0, pipe: int | None = None) -> Child:
+    """Start a process whose output goes to ``folder/log/NAME.log``.
+
+    The process has its own session, so that Ctrl-C reaches the supervisor only, and gets SIGTERM when the
+    supervisor dies, so that it does not outlive it. It ignores SIGINT until it has a handler: during imports
+    SIGINT would cause a traceback.
+
+    Parameters
+    ----------
+    name : str
+        Name of the process.
+    command : list of str
+        Command line.
+    folder : Path
+        Folder of the run.
+    priority : int
+        Above 0: priority of the scheduler SCHED_FIFO.
+    pipe : int, optional
+        Pipe of `pulse.Pulse`, for a process that listens to this one.
+
+    Returns
+    -------
+    Child
+    """
+    log = folder / "log" / f"{name}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    parent = os.getpid()
+    heard = {} if pipe is None else {pulse.VARIABLE: str(pipe)}
+    with log.open("wb") as sink:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=sink,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            pass_fds=() if pipe is None else (pipe,),
+            preexec_fn=lambda: _prepare(parent, priority),
+            # On busy cores a second thread of BLAS makes small matrices slower, up to 10 ms a call.
+            env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1", **heard},
+        )
+    return Child(name, process, log)
+
+
+def node_command(name: str, config: BaseModel, namespace: str, folder: Path) -> list[str]:
+    """Return the command line of a node, and write its parameters to ``folder/parameters/NAME.yaml``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node.
+    config : pydantic.BaseModel
+        Its parameters.
+    namespace : str
+        Namespace of the robot.
+    folder : Path
+        Folder of the run.
+
+    Returns
+    -------
+    list of str
+    """
+    file = folder / "parameters" / f"{name}.yaml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    # Nested as in a scene. ROS has no null: a key that is None is left out, and None is its default.
+    section = _without_empty_mappings(config.model_dump(mode="json", exclude_none=True))
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": section}}, sort_keys=False))
+    module = [sys.executable, "-m", f"soro_ros.nodes.{name}"]
+    return [*module, "--ros-args", "--params-file", str(file), "-r", f"__ns:=/{namespace}"]
+
+
+def _without_empty_mappings(section: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what is ``{}``: rcl reads the keys behind it as its own."""
+    kept = {}
+    for name, value in section.items():
+        inner = _without_empty_mappings(value) if isinstance(value, dict) else value
+        if inner != {}:
+            kept[name] = inner
+    return kept
+
+
+def stop(child: Child, limit_s: float) -> tuple[int, bool]:
+    """End a process: SIGINT again and again for `limit_s` [s], then SIGTERM, then SIGKILL.
+
+    Returns
+    -------
+    status : int
+    forced : bool
+        Whether it took more than SIGINT.
+    """
+    process, begin = child.process, time.monotonic()
+    while process.poll() is None and time.monotonic() - begin < limit_s:
+        process.send_signal(signal.SIGINT)
+        _wait_for_end(process, REPEAT_S)
+    forced = process.poll() is None
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        if process.poll() is None:
+            process.send_signal(number)
+            _wait_for_end(process, 2.0)
+    return process.wait(), forced
+
+
+def _wait_for_end(process: subprocess.Popen[bytes], limit_s: float) -> None:
+    """Wait for the end of a process, at most `limit_s` [s]."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(limit_s)
+
+
+def _prepare(parent: int, priority: int) -> None:
+    """Prepare the child between fork and exec; no step may need a lock, which another thread may hold."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:  # the parent died before the request
+        os._exit(1)
+    if priority > 0:
+        with contextlib.suppress(OSError):  # without the right to it; the nodes report this
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

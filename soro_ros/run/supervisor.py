@@ -1,0 +1,225 @@
+"""The ROS side of a run: state of the nodes, time, errors, and the services that start control."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from soro_core.errors import SoroError
+from soro_ros.conversion import messages, qos
+from soro_ros.host import claims, middleware, services
+from soro_ros.run.processes import NodeError
+from soro_ros.topics.diagnostics import ERROR
+
+# Nodes publish /diagnostics once a second; a machine that delays them for so long cannot control an arm.
+SILENT_S = 8.0
+# After a longer time without receiving anything, the silence of a node is counted anew.
+DEAF_S = 1.0
+# Time in which another program with the same nodes is heard [s].
+LOOK_S = 1.5
+_COMMAND, _DESIRED = "chambers/command", "arm/desired/tip"
+
+
+class Supervisor:
+    """Receives /diagnostics, /clock and the first messages of the controller; a context manager.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the robot's nodes.
+
+    Attributes
+    ----------
+    node : Node
+        The supervisor's own node.
+    clock_s : float
+        Latest time on /clock [s].
+    status : dict of str to DiagnosticStatus
+        Latest status by name of node.
+    """
+
+    def __init__(self, namespace: str) -> None:
+        middleware.init()
+        self.node = Node("supervisor", namespace=namespace)
+        self._prefix = f"/{namespace}/"
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self.node.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
+        self._first_subscriptions = {
+            topic: self.node.create_subscription(kind, topic, partial(self._on_first, topic), qos.NEWEST)
+            for topic, kind in ((_COMMAND, JointState), (_DESIRED, PoseStamped))
+        }
+        self._first_s: dict[str, float] = {}  # wall time of the first message
+        self._executor = EventsExecutor()
+        self._executor.add_node(self.node)
+        self.clock_s = 0.0
+        self.status: dict[str, DiagnosticStatus] = {}
+        self._own: dict[str, str] = {}  # process ids of the nodes of the run, by name
+        self._pids: dict[str, set[str]] = {}  # processes that publish under the name of a node
+        self._status_s: dict[str, float] = {}  # wall time of the latest status
+        self._begun_s = time.monotonic()
+        self._spun_s = self._listening_s = self._begun_s
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._executor.shutdown()  # it keeps publishers of its nodes alive
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def add_node(self, node: Node) -> None:
+        """Also receive the messages of another node."""
+        self._executor.add_node(node)
+
+    def spin_once(self, limit_s: float) -> None:
+        """Receive the next message, within `limit_s` [s]."""
+        self._executor.spin_once(timeout_sec=limit_s)
+
+    def spin(self, seconds: float) -> None:
+        """Receive messages for a time [s]."""
+        now_s = time.monotonic()
+        if now_s - self._spun_s > DEAF_S:
+            self._listening_s = now_s
+        deadline = now_s + seconds
+        while (left := deadline - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+        self._spun_s = time.monotonic()
+        # The first message is enough; more come at the loop's rate.
+        for topic in self._first_s.keys() & self._first_subscriptions.keys():
+            self.node.destroy_subscription(self._first_subscriptions.pop(topic))
+
+    @property
+    def commanded(self) -> bool:
+        """Whether the controller has sent a command, zero or not: readings and estimates then reach it."""
+        return _COMMAND in self._first_s
+
+    @property
+    def controlled_s(self) -> float:
+        """Wall time [s] since the controller's first set point; 0 before it."""
+        return time.monotonic() - self._first_s[_DESIRED] if _DESIRED in self._first_s else 0.0
+
+    def active(self, name: str) -> bool:
+        """Whether a node reports that it is active."""
+        return self.values(name).get("lifecycle") == "active"
+
+    def values(self, name: str) -> dict[str, str]:
+        """Latest diagnostic values of a node."""
+        return {pair.key: pair.value for pair in self.status[name].values} if name in self.status else {}
+
+    def check(self, names: Iterable[str] | None = None) -> None:
+        """Raise NodeError if one of these nodes, by default any, reports an error."""
+        for name in list(self.status) if names is None else names:
+            if trouble := self.error(name):
+                raise NodeError(name, trouble)
+
+    def check_silence(self, names: Iterable[str]) -> None:
+        """Raise NodeError if a node has stopped publishing /diagnostics though its process lives."""
+        for name in names:
+            if trouble := self.silence(name):
+                raise NodeError(name, trouble)
+
+    def error(self, name: str) -> str:
+        """Return the error that a node reports, with its name; "" without one."""
+        status = self.status.get(name)
+        if status is None or status.level != ERROR:
+            return ""
+        return f"{name}: {status.message.removeprefix(f'{name}: ')}"
+
+    def silence(self, name: str) -> str:
+        """Return that a node has stopped publishing /diagnostics; "" while it has not."""
+        heard_s = self._status_s.get(name, math.inf)
+        if time.monotonic() - max(heard_s, self._listening_s) <= SILENT_S:
+            return ""
+        return f"{name}: no message on /diagnostics for {SILENT_S:g} s: it is starved, hangs or was stopped"
+
+    def look(self) -> None:
+        """Receive messages until other programs of the domain have been heard."""
+        self.spin(max(0.0, self._begun_s + LOOK_S - time.monotonic()))
+
+    def listen_to(self, name: str, pid: int) -> None:
+        """Take the status of one of the run's nodes from this process alone."""
+        self._own[name] = str(pid)
+
+    def check_alone(self, names: Iterable[str]) -> None:
+        """Raise ConfigError if another program publishes /diagnostics under one of these names of nodes.
+
+        On this host `claims` finds it sooner; this one may be on another host, or in another container.
+        """
+        for name in names:
+            others = self._pids.get(name, set()) - {self._own.get(name)}
+            if others:
+                by = f"process {', '.join(sorted(others))}"
+                raise claims.taken(self.node, f"{self._prefix}{name}", by)
+
+    def check_clock(self) -> None:
+        """Raise ConfigError if another node publishes /clock too: nodes in lockstep would follow both."""
+        endpoints = self.node.get_publishers_info_by_topic("/clock")
+        names = {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in endpoints}
+        if others := sorted(names - {f"{self._prefix}twin"}):
+            raise claims.taken(self.node, "/clock", ", ".join(others))
+
+    def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
+        """Spin until a condition holds.
+
+        Parameters
+        ----------
+        what : str
+            Description of the condition, for the error.
+        ready : callable
+            Function that returns whether the condition holds.
+        check : callable
+            Called while waiting; may raise an error.
+        limit_s : float
+            Time limit [s].
+
+        Raises
+        ------
+        SoroError
+            If a node reports an error, or the time is over.
+        """
+        deadline = time.monotonic() + limit_s
+        while not ready():
+            self.spin(0.05)
+            check()
+            self.check(self._own or None)
+            if time.monotonic() > deadline:
+                raise SoroError(f"no {what} within {limit_s:.0f} s")
+
+    def call(self, service: str, limit_s: float = 10.0) -> str:
+        """Call a Trigger service of the robot's namespace and return its message.
+
+        Raises
+        ------
+        SoroError
+            If it is not there, does not answer, or refuses.
+        """
+        response = services.call(self.node, self.spin, Trigger, service, Trigger.Request(), limit_s)
+        if not response.success:
+            raise SoroError(f"{service}: {response.message}")
+        return str(response.message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(self._prefix):
+                name = status.name.removeprefix(self._prefix)
+                pid = next((pair.value for pair in status.values if pair.key == "pid"), "unknown")
+                self._pids.setdefault(name, set()).add(pid)
+                if pid == self._own.get(name, pid):
+                    self.status[name], self._status_s[name] = status, time.monotonic()
+
+    def _on_first(self, topic: str, message: object) -> None:
+        self._first_s.setdefault(topic, time.monotonic())
+
+    def _on_clock(self, message: Clock) -> None:
+        self.clock_s = messages.to_ns(message.clock) * 1e-9

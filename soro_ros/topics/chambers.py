@@ -1,0 +1,228 @@
+"""Topics and services of the chambers, for the regulator node or the twin in its place."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from numpy.typing import NDArray
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import Trigger
+
+from soro_core.safety import Limiter
+from soro_ros.conversion import messages, qos
+from soro_ros.host import pulse
+from soro_ros.topics.command_topic import CommandTopic
+from soro_ros.topics.diagnostics import ERROR, NONE, OK, VENTED, WARN
+
+Array = NDArray[np.float64]
+
+
+class ChamberInterface:
+    """Commands in to a limiter, readings out, and ~/enable, ~/vent, ~/reset.
+
+    Parameters
+    ----------
+    node : Node
+        Owner of the topics and services.
+    limiter : Limiter
+        Limiter of the commands; the node exchanges and judges.
+    now_ns : callable
+        Time that ages are measured with: steady in real time, the tick's in lockstep.
+    stamp_now_ns : callable
+        The time now on the clock of the message stamps.
+    on_command : callable
+        Called after each command that arrived, accepted or not.
+    on_latch : callable
+        Called when the latch has closed or opened, or a vented arm is found not to become empty.
+    lockstep : bool
+        Whether a lost message would be a deadlock.
+    on_publishers : callable
+        Called when `second_publisher` has changed.
+    follow_shared_name : bool
+        Whether commands are followed while two publishers give the same name.
+    device : str
+        What is driven, for chambers/latch.
+    note : callable
+        Takes an event and its text, for the log that outlives runs.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        limiter: Limiter,
+        now_ns: Callable[[], int],
+        stamp_now_ns: Callable[[], int],
+        on_command: Callable[[], None] = lambda: None,
+        on_latch: Callable[[], None] = lambda: None,
+        lockstep: bool = False,
+        on_publishers: Callable[[], None] = lambda: None,
+        follow_shared_name: bool = False,
+        device: str = "",
+        note: Callable[[str, str], None] = lambda event, text: None,
+    ) -> None:
+        self._node, self._limiter, self._now_ns = node, limiter, now_ns
+        self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
+        self._follow_shared_name, self._note = follow_shared_name, note
+        self._reported: tuple[str | None, str | None] = None, None
+        self._seen_ns = -1
+        # Stamps ahead of the time: in lockstep a command may come before the tick that it answers.
+        self._early_ns: deque[int] = deque(maxlen=100)
+        self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
+        self._latch = node.create_publisher(DiagnosticStatus, "chambers/latch", qos.LATCHED)
+        self._device = device
+        self._publish_latch()
+        topics = (
+            (JointState, "chambers/command", qos.command(lockstep), _name, self._on_joint_state),
+            (Float64MultiArray, "chambers/commands", qos.array(lockstep), _no_name, self._on_array),
+        )
+        self._topics = [CommandTopic(node, *topic, on_publishers) for topic in topics]
+        self._launcher = None if lockstep else pulse.listener()
+        if self._launcher is not None:
+            node.create_timer(
+                pulse.PERIOD_S, self._check_launcher, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
+        node.create_service(Trigger, "~/enable", self._on_enable)
+        node.create_service(Trigger, "~/vent", self._on_vent)
+        node.create_service(Trigger, "~/reset", self._on_reset)
+
+    def report_latch(self) -> None:
+        """Log once the cause of the latch and the chambers that are not empty; call it after each cycle."""
+        before, self._reported = self._reported, (self._limiter.cause, self._limiter.not_vented)
+        if self._reported == before:
+            return
+        for event, now, then in zip(("vented", "not vented"), self._reported, before, strict=True):
+            if now is not None and now != then:
+                self._node.get_logger().error(f"{event}: {now}")
+                self._note(event, f"{now} ({self._device or NONE})")
+        self._publish_latch()
+        self._on_latch()
+
+    @property
+    def seen_ns(self) -> int:
+        """Stamp of the latest message on chambers/command, accepted or not, up to now.
+
+        One from the future would let a twin in lockstep run ahead until then.
+        """
+        due = [one for one in self._early_ns if one <= self._stamp_now_ns()]
+        for one in due:
+            self._early_ns.remove(one)
+        self._seen_ns = max(self._seen_ns, *due) if due else self._seen_ns
+        return self._seen_ns
+
+    @property
+    def second_publisher(self) -> str | None:
+        """Topics of commands with more than one publisher, and the nodes; None without such a topic."""
+        return "; ".join(topic.trouble for topic in self._topics if topic.trouble) or None
+
+    @property
+    def problem(self) -> tuple[bytes, str] | None:
+        """Level and message for /diagnostics of a closed latch or a second publisher; None without both."""
+        complaint, second = self._limiter.state.complaint, self.second_publisher
+        if complaint is not None:
+            return ERROR, "; ".join(filter(None, (f"{VENTED}: {complaint}", second)))
+        return None if second is None else (WARN, second)
+
+    def publish(self, reading_pa: Array, stamp_ns: int) -> None:
+        """Publish readings on chambers/state."""
+        self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
+
+    def _check_launcher(self) -> None:
+        """Vent while the program that runs the arm gives no sign of life."""
+        trouble = self._launcher.trouble()
+        if trouble is not None and self._limiter.cause is None:
+            self._limiter.vent(trouble)
+            self.report_latch()
+
+    def _publish_latch(self) -> None:
+        """Publish the state of the latch for panels: they also receive it when they start later."""
+        cause, kept = self._limiter.cause, self._limiter.not_vented
+        complaint = self._limiter.state.complaint
+        vented = cause is not None and kept is None
+        values = {"latched": _flag(cause is not None), "vented": _flag(vented)}
+        values |= {"cause": cause or "", "not_vented": kept or ""}
+        self._latch.publish(
+            DiagnosticStatus(
+                level=OK if complaint is None else ERROR,
+                name=self._node.get_fully_qualified_name(),
+                message="open" if complaint is None else f"{VENTED}: {complaint}",
+                hardware_id=self._device or NONE,
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
+
+    def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
+        stamp_ns = messages.to_ns(message.header.stamp)
+        now_ns = self._stamp_now_ns()
+        self._seen_ns = max(self._seen_ns, min(stamp_ns, now_ns))
+        if stamp_ns > now_ns:
+            self._early_ns.append(stamp_ns)
+        if message.name or message.effort:  # in lockstep an empty message means: no command at this tick
+            try:
+                command = messages.pressures(message, self._limiter.names)
+            except ValueError as error:
+                self._refused(f"chambers/command: {error}")
+            else:
+                # Stamps use the ROS clock, which can be set; ages use a steady clock.
+                age_ns = self._stamp_now_ns() - stamp_ns
+                # frame_id distinguishes two programs on one topic.
+                source = f"chambers/command {_name(message)}".rstrip()
+                self._offer(command, self._now_ns() - age_ns, source, doubt)
+        self._on_command()
+
+    def _on_array(self, message: Float64MultiArray, doubt: str | None) -> None:
+        # A message without a stamp may have waited since the last cycle; the later of several is the newer.
+        state, source = self._limiter.state, "chambers/commands"
+        stamp_ns = self._now_ns() if state.cycle_ns is None else state.cycle_ns
+        if state.command_source == source:
+            stamp_ns = max(stamp_ns, state.command_stamp_ns + 1)
+        self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source, doubt)
+
+    def _offer(self, command_pa: Array, stamp_ns: int, source: str, doubt: str | None) -> None:
+        if doubt is not None and not self._follow_shared_name:
+            self._limiter.doubt(doubt, source)
+            self._refused(doubt)
+            return
+        refusal = self._limiter.offer(command_pa, stamp_ns, self._now_ns(), source)
+        if refusal is not None:
+            self._refused(refusal)
+
+    def _refused(self, reason: str) -> None:
+        line = messages.one_line(f"command refused: {reason}")
+        self._node.get_logger().warning(line, throttle_duration_sec=1.0)
+
+    def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        cause = self._limiter.cause or self._limiter.why_stopped()
+        response.success = cause is None
+        response.message = "enabled" if cause is None else f"vented ({cause}): call ~/reset first"
+        return response
+
+    def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._limiter.vent("vent requested")
+        self.report_latch()
+        response.success, response.message = True, "vented until ~/reset"
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        refusal = self._limiter.reset(self._now_ns)
+        self._note("reset refused" if refusal else "reset", refusal or "")
+        self.report_latch()
+        response.success, response.message = refusal is None, refusal or "reset"
+        return response
+
+
+def _flag(value: bool) -> str:
+    return str(value).lower()
+
+
+def _name(message: JointState) -> str:
+    return str(message.header.frame_id).rstrip()
+
+
+def _no_name(message: Float64MultiArray) -> str:
+    return ""

@@ -1,0 +1,137 @@
+"""What belongs to one tick of the controller: a state, the pressures and the covariance of the same time."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from soro_ros.conversion import learning, messages
+
+
+class TickInput(NamedTuple):
+    """Messages of one tick.
+
+    Attributes
+    ----------
+    state : JointState
+    stamp_ns : int
+        Time of the state [ns].
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge]; NaN while none has arrived.
+    covariance : Float64MultiArray or None
+    """
+
+    state: JointState
+    stamp_ns: int
+    pressure_pa: np.ndarray
+    covariance: Float64MultiArray | None
+
+
+class TickInputs:
+    """Received messages that wait for their tick.
+
+    In lockstep a tick takes the messages of its own time and waits for them; in real time the latest ones.
+
+    Parameters
+    ----------
+    lockstep : bool
+    n_u : int
+        Number of chambers.
+    with_covariance : bool
+        Whether a tick in lockstep waits for its covariance.
+    covariance_age_s : float
+        Age [s] above which a covariance in real time is none.
+    """
+
+    def __init__(self, lockstep: bool, n_u: int, with_covariance: bool, covariance_age_s: float) -> None:
+        self._lockstep, self._n_u = lockstep, n_u
+        self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
+        self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
+        self._states: deque[JointState] = deque(maxlen=1000)
+        self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
+
+    def add_reading(self, stamp_ns: int, pressure_pa: np.ndarray) -> None:
+        """Add measured pressures (n_u,) [Pa gauge] of a time [ns]."""
+        self._readings.append((stamp_ns, pressure_pa))
+
+    def add_state(self, message: JointState) -> None:
+        """Add an estimate of the arm's state, which waits for its tick."""
+        self._states.append(message)
+
+    def add_covariance(self, message: Float64MultiArray) -> None:
+        """Add the covariance of an estimate."""
+        self._covariances.append(message)
+
+    @property
+    def has_reading(self) -> bool:
+        """Whether a reading of the pressures has ever come."""
+        return bool(self._readings)
+
+    def clear(self) -> None:
+        """Drop the states that wait."""
+        self._states.clear()
+
+    def next(self) -> TickInput | None:
+        """Return the messages of the next tick; None if one has yet to arrive."""
+        if not self._states:
+            return None
+        stamp_ns = messages.to_ns(self._states[0].header.stamp)
+        reading, covariance = self._reading_at(stamp_ns), self._covariance_at(stamp_ns)
+        if reading is None or (covariance is None and self._lockstep and self._with_covariance):
+            return None
+        return TickInput(self._states.popleft(), stamp_ns, reading, covariance)
+
+    def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
+        for stamp, pressure in reversed(self._readings):
+            if stamp == stamp_ns or not self._lockstep:
+                return pressure
+        return None if self._lockstep else np.full(self._n_u, np.nan)
+
+    def _covariance_at(self, stamp_ns: int) -> Float64MultiArray | None:
+        for message in reversed(self._covariances):
+            age_s = (stamp_ns - learning.stamp_ns(message)) * 1e-9
+            if age_s == 0.0 or (not self._lockstep and abs(age_s) <= self._covariance_age_s):
+                return message
+        return None
+
+
+def unusable(
+    message: JointState,
+    stamp_ns: int,
+    coordinates: Sequence[str],
+    last_ns: int | None,
+    age_s: float,
+    limit_s: float,
+) -> str:
+    """Return why a state cannot be used, or an empty string.
+
+    Parameters
+    ----------
+    message : JointState
+        On arm/state.
+    stamp_ns, last_ns : int
+        Its stamp, and that of the last one that was used; None before the first.
+    coordinates : sequence of str
+        Coordinates of the controller's model.
+    age_s, limit_s : float
+        Its age, and the longest one allowed [s].
+    """
+    if not message.name:
+        return "no estimate of the state"
+    if tuple(message.name) != tuple(coordinates):
+        return f"arm/state of {messages.shown(message.name)}, expected {list(coordinates)}"
+    if not len(message.position) == len(message.velocity) == len(coordinates):
+        found = f"{len(message.position)} positions and {len(message.velocity)} velocities"
+        return f"arm/state has {found} for {len(coordinates)} coordinates"
+    if not (messages.is_possible(message.position) and messages.is_possible(message.velocity)):
+        return "arm/state is of no arm: a number that is not finite, or out of any range"
+    if last_ns is not None and stamp_ns <= last_ns:
+        return "arm/state is not newer than the last"
+    if age_s < -limit_s:  # used, it would make all later ones old
+        return f"arm/state is {-age_s:.3f} s in the future"
+    return f"arm/state is {age_s:.3f} s old" if age_s > limit_s else ""

@@ -1,0 +1,183 @@
+"""The arm as markers: skin coloured by pressure, frames, trails of tip and reference, cause of a latch."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3,
+)
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from soro_core.robot import Robot
+from soro_lab.scene import MarkersConfig
+from soro_ros.conversion import messages, qos
+from soro_ros.conversion.marker_bytes import MarkerBytes
+from soro_ros.topics.ports import Input, Inputs
+from soro_ros.view.arm_shape import Array, between
+from soro_ros.view.skin import Skin
+
+TOPIC = "arm/markers"
+# Points of a trail; a marker has as many from its first message on.
+_TRAIL = 120
+_RED, _GREY, _AMBER = (0.757, 0.071, 0.122, 1.0), (0.55, 0.58, 0.62, 1.0), (0.80, 0.33, 0.0, 1.0)
+_WHITE, _NONE = (1.0, 1.0, 1.0, 1.0), np.zeros((0, 3))
+_AXES = ((0.85, 0.15, 0.15), (0.15, 0.65, 0.2), (0.15, 0.35, 0.85))
+
+
+class Part(NamedTuple):
+    """A marker before it is one: name, number and type, its size [m], colour, points and text."""
+
+    name: str
+    number: int
+    kind: int
+    size: float
+    colour: tuple[float, ...]
+    points: Array
+    text: str = ""
+    above: float = 0.0
+
+    def marker(self, frame: str) -> Marker:
+        """The marker, without what `MarkerBytes` writes into it."""
+        marker = Marker(ns=self.name, id=self.number, type=self.kind, action=Marker.ADD, text=self.text)
+        marker.header.frame_id = frame
+        marker.pose = Pose(position=Point(z=self.above), orientation=Quaternion(w=1.0))
+        marker.scale = Vector3(x=self.size, y=self.size, z=self.size)
+        if self.name == "frames":
+            ends = [ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in _AXES for _ in range(2)]
+            marker.colors = ends * (len(self.points) // len(ends))
+        return marker
+
+
+class Trail:
+    """The last positions of a point, about as many as a marker has; older ones fade out at its end."""
+
+    def __init__(self, seconds: float) -> None:
+        self._ns = round(seconds * 1e9)
+        self._past: deque[tuple[int, Array]] = deque()
+
+    def add(self, stamp_ns: int, position: Array) -> None:
+        """Take a position [m]; time that goes back, as in a bag that begins again, clears the trail."""
+        if self._past and stamp_ns < self._past[-1][0]:
+            self._past.clear()
+        if len(self._past) > 1 and stamp_ns - self._past[-2][0] < self._ns // _TRAIL:
+            self._past.pop()  # the newest one is always there
+        self._past.append((stamp_ns, position))
+        while self._past[0][0] < stamp_ns - self._ns:
+            self._past.popleft()
+
+    def points(self) -> Array:
+        """Positions (_TRAIL, 3) [m], the last one as often as necessary; (0, 3) if there is none."""
+        known = [position for _, position in self._past][-_TRAIL:]
+        return np.array(known + known[-1:] * (_TRAIL - len(known))).reshape(-1, 3)
+
+
+class ArmMarkers:
+    """Keeps the newest messages of an arm and draws them.
+
+    Parameters
+    ----------
+    robot : Robot
+    config : MarkersConfig
+
+    Attributes
+    ----------
+    inputs : mapping of str to Input
+        What it takes, by the name of the topic.
+    """
+
+    def __init__(self, robot: Robot, config: MarkersConfig) -> None:
+        self._skin = Skin(robot, config.around, config.per_fold)
+        self._full_pa = config.full_pa or max(np.abs(robot.pressure_range_pa))
+        self._length, self._radius = robot.length, robot.links[0].radius
+        ends = np.cumsum([0.0, *(link.length for link in robot.links)])
+        self._ends = ends / ends[-1]
+        self._backbone: PoseArray | None = None
+        self._tip, self._reference = Trail(config.trail_s), Trail(config.trail_s)
+        self._wanted = np.zeros((0, 4, 4))
+        self._pressure: dict[str, float] = {}
+        self._vented = ""
+        self._written: tuple[object, MarkerBytes] | None = None
+        self.inputs: Inputs = {
+            "arm/backbone": Input(PoseArray, self._on_backbone, qos.sensor),
+            "arm/tip": Input(PoseWithCovarianceStamped, self._on_tip, qos.sensor),
+            "arm/desired/tip": Input(PoseStamped, self._on_reference, qos.sensor),
+            "chambers/state": Input(JointState, self._on_pressures, qos.sensor),
+            "chambers/latch": Input(DiagnosticStatus, self._on_latch, lambda lockstep: qos.LATCHED),
+        }
+
+    def take(self) -> bytes | None:
+        """Return a serialised MarkerArray; None if no arm/backbone has come since the last one."""
+        backbone, self._backbone = self._backbone, None
+        if backbone is None:
+            return None
+        poses = messages.transforms(backbone)
+        parts = [*self._meshes(poses), *self._others(poses)]
+        sizes = [len(part.points) for part in parts]
+        stays = (backbone.header.frame_id, self._vented, sizes)
+        if self._written is None or self._written[0] != stays:
+            markers = [part.marker(backbone.header.frame_id) for part in parts]
+            self._written = (stays, MarkerBytes(markers, sizes))
+        colours, points = [part.colour for part in parts], [part.points for part in parts]
+        return self._written[1].of(backbone.header.stamp, colours, points)
+
+    def _meshes(self, poses: Array) -> Iterator[Part]:
+        shares = {name: value / self._full_pa for name, value in self._pressure.items()}
+        colours, vertices = self._skin.colours(shares), self._skin.vertices(poses)
+        for k, faces in enumerate(self._skin.triangles):
+            yield Part("skin", k, Marker.TRIANGLE_LIST, 1.0, (*colours[k], 1.0), vertices[k][faces.ravel()])
+
+    def _others(self, poses: Array) -> Iterator[Part]:
+        thin = 0.06 * self._radius
+        at = between(np.linspace(0.0, 1.0, len(poses)), poses, self._ends)
+        yield Part("frames", 0, Marker.LINE_LIST, thin, _WHITE, _axes_of(at, 2.0 * self._radius))
+        if len(self._wanted):
+            axes = _axes_of(self._wanted, 1.2 * self._radius)
+            yield Part("frames", 1, Marker.LINE_LIST, thin, _WHITE, axes)
+        for name, trail, colour in (("tip", self._tip, _RED), ("reference", self._reference, _GREY)):
+            if len(points := trail.points()):
+                yield Part(name, 0, Marker.LINE_STRIP, 2 * thin, colour, points)
+        if self._vented:
+            above = 1.15 * self._length
+            yield Part(
+                "latch", 0, Marker.TEXT_VIEW_FACING, 0.6 * self._radius, _AMBER, _NONE, self._vented, above
+            )
+
+    def _on_backbone(self, message: PoseArray) -> None:
+        if len(message.poses) > 1 and all(messages.is_pose(pose) for pose in message.poses):
+            self._backbone = message
+
+    def _on_tip(self, message: PoseWithCovarianceStamped) -> None:
+        if messages.is_pose(message.pose.pose):
+            position, _ = messages.pose_arrays(message.pose.pose)
+            self._tip.add(messages.to_ns(message.header.stamp), position)
+
+    def _on_reference(self, message: PoseStamped) -> None:
+        if messages.is_pose(message.pose):
+            self._wanted = messages.transform(message.pose)[None]
+            self._reference.add(messages.to_ns(message.header.stamp), self._wanted[0, :3, 3])
+
+    def _on_pressures(self, message: JointState) -> None:
+        self._pressure = messages.efforts(message) or self._pressure
+
+    def _on_latch(self, message: DiagnosticStatus) -> None:
+        self._vented = "" if message.level == DiagnosticStatus.OK else message.message
+
+
+def _axes_of(poses: Array, length: float) -> Array:
+    """Ends (6 n, 3) [m] of the axes of frames (n, 4, 4)."""
+    begin = np.repeat(poses[:, None, :3, 3], 3, axis=1)
+    end = begin + length * poses[:, :3, :3].transpose(0, 2, 1)
+    return np.asarray(np.stack([begin, end], axis=2).reshape(-1, 3))

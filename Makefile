@@ -24,7 +24,7 @@ test: $(VENV)/.installed-test
 # The tests start hundreds of processes; without byte code each of them would compile the package anew.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(VENV)/.installed-test
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 # The site of the pages: open build/docs/index.html, which needs no network. A warning is an error.
 docs: $(VENV)/.installed-test
@@ -33,7 +33,7 @@ docs: $(VENV)/.installed-test
 
 # The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
 alicatlib: $(VENV)/.installed-test
-	$(BIN)/pytest tests/hardware/test_alicatlib.py
+	$(BIN)/pytest tests/soro_hardware/test_alicatlib.py
 
 # Builds with the colcon from PyPI as in a conventional ROS 2 installation, and starts what it installs.
 COLCON := .venv-colcon

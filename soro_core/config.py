@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
+from pydantic_core import CoreSchema, core_schema
 
 from soro_core.errors import ConfigError
 from soro_core.yaml_text import LONGEST, read_value
@@ -35,6 +36,15 @@ class Strict(BaseModel):
 
     # A section inside another one is checked by the outer one, which knows its place.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check a section once: what is frozen does not change after its check."""
+
+        def check(value: Any, inner: core_schema.ValidatorFunctionWrapHandler) -> Any:
+            return value if type(value) is cls else inner(value)
+
+        return core_schema.no_info_wrap_validator_function(check, handler(source))
 
     def __setattr__(self, name: str, value: Any) -> None:
         try:

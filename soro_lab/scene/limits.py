@@ -66,7 +66,7 @@ def _allowed(scene: Scene) -> dict[str, tuple[float, float]]:
     """Ranges of what moves the air, by name."""
     platform = scene.loaded_platform
     if platform is None:
-        regulator, rating = scene.twin.regulator, Rating()
+        regulator, rating = scene.regulator, Rating()
         return {"twin.regulator": (max(regulator.minimum_pa, rating.minimum_pa), regulator.maximum_pa)}
     found = {f"range of {Path(scene.platform).stem}": (platform.range.minimum_pa, platform.range.maximum_pa)}
     if scene.emulates:

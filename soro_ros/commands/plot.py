@@ -101,8 +101,9 @@ def report(
     Verdict, figures, pictures, events with their causes, what was recorded with its gaps, scene, versions.
     Exit status 2: the bag cannot be read, or wrong use.
     """
-    from soro_ros.pictures.run_page import page
+    from soro_ros.pictures.run_page import page_of
     from soro_ros.pictures.run_view import open_run
+    from soro_ros.recordings.recording import Spans
 
     file = (run if run.is_dir() else run.parent) / "report.html" if out is None else out
     try:
@@ -110,7 +111,8 @@ def report(
             raise ConfigError("soro report", "--out", str(file), "a name that ends with .html")
         _check_folder("soro report", file)
         notes: list[str] = []
-        text = page(open_run(run, arm, scene, start, end, notes.append), notes)
+        spans = Spans()
+        text = page_of(open_run(run, arm, scene, start, end, notes.append, spans), spans, notes).html
     except (BagError, ConfigError) as error:
         _fail(error)
     _say(notes)
@@ -158,7 +160,7 @@ def _all(
         else:
             notes.append(f"left out: {panel.title}: not recorded: {panel.topics}")
     if not shown:
-        raise BagError("nothing to draw: no topic of an arm has two messages", opened.bag, "missing")
+        raise BagError("nothing to draw: no topic of an arm has two messages", opened.reader.path, "missing")
     return picture(shown, opened.view, title_of(opened))
 
 
@@ -167,7 +169,7 @@ def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) ->
     from soro_ros.pictures.run_view import open_run
 
     opened = open_run(run, arm, scene)
-    file.write_text(layout(opened.bag, opened.arm), encoding="utf-8")
+    file.write_text(layout(opened.reader.path, opened.arm), encoding="utf-8")
     typer.echo(str(file))
 
 

@@ -47,7 +47,7 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
     """Run a scene without platform for some ticks, as its nodes do in lockstep."""
     robot, loop = scene.loaded_robot, loop_of(scene)
     twin = Twin(robot, scene.twin_node())
-    limiter = Limiter(scene.limits, robot.chamber_names, scene.twin.regulator)
+    limiter = Limiter(scene.limits, robot.chamber_names, scene.regulator)
     period_ns = round(1e9 / scene.rate_hz)
     plant, seen = twin.observe(twin.initial())
     estimator = loop.estimator.initial_state(0.0, pressure_pa=seen.reading_pa)

@@ -14,9 +14,12 @@ from soro_ros.nodes.recorder import Recorder
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.process import parameters
+from soro_ros.process import command_line, parameters
 from soro_ros.process.parameter_files import given_by_name
 from soro_ros.run import processes
+from soro_ros.ticks.controller_ticks import ControllerTicks
+from soro_ros.topics.ports import Ports
+from tests.counted import counted
 from tests.refused import fails
 
 NODES = (RegulatorNode, EstimatorNode, ControllerNode, TwinNode, ShadowNode, Recorder, Player)
@@ -71,6 +74,22 @@ def test_keys_of_a_law_arrive_as_they_are(domain, tmp_path):
     found = through_a_file(ControllerNode, config, tmp_path)
     assert found == config
     assert found.control.law_options == keys
+
+
+def test_a_controller_node_checks_its_section_once(domain, tmp_path):
+    config = load_scene("track_circle").controller_node()
+    line = processes.node_command("controller", config, "scene", tmp_path)
+    with counted() as found:
+        command_line.initialise(command_line.of_node(ControllerNode), line[line.index("--ros-args") :])
+        try:
+            node = ControllerNode()
+            read = parameters.read(node, ControllerNode.config_model)
+            ControllerTicks(read, "/scene/controller", Ports(print))
+            node.destroy_node()
+        finally:
+            rclpy.shutdown()
+    assert found.checks == 1
+    assert found.files == ["controller.yaml", "tue_three_bellow.yaml", "emulated_canopen.yaml", "cia408.yaml"]
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from matplotlib import pyplot
 from PIL import Image
 from rclpy.serialization import serialize_message
+from rich.console import Console
 from typer.testing import CliRunner
 
 from soro_lab.bag import BagReader, BagWriter, Topic
+from soro_lab.scene import load_scene
 from soro_ros.cli import application
+from soro_ros.commands import run
 from soro_ros.conversion import messages
 from soro_ros.pictures import panels
 from soro_ros.pictures.picture import picture
@@ -23,6 +26,7 @@ from soro_ros.pictures.run_view import open_run
 from soro_ros.recordings.events import Said, clock, events_of
 from soro_ros.recordings.recording import Series
 from soro_ros.recordings.selection import fields_of
+from soro_ros.run.execution import End
 
 BAGS = Path(__file__).parents[2] / "bags"
 WHOLE = BAGS / "track_circle_lockstep_2s"
@@ -322,6 +326,30 @@ def test_the_page_of_a_run_stands_alone(tripped):
     assert rows["measured pressures"][0].endswith("kPa")
     assert "controller:" in text
     assert rows["numpy"][1] == np.__version__
+
+
+@pytest.fixture
+def readings(monkeypatch):
+    """Every opening of a bag, and every pass through its messages."""
+    found = []
+    opened, passed = BagReader.__init__, BagReader.messages
+    monkeypatch.setattr(BagReader, "__init__", lambda *given: (found.append("opened"), opened(*given))[1])
+    monkeypatch.setattr(BagReader, "messages", lambda *given: (found.append("passed"), passed(*given))[1])
+    return found
+
+
+def test_a_page_reads_its_bag_once(tmp_path, readings):
+    result = soro("report", WHOLE, "--out", tmp_path / "page.html")
+    assert result.exit_code == 0, result.output
+    assert readings == ["opened", "passed"]
+
+
+def test_the_end_of_a_run_reads_its_bag_once(tmp_path, readings):
+    shutil.copytree(WHOLE, tmp_path / "bag")
+    scene = load_scene(WHOLE / "scene.yaml")
+    run._report(scene, tmp_path, End(0, ""), True, Console(quiet=True))
+    assert readings == ["opened", "passed"]
+    assert (tmp_path / "run.png").exists()
 
 
 def test_a_page_without_a_scene_says_so(tmp_path):

@@ -31,7 +31,6 @@ def test_what_a_file_leaves_out_is_that_of_limits_and_regulators():
     assert found.dead_time_s == pytest.approx(0.010 + 0.030)
     assert found.play_pa == SLOW.hysteresis_pa == 900.0
     assert complete_pressures(Pressures(play_pa=50.0), NARROW, SLOW).play_pa == 50.0
-    assert complete_pressures(found, Limits()) is found
 
 
 def time_from_wish_to_pressure(found, response, rate_hz, ticks):
@@ -106,14 +105,14 @@ def platform(folder, **changes):
 def test_a_scene_states_limits_and_lag_once(tmp_path):
     limits = {"limits.rise_pa_s": 100e3, "limits.fall_pa_s": 150e3}
     on_valves = load_scene("track_circle", {**limits, "platform": platform(tmp_path)})
-    control, lines = on_valves.controller_node().known_control()
-    assert values(control.pressures, FROM_LIMITS) == [0.0, 50e3, 100e3, 150e3], "the platform's range as well"
-    assert (control.pressures.lag_s, control.pressures.preview_s) == (0.2, pytest.approx(0.05525))
+    pressures, lines = on_valves.controller_node().known_pressures()
+    assert values(pressures, FROM_LIMITS) == [0.0, 50e3, 100e3, 150e3], "the platform's range as well"
+    assert (pressures.lag_s, pressures.preview_s) == (0.2, pytest.approx(0.05525))
     assert lines == []
     alone = load_scene("track_circle", {**limits, "platform": "", "twin.regulator": {"tau_s": 0.08}})
-    control, lines = alone.controller_node().known_control()
-    assert values(control.pressures, FROM_LIMITS) == [0.0, 90e3, 100e3, 150e3]
-    assert (control.pressures.lag_s, lines) == (0.08, [])
+    pressures, lines = alone.controller_node().known_pressures()
+    assert values(pressures, FROM_LIMITS) == [0.0, 90e3, 100e3, 150e3]
+    assert (pressures.lag_s, lines) == (0.08, [])
 
 
 @pytest.mark.parametrize(
@@ -121,21 +120,21 @@ def test_a_scene_states_limits_and_lag_once(tmp_path):
 )
 def test_on_a_slow_line_the_preview_has_an_update_more(platform, late_s):
     """As the limiter's monitors: a set point waits for its turn."""
-    control, _ = load_scene("track_circle", {"platform": platform}).controller_node().known_control()
-    assert control.pressures.preview_s == pytest.approx(0.005 + 0.005 + (0.052 + 0.0025) / 2.6 + late_s)
+    pressures, _ = load_scene("track_circle", {"platform": platform}).controller_node().known_pressures()
+    assert pressures.preview_s == pytest.approx(0.005 + 0.005 + (0.052 + 0.0025) / 2.6 + late_s)
 
 
 def test_a_file_of_before_is_valid_and_says_what_its_scene_says_otherwise(tmp_path):
     copies = {
         "controller.pressures": {"minimum_pa": 0.0, "maximum_pa": 90e3, "rise_pa_s": 200e3, "lag_s": 0.052}
     }
-    control, lines = load_scene("track_circle", copies).controller_node().known_control()
-    assert (control.pressures.lag_s, lines) == (0.052, [])
+    pressures, lines = load_scene("track_circle", copies).controller_node().known_pressures()
+    assert (pressures.lag_s, lines) == (0.052, [])
     changed = load_scene(
         "track_circle", {**copies, "limits.rise_pa_s": 100e3, "platform": platform(tmp_path)}
     )
-    control, lines = changed.controller_node().known_control()
-    assert (control.pressures.rise_pa_s, control.pressures.maximum_pa) == (100e3, 50e3)
+    pressures, lines = changed.controller_node().known_pressures()
+    assert (pressures.rise_pa_s, pressures.maximum_pa) == (100e3, 50e3)
     assert lines == [
         "pressures.maximum_pa 90000 is beyond the limits: 50000 is used",
         "pressures.rise_pa_s 200000 is beyond the limits: 100000 is used",
@@ -145,8 +144,8 @@ def test_a_file_of_before_is_valid_and_says_what_its_scene_says_otherwise(tmp_pa
 
 def test_a_controller_that_is_started_alone_takes_them_from_platform_and_limits(tmp_path):
     given = {"platform": platform(tmp_path), "limits": {"rise_pa_s": 100e3}, "rate_hz": 100.0}
-    control, _ = parse(given, ControllerNodeConfig, "parameters of controller").known_control()
-    assert values(control.pressures, FROM_LIMITS) == [0.0, 50e3, 100e3, 400e3]
-    assert control.pressures.preview_s == pytest.approx(0.0605)
-    usual, _ = ControllerNodeConfig().known_control()
-    assert values(usual.pressures, (*FROM_LIMITS, "lag_s")) == [0.0, 90e3, 200e3, 400e3, 0.052]
+    pressures, _ = parse(given, ControllerNodeConfig, "parameters of controller").known_pressures()
+    assert values(pressures, FROM_LIMITS) == [0.0, 50e3, 100e3, 400e3]
+    assert pressures.preview_s == pytest.approx(0.0605)
+    usual, _ = ControllerNodeConfig().known_pressures()
+    assert values(usual, (*FROM_LIMITS, "lag_s")) == [0.0, 90e3, 200e3, 400e3, 0.052]

@@ -31,7 +31,7 @@ def test_the_scene_of_a_kept_bag_can_be_run(folder):
     robot = load_robot(find_config(scene.robot, "robots"))
     check_gains(scene, robot, "scene.yaml")
     check_model(scene, robot, "scene.yaml")
-    scene.controller_node().known_control()
+    scene.controller_node().known_pressures()
 
 
 def test_the_lockstep_run_has_every_tick():

@@ -98,6 +98,7 @@ def test_the_report_needs_no_network_and_has_the_numbers(made):
     content = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
     assert not re.findall(r'(?:src|href)="(?:https?:)?//', page)
     assert page.count("data:image/svg+xml") == 3
+    assert len(list((folder / "report" / "pictures").iterdir())) == 3
     law = yaml.safe_load(out.read_text(encoding="utf-8"))["links"][0]["k_b"]
     assert law[0] - law[1] == pytest.approx(content["numbers"]["k_b_rest"], rel=1e-5)
     assert content["mesh"]["coarse_elements"] < content["mesh"]["elements"]

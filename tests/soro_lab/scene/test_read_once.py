@@ -10,10 +10,12 @@ import yaml
 
 from soro_core.robot import Discretisation
 from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from soro_lab.scene.model import ModelSection
 from soro_lab.trade.closed_loop import drive
 from soro_ros.commands import run as command
 from soro_ros.run import compose, processes
+from tests.counted import counted
 
 
 @pytest.fixture
@@ -37,6 +39,26 @@ def test_a_run_reads_scene_robot_and_platform_once(reads, tmp_path, monkeypatch)
     assert ended.value.exit_code == 0
     names = ("track_circle.yaml", "tue_three_bellow.yaml", "emulated_canopen.yaml")
     assert [reads[name] for name in names] == [1, 1, 1]
+
+
+def test_a_run_checks_its_controller_once_for_all_nodes(tmp_path, monkeypatch):
+    def execute(scene, *_):
+        compose.control_loop(scene)
+        return command.End(0, "")
+
+    monkeypatch.setattr(command, "execute", execute)
+    with counted() as found, pytest.raises(typer.Exit):
+        command.run("track_circle", [], None, None, None, tmp_path, False)
+    assert found.checks == 1
+    named = ["track_circle.yaml", "emulated_canopen.yaml", "cia408.yaml", "tue_three_bellow.yaml"]
+    assert found.files == named
+
+
+def test_a_loop_in_one_process_does_not_check_again():
+    with counted() as found:
+        loop_of(load_scene("track_circle"))
+    assert found.checks == 1
+    assert len(found.files) == 4
 
 
 def test_the_loop_and_another_model_use_what_is_read(reads):

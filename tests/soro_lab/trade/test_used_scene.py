@@ -15,3 +15,10 @@ def test_the_scene_of_a_run_can_be_run_again(tmp_path):
         path = tmp_path / f"{name}.yaml"
         path.write_text(yaml.safe_dump(used.to_dict(), sort_keys=False))
         assert load_scene(path) == used
+
+
+def test_a_plant_that_follows_from_the_model_does_so_again(tmp_path):
+    used = load_scene("track_circle", {"model": {"links": 2, "dt_s": 0.001}})
+    path = tmp_path / "used.yaml"
+    path.write_text(yaml.safe_dump(used.to_dict(), sort_keys=False))
+    assert load_scene(path).twin_node() == used.twin_node()

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from benchmarks.ring import Ring, ring_of
 from soro_core.config import find_config, load
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
@@ -24,7 +25,6 @@ from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Path
 from soro_lab.identification.recording import Columns, read_csv
 from soro_lab.identification.recording.sources.stated import stated_pressure
-from soro_lab.identification.ring import Ring, ring_of
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from benchmarks.ring import ring_of
 from soro_core.errors import ModelError
-from soro_lab.identification.ring import ring_of
 
 
 @pytest.mark.parametrize(("frequency", "damping"), [(8.2, 0.07), (7.7, 0.1), (5.0, 0.02)])

@@ -33,7 +33,7 @@ def draw(recording: Recording, scene: Scene, file: Path) -> None:
     Parameters
     ----------
     recording : Recording
-        Of `soro_ros.report.read_run`.
+        Of `soro_ros.recordings.report.read_run`.
     scene : Scene
         Scene of the run.
     file : Path

@@ -12,6 +12,7 @@ import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -176,6 +177,10 @@ class Driver(Regulator, Generic[P]):
     @property
     def chamber_names(self) -> tuple[str, ...]:
         return self._names
+
+    @cached_property
+    def n_chambers(self) -> int:
+        return len(self._names)
 
     @property
     def update_hz(self) -> float:

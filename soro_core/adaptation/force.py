@@ -53,8 +53,5 @@ class LearnedForce:
         q, by_mass : ndarray (n_q,)
             Coordinates, and Y_m, see `SoftArm.tip_mass_force`.
         """
-        shape = learned.weights(self.arm.n_q) @ self._features(q)
+        shape = learned.weights(self.arm.n_q) @ np.concatenate([[1.0], q / self.scales.q])
         return np.asarray(by_mass * learned.mass_kg + self.scales.force * shape)
-
-    def _features(self, q: Array) -> Array:
-        return np.concatenate([[1.0], q / self.scales.q])

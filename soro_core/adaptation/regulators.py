@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -67,13 +68,13 @@ class RegulatorObserver:
     damping: float = 0.9
     bound_pa: float = 6e3
 
-    @property
+    @cached_property
     def correction_per_s(self) -> float:
         """Gain of the measured minus the predicted pressure on the prediction [1/s]."""
         lag = max(self.lag_s, SHORTEST_S)
         return max(2.0 * self.damping * self.bandwidth_per_s - 1.0 / lag, 0.0)
 
-    @property
+    @cached_property
     def bias_per_s(self) -> float:
         """The same on the bias [1/s]; a regulator faster than the observer shows its bias at once."""
         return self.bandwidth_per_s * max(self.bandwidth_per_s * self.lag_s, 0.5 / self.damping)

@@ -104,10 +104,11 @@ class Controller(GivenReferences):
             options_of(self.config.law, self.config.law_options),
         )
         known = self.pressures
+        self._nothing = np.zeros(self.arm.n_u)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
         self.obstacles = obstacles_of(self.arm, model.links)
         self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
-        refuse_lost_arm(self)
+        refuse_lost_arm(self.law, self.initial_state(), self.step)
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
         """Return the state before the first tick, at pressures (n_u,) [Pa gauge], 0 by default."""
@@ -198,7 +199,10 @@ class Controller(GivenReferences):
         preview_s = self.pressures.preview_s
         point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
         try:
-            shape, ahead = self._with_undriven(state, Preview(point, future, preview_s))
+            shape, ahead = state.shape, Preview(point, future, preview_s)
+            # A law that learns from the tracking error needs that of all coordinates.
+            if self.undriven.exist and self.law.learns:
+                shape, ahead = self._with_undriven(state, ahead)
         except np.linalg.LinAlgError:
             return self._held(state, "the shape that no chamber moves has no balance")
         belief = ArmBelief(
@@ -220,11 +224,11 @@ class Controller(GivenReferences):
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
         bias = 0.0 if regulators is None else regulators.added_pa
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
-        if not (wish.ok and np.isfinite(made.command_pa).all()):
-            return self._held(state, "no finite pressures for the wished force")
+        if not made.ok:
+            return self._held(state, f"no finite pressures for the force that law {self.config.law} asks for")
         saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(wished, wish.force, actuation, acting, saturated), dt)
-        missing = self.setpoints.missing_pa(believed, wished, wish)
+        missing = self.setpoints.missing_pa(believed, wished, wish) if saturated else self._nothing
         tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(
             state,
@@ -257,9 +261,6 @@ class Controller(GivenReferences):
 
     def _with_undriven(self, state: ControllerState, given: Preview) -> tuple[Shape, Preview]:
         """Return the reference with the shape of what no chamber moves."""
-        # A law that learns from the tracking error needs that of all coordinates.
-        if not (self.undriven.exist and self.law.learns):
-            return state.shape, given
         now, future = given.now, given.ahead
 
         def force(q: Array) -> Array:
@@ -301,4 +302,5 @@ class Controller(GivenReferences):
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
         lookout = partial(self.lookout, state.law)
-        return Planner(supply_of(self, state), self.bounds, self.config, dt, lookout)
+        supply = supply_of(self.law, state.law, state.creep, self.setpoints)
+        return Planner(supply, self.bounds, self.config, dt, lookout)

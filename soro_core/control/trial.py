@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.control.command import Command, ControllerState
+from soro_core.control.laws.protocol import Law, Setting
 from soro_core.control.pressures.actuation import DEFAULT_RATE_HZ
 from soro_core.errors import ConfigError
 from soro_core.integrate import State, make_stepper
@@ -22,10 +25,11 @@ from soro_core.model.discretised import discretised
 from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Discretisation
 
-if TYPE_CHECKING:
-    from soro_core.control.controller import Controller
-
 Array: TypeAlias = NDArray[np.float64]
+# A tick, from state, q, qd, time [s], time since the last tick [s] and measured pressures [Pa gauge].
+Step: TypeAlias = Callable[
+    [ControllerState, Array, Array, float, float, Array], tuple[ControllerState, Command]
+]
 
 # Time after the start of the reference [s], and its part that is judged.
 _AFTER_S, _JUDGED_S = 6.0, 1.0
@@ -33,45 +37,55 @@ _AFTER_S, _JUDGED_S = 6.0, 1.0
 LOST_PART = 0.1
 
 
-def refuse_lost_arm(controller: Controller) -> None:
+def refuse_lost_arm(law: Law[Any], begin: ControllerState, step: Step) -> None:
     """Refuse a law that loses the arm with one of the loads that it states.
+
+    Parameters
+    ----------
+    law : Law
+        On trial.
+    begin : ControllerState
+        State before the first tick.
+    step : callable
+        A tick of the controller with this law.
 
     Raises
     ------
     ConfigError
         With the key `law`; what is allowed names the load, the lag and the error.
     """
-    pressures = controller.pressures
-    for load in controller.law.trial_loads_kg():
-        error = tip_error(controller, load)
-        if not error <= LOST_PART * controller.robot.length:
-            lost = f"with {1e3 * load:g} g and a lag of {1e3 * pressures.lag_s:g} ms the tip is"
+    for load in law.trial_loads_kg():
+        error, setting = tip_error(law.setting, load, begin, step), law.setting
+        if not error <= LOST_PART * setting.arm.length:
+            lost = f"with {1e3 * load:g} g and a lag of {1e3 * setting.pressures.lag_s:g} ms the tip is"
             allowed = f"law: composite, faster regulators, or a smaller law_options.load_kg: {lost}"
-            name = controller.config.law
+            name = setting.config.law
             raise ConfigError("controller", "law", name, f"{allowed} {1e3 * error:.0f} mm off in a trial")
 
 
-def tip_error(controller: Controller, load_kg: float) -> float:
+def tip_error(setting: Setting, load_kg: float, begin: ControllerState, step: Step) -> float:
     """Return the RMS distance of the tip from its reference [m] at the end of a trial, or infinity.
 
     Parameters
     ----------
-    controller : Controller
-        With the law on trial.
+    setting : Setting
+        Of the law on trial.
     load_kg : float
         Load at the tip that the law does not know of [kg].
+    begin, step : ControllerState, callable
+        As in `refuse_lost_arm`.
     """
-    robot, pressures, dt = controller.robot, controller.pressures, 1.0 / DEFAULT_RATE_HZ
+    robot, pressures, dt = setting.arm.robot, setting.pressures, 1.0 / DEFAULT_RATE_HZ
     # The robot of a controller is discretised already.
     arm = discretised(robot.replace(tip_mass=robot.tip_mass + load_kg), Discretisation())
-    stepper, state = make_stepper("trapezoidal", arm), controller.initial_state()
+    stepper, state = make_stepper("trapezoidal", arm), begin
     body = State(np.zeros(arm.n_q), np.zeros(arm.n_q), np.zeros(arm.n_internal))
     air = np.zeros(arm.n_u)
     under_way = deque([air] * round(pressures.dead_time_s / dt))
-    ticks, judged = round((controller.config.reference.start_s + _AFTER_S) / dt), round(_JUDGED_S / dt)
+    ticks, judged = round((setting.config.reference.start_s + _AFTER_S) / dt), round(_JUDGED_S / dt)
     errors = []
     for k in range(ticks):
-        state, command = controller.step(state, body.q, body.qd, k * dt, dt, air)
+        state, command = step(state, body.q, body.qd, k * dt, dt, air)
         if not command.status.ok:
             return math.inf
         tip = arm.pose(body.q, arm.length)

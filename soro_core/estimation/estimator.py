@@ -21,9 +21,9 @@ from soro_core.estimation.filter import Filter
 from soro_core.estimation.known import updated
 from soro_core.estimation.replay import replay
 from soro_core.estimation.scaled import scaled_noise
+from soro_core.estimation.sensors.monitor import note_of, watched
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
-from soro_core.estimation.sensors.watch import Watch
 from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
 from soro_core.estimation.unseen import unseen_covariance
@@ -58,7 +58,6 @@ class Estimator:
         self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links, dt)
-        self._watch = Watch(self.arm, self.config)
         self._tracker = Tracker.of(robot)
         self._units = np.diag(q_scale_of(self.arm, model.links) ** 2)
         self.length = float(sum(link.length for link in robot.links))
@@ -126,7 +125,7 @@ class Estimator:
             state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
         draft = Draft(state, dt)
-        self._learn(draft, learned, self._placed(state))
+        self._learn(draft, state, learned)
         if dt > self.config.max_gap_s:
             draft.belief, draft.history = self.filter.widen(state.belief), []
             draft.count("restarted")
@@ -137,23 +136,21 @@ class Estimator:
             draft.extend(mean, parts, self._kept)
         fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
         replay(self.filter, draft, fresh)
-        draft.monitors = self._watch.step(draft, draft.innovations)
+        draft.monitors = watched(draft.monitors, draft.innovations, self.config.watch)
         state = draft.result()
         return state, self._estimate(state)
 
-    def _learn(self, draft: Draft, learned: Learned | None, placed: bool) -> None:
+    def _learn(self, draft: Draft, state: EstimatorState, learned: Learned | None) -> None:
         """Put the learned force that the next step uses into the draft."""
+        late_s = self.config.lost_after_s
+        # Whether what is fused has positions in it; without any sample nothing speaks against them.
+        placed = not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
         if learned is not None and not learned.usable(self.arm.n_q):
             learned = None
             draft.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
         draft.known = updated(draft.known, learned, draft.dt, placed, self.filter.uneven is not None)
-
-    def _placed(self, state: EstimatorState) -> bool:
-        """Whether what is fused has positions in it; without any sample nothing speaks against them."""
-        late_s = self.config.lost_after_s
-        return not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
@@ -173,9 +170,8 @@ class Estimator:
             trouble = (
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
-        note, watched = state.known.note, self._watch.note(state.monitors, state.t_s)
-        if watched:
-            note = f"{note}; {watched}" if note else watched
+        said = note_of(state.monitors, state.t_s, self.config.lost_after_s, self.config.watch)
+        note = "; ".join(filter(None, (state.known.note, said)))
         mean = belief.mean
         return Estimate(
             state.t_s,

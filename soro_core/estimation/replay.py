@@ -128,6 +128,5 @@ def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sampl
     draft.count(*_COUNTED[outcome])
     draft.sensors[name] = Sensor(sample, found.record)
     if outcome != FROZEN:
-        placed = outcome == FUSED and isinstance(sample, PoseSample)
-        draft.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis, placed))
+        draft.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis))
     return used

@@ -87,7 +87,7 @@ class EstimatorState(NamedTuple):
     known : Known
         Learned force in force.
     monitors : mapping of str to SensorMonitor
-        How well the samples of each sensor fit, and its delay.
+        How well the samples of each sensor fit.
     counts : Counts
         Counts since the start.
     """

@@ -45,15 +45,13 @@ class ValveState(Enum):
     FAULT_DISABLED = ("fault disabled", 0b0001)
     FAULT_INIT = ("fault init", 0b0000)
 
-    @property
-    def bits(self) -> int:
-        """R, M, H and D of the status word."""
-        return self.value[1]
+    bits: int
+    """R, M, H and D of the status word."""
+    is_fault: bool
+    """Whether the state is a fault state."""
 
-    @property
-    def is_fault(self) -> bool:
-        """Whether the state is a fault state."""
-        return self in _AFTER_RESET or self is ValveState.FAULT_REACTION
+    def __init__(self, text: str, bits: int) -> None:
+        self.bits, self.is_fault = bits, text.startswith("fault")
 
 
 STATUS_CONTROL_EFFECTIVE, STATUS_LIMIT = 1 << 8, 1 << 10

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from functools import cached_property
 
 from soro_core.errors import ConfigError
 from soro_hardware.canopen.cia408 import (
@@ -61,7 +62,7 @@ class Pdo:
     fixed: bool
     receive: bool
 
-    @property
+    @cached_property
     def cyclic(self) -> bool:
         """Whether the PDO has set points or readings, and so is sent in every cycle."""
         return any(s.kind in ("setpoint", "reading") for s in self.slots)

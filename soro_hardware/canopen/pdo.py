@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class PdoLayout:
 
     objects: tuple[Mapped, ...]
 
-    @property
+    @cached_property
     def length(self) -> int:
         """Length in bytes."""
         return sum(mapped.bits for mapped in self.objects) // 8

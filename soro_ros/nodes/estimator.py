@@ -8,6 +8,8 @@ import numpy as np
 from geometry_msgs.msg import PoseArray
 
 from soro_core.estimation import Estimator, EstimatorState
+from soro_core.estimation.sensors.delay import DelayFit
+from soro_core.estimation.sensors.delay_monitor import PERIOD_S, Delays
 from soro_core.estimation.sensors.monitor import SensorMonitor
 from soro_core.estimation.sensors.samples import imu_sensor, pose_sensor
 from soro_lab.scene import EstimatorNodeConfig
@@ -17,7 +19,7 @@ from soro_ros.process.node_process import run_node
 from soro_ros.ticks.estimator_ticks import EstimatorTicks
 from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.ports import Ports, Publishers, ignore, is_read, subscribe
+from soro_ros.topics.ports import Ports, Publishers, is_read, subscribe
 from soro_ros.topics.transforms import ArmTransforms
 
 
@@ -37,7 +39,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             warn=self._warn,
             report=self._report,
             is_read=publishers.is_read,
-            estimated=self._draw_when_due if config.backbone_rate_hz > 0 else ignore,
+            estimated=self._estimated,
         )
         self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._ticks = EstimatorTicks(config, ports, self._frames)
@@ -48,7 +50,9 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         }
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
         self._transforms = ArmTransforms(self, self.estimator.arm.robot, config.frames, config.publish_tf)
-        self._due_ns: int | None = None
+        rate_hz = config.backbone_rate_hz
+        self._looks = Turns(round(1e9 * PERIOD_S))
+        self._pictures = Turns(round(1e9 / rate_hz)) if rate_hz > 0 else None
         subscribe(self, self._ticks.inputs, lockstep)
         self.compile(self._ticks.warm_up)
 
@@ -62,17 +66,20 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         """State of the filter after the last tick; None before the first."""
         return self._ticks.state
 
-    def _draw_when_due(self, stamp_ns: int) -> None:
-        """Draw an estimate at the rate of the backbone, once the command that answers it has gone out.
+    @property
+    def delays(self) -> Delays:
+        """What the monitor has found of delays that stamps do not declare."""
+        return self._ticks.delays
 
-        A timer of its own would draw when the next tick is due: that would begin a millisecond late.
+    def _estimated(self, stamp_ns: int) -> None:
+        """Draw an estimate and look for delays when due, once the command that answers it has gone out.
+
+        A timer of its own would do so when the next tick is due: that would begin a millisecond late.
         """
-        period_ns = round(1e9 / self._config.backbone_rate_hz)
-        if self._due_ns is None or abs(self._due_ns - stamp_ns) > period_ns:  # the first, or after a gap
-            self._due_ns = stamp_ns
-        if stamp_ns >= self._due_ns:
-            self._due_ns += period_ns
+        if self._pictures is not None and self._pictures.is_due(stamp_ns):
             self.after_handover(self._draw)
+        if self._looks.is_due(stamp_ns):
+            self.after_handover(self._ticks.watch_delays)
 
     def _draw(self) -> None:
         """Publish the shape of the newest estimate."""
@@ -106,25 +113,49 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         if self.state is not None:
             values |= self.state.counts._asdict()
             for name, sensor in self._sensors.items():
-                values |= _values_of(name, self.state.monitors.get(sensor))
+                fit = self.delays.fits.get(sensor)
+                values |= _values_of(name, self.state.monitors.get(sensor), fit)
         level, text = self.diagnostics.level, self.diagnostics.message
         self.diagnostics.update(level, self._trouble if level == WARN and self._trouble else text, values)
+
+
+class Turns:
+    """Stamps at which something of a fixed period is due.
+
+    Parameters
+    ----------
+    period_ns : int
+        The period [ns].
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._due_ns: int | None = None
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Whether it is due at a stamp [ns], which then counts as its turn."""
+        if self._due_ns is None or abs(self._due_ns - stamp_ns) > self._period_ns:
+            self._due_ns = stamp_ns  # the first, or after a gap
+        if stamp_ns < self._due_ns:
+            return False
+        self._due_ns += self._period_ns
+        return True
 
 
 def _without_numbers(text: str) -> str:
     return "".join(c for c in text if c not in "0123456789.")
 
 
-def _values_of(name: str, monitor: SensorMonitor | None) -> dict[str, object]:
+def _values_of(name: str, monitor: SensorMonitor | None, delay: DelayFit | None) -> dict[str, object]:
     """Return what is known of one sensor, by the name of its topic; nothing before its first sample."""
     if monitor is None:
         return {}
     values: dict[str, object] = {f"{name}/nis": monitor.nis}
     if not math.isnan(monitor.position_nis):
         values[f"{name}/position_nis"] = monitor.position_nis
-    if monitor.delay is not None:
-        values[f"{name}/delay_s"] = monitor.delay.delay_s
-        values[f"{name}/delay_deviation_s"] = monitor.delay.deviation_s
+    if delay is not None:
+        values[f"{name}/delay_s"] = delay.delay_s
+        values[f"{name}/delay_deviation_s"] = delay.deviation_s
     return values
 
 

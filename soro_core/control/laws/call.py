@@ -33,7 +33,7 @@ def call_law(
     Raises
     ------
     ModelError
-        If the law raises any error, or gives a force of a wrong shape or not finite.
+        If the law raises any error, or gives a force of a wrong shape.
     """
     try:
         inner, wished, terms = law.step(state, belief, reference, dt)
@@ -46,6 +46,4 @@ def call_law(
         raise ModelError(
             f"law {name} gives a force of shape {wished.shape}; allowed is {belief.q.shape}", "law"
         )
-    if not np.isfinite(wished).all():
-        raise ModelError(f"law {name} gives a force that is not finite", "law")
     return inner, wished, terms

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.creep import advance_creep
+from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.motion_parts import Part
 from soro_core.control.pressures.allocation import Allocation, balanced_weight
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
-
-if TYPE_CHECKING:
-    from soro_core.control.command import ControllerState
-    from soro_core.control.controller import Controller
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -111,16 +108,26 @@ class Rates:
         return self.rate <= 1.0 and self.beyond_pa <= 0.0 and not self.short
 
 
-def supply_of(controller: Controller, state: ControllerState) -> Supply:
-    """Return what the law asks for with its estimates of now, and what the chambers give."""
-    law, arm = controller.law, controller.arm
+def supply_of(law: Law[Any], law_state: object, internal: Array, setpoints: SetpointMaker) -> Supply:
+    """Return what a law asks for with its estimates of now, and what the chambers give.
+
+    Parameters
+    ----------
+    law : Law
+    law_state : object
+        Its state, which holds the learned load.
+    internal : ndarray
+        Creep and hysteresis states now.
+    setpoints : SetpointMaker
+    """
+    arm = law.setting.arm
     return Supply(
         arm,
-        controller.fields,
-        partial(law.reference_force, state.law),
-        lambda q: law.actuation(state.law, arm.actuation_matrix(q)),
-        state.creep,
-        controller.setpoints,
+        law.setting.fields,
+        partial(law.reference_force, law_state),
+        lambda q: law.actuation(law_state, arm.actuation_matrix(q)),
+        internal,
+        setpoints,
     )
 
 

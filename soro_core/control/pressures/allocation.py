@@ -28,7 +28,7 @@ class Allocation:
     pressure_pa : ndarray (n_u,)
         Within the bounds, always finite.
     force : ndarray (n_q,)
-        H p, the generalised force of these pressures.
+        H p, the generalised force of these pressures; finite if H is.
     saturated : ndarray of bool (n_u,)
         Chambers at one of their bounds.
     iterations : int
@@ -71,32 +71,30 @@ def allocate(
     preferred_pa : ndarray (n_u,)
         p_0 [Pa].
     start_pa : ndarray (n_u,)
-        Start of the search (the last result) [Pa], returned for input that is not finite.
+        Start of the search (the last result) [Pa], finite; the result for other input that is not.
 
     Returns
     -------
     Allocation
     """
-    span = _array(maximum_pa - minimum_pa)
-    start = np.where(np.isfinite(start_pa), start_pa, minimum_pa)
-    x = np.minimum(np.maximum((start - minimum_pa) / span, 0.0), 1.0)
+    span = maximum_pa - minimum_pa
+    x = np.minimum(np.maximum((start_pa - minimum_pa) / span, 0.0), 1.0)
+    # Copies as kernels take them, see `soro_core.model.checks.shaped`; a law may give H of another type.
     iterations = kernel.solve(
-        _array(actuation),
-        _array(force),
-        _array(minimum_pa),
+        np.array(actuation, dtype=np.float64),
+        np.array(force),
+        np.array(minimum_pa),
         span,
-        _array(weight),
+        np.array(weight),
         regularisation,
-        _array(preferred_pa),
+        np.array(preferred_pa),
         x,
     )
     # minimum + span * 1 may round to just above the maximum.
     pressure = np.minimum(np.maximum(minimum_pa + span * x, minimum_pa), maximum_pa)
     made = actuation @ pressure
     saturated = (x <= kernel.TOLERANCE) | (x >= 1.0 - kernel.TOLERANCE)
-    return Allocation(
-        pressure, np.where(np.isfinite(made), made, 0.0), saturated, abs(iterations), iterations > 0
-    )
+    return Allocation(pressure, made, saturated, abs(iterations), iterations > 0)
 
 
 def balanced_weight(actuation: Array, fields: StrainFields) -> Array:
@@ -108,10 +106,7 @@ def balanced_weight(actuation: Array, fields: StrainFields) -> Array:
     divided by its length.
     """
     weight = np.empty_like(fields.root)
-    kernel.balance(fields.root, fields.index, fields.stretch[fields.first], _array(actuation), weight)
+    kernel.balance(
+        fields.root, fields.index, fields.stretch[fields.first], np.array(actuation, dtype=np.float64), weight
+    )
     return weight
-
-
-def _array(values: Array) -> Array:
-    """Return a copy that kernels take, see `soro_core.model.checks.shaped`."""
-    return np.array(values, dtype=np.float64)

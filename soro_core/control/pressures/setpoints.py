@@ -38,19 +38,23 @@ class Setpoints:
         Pressures that the lag model predicts from them [Pa gauge].
     at_bound : ndarray of bool (n_u,)
         Chambers whose wish or set point lies at a bound of the range.
+    ok : bool
+        Whether there are pressures for the wished force, and the set points are finite.
     """
 
     wish: Allocation
     command_pa: Array
     model_pa: Array
     at_bound: NDArray[np.bool_]
+    ok: bool
 
 
 class SetpointMaker:
     """Makes set points of one robot.
 
     A chamber with a dead band is kept at the band or above, where its force has no step. Forces are allocated
-    to what acts of the pressures, in which they are linear.
+    to what acts of the pressures, in which they are linear. On the way to the limiter `make` alone checks and
+    bounds set points.
 
     Parameters
     ----------
@@ -80,7 +84,7 @@ class SetpointMaker:
         self._least, self._most = self.acting.of(self.minimum_pa), self.acting.of(self.maximum_pa)
         self.preferred_pa = np.clip(pressures.preferred_pa, self.minimum_pa, self.maximum_pa)
         self._preferred = self.acting.of(self.preferred_pa)
-        edge = 1e-9 * (self.maximum_pa - self.minimum_pa)
+        self._edge = edge = 1e-9 * (self.maximum_pa - self.minimum_pa)  # round-off
         self._low, self._high = self.minimum_pa + edge, self.maximum_pa - edge
 
     def allocate(self, actuation: Array, wished: Array, start_pa: Array, wide: bool = False) -> Allocation:
@@ -108,14 +112,12 @@ class SetpointMaker:
             self._preferred,
             self.acting.of(start_pa),
         )
-        pressure = self.acting.pressure(found.pressure_pa)
-        if not wide:  # the way there and back rounds
-            pressure = np.minimum(np.maximum(pressure, self.minimum_pa), self.maximum_pa)
-        return replaced(found, pressure_pa=pressure)
+        return replaced(found, pressure_pa=self.acting.pressure(found.pressure_pa))
 
     def beyond_pa(self, pressure_pa: Array) -> Array:
-        """Return how far pressures (..., n_u) [Pa gauge] are beyond the range of the set points."""
-        return np.asarray(np.maximum(pressure_pa - self.maximum_pa, self.minimum_pa - pressure_pa))
+        """Return how far set points (..., n_u) [Pa gauge] are beyond their range and its round-off."""
+        beyond = np.maximum(pressure_pa - self.maximum_pa, self.minimum_pa - pressure_pa)
+        return np.asarray(beyond - self._edge)
 
     def missing_pa(self, actuation: Array, wished: Array, wish: Allocation) -> Array:
         """Return the pressure (n_u,) [Pa] beyond its bound that a force needs of each chamber.
@@ -127,10 +129,8 @@ class SetpointMaker:
         wished : ndarray (n_q,)
             Wished generalised force.
         wish : Allocation
-            Its pressures within the bounds.
+            Its pressures within the bounds, some of them at one.
         """
-        if not wish.saturated.any():
-            return np.zeros(len(self.preferred_pa))
         free = self.allocate(actuation, wished, wish.pressure_pa, wide=True).pressure_pa
         return np.asarray(free - np.minimum(np.maximum(free, self.minimum_pa), self.maximum_pa))
 
@@ -163,4 +163,5 @@ class SetpointMaker:
         )
         at_bound = (command <= self._low) | (command >= self._high)
         predicted = follow_lag(model_pa, command + bias_pa, dt, pressures.lag_s)
-        return Setpoints(wish, command, predicted, wish.saturated | at_bound)
+        ok = wish.ok and bool(np.isfinite(command).all())
+        return Setpoints(wish, command, predicted, wish.saturated | at_bound, ok)

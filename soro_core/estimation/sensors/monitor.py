@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from soro_core.estimation.sensors.delay import DelayFit
 from soro_core.estimation.sensors.watch_config import WatchConfig
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Components of a position, and of a whole sample at most: rate, orientation and gravity of an IMU.
 _POSITION, _WHOLE = 3, 9
@@ -32,15 +28,12 @@ class Innovation(NamedTuple):
         Its stamp [s].
     nis, position_nis : float
         Normalised innovation squared, and that of the position alone, NaN of an IMU.
-    placed : bool
-        Whether it is a pose that was fused.
     """
 
     sensor: str
     stamp_s: float
     nis: float
     position_nis: float
-    placed: bool
 
 
 class SensorMonitor(NamedTuple):
@@ -56,8 +49,6 @@ class SensorMonitor(NamedTuple):
         Time since the first sample [s].
     squares : float
         Sum of the squared weights of the samples in the mean; its inverse is the number that counts.
-    delay : DelayFit or None
-        Delay that is not declared; None of an IMU.
     """
 
     stamp_s: float
@@ -65,7 +56,6 @@ class SensorMonitor(NamedTuple):
     position_nis: float
     passed_s: float = 0.0
     squares: float = 1.0
-    delay: DelayFit | None = None
 
     @property
     def watched(self) -> float:
@@ -116,5 +106,55 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
         state.position_nis + part * (position - state.position_nis),
         passed_s,
         (1.0 - part) ** 2 * state.squares + part**2,
-        state.delay,
+    )
+
+
+def watched(
+    monitors: Mapping[str, SensorMonitor], innovations: Iterable[Innovation], config: WatchConfig
+) -> dict[str, SensorMonitor]:
+    """Return the monitors of the sensors after a tick.
+
+    Parameters
+    ----------
+    monitors : mapping of str to SensorMonitor
+        After the last tick.
+    innovations : iterable of Innovation
+        Of the samples that are new, in the order of their stamps.
+    config : WatchConfig
+    """
+    after = dict(monitors)
+    for seen in innovations:
+        old = after.get(seen.sensor)
+        dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
+        after[seen.sensor] = monitored(old, seen, dt, config)
+    return after
+
+
+def note_of(monitors: Mapping[str, SensorMonitor], t_s: float, silent_s: float, config: WatchConfig) -> str:
+    """Return what the user must know of the sensors, or an empty string.
+
+    Parameters
+    ----------
+    monitors : mapping of str to SensorMonitor
+    t_s, silent_s : float
+        Time, and the time for which a sensor may be silent: it is not judged after that [s].
+    config : WatchConfig
+    """
+    said = [
+        _nis_note(sensor, monitor, config)
+        for sensor, monitor in monitors.items()
+        # Up to its mean it is below every bound, whose quantile takes time.
+        if t_s - monitor.stamp_s <= silent_s and monitor.watched > monitor.components
+    ]
+    return "; ".join(filter(None, said)) if said else ""
+
+
+def _nis_note(sensor: str, monitor: SensorMonitor, config: WatchConfig) -> str:
+    allowed = monitor.allowed(config)
+    if monitor.watched <= allowed:
+        return ""
+    key = "imu" if math.isnan(monitor.position_nis) else "pose"
+    return (
+        f"{sensor}: NIS {monitor.watched:.1f}, allowed {allowed:.1f}: check its noise ({key}), its place "
+        "and the robot file"
     )

@@ -42,6 +42,8 @@ class Faults:
         Random numbers for the faults with a probability.
     now_ns : int
         Emulated time [ns].
+    is_active : bool
+        Whether any fault is active; read for every byte and frame.
     """
 
     def __init__(self, seed: int = 0, supported: Iterable[str] = KINDS) -> None:
@@ -53,6 +55,7 @@ class Faults:
         self.now_ns = 0
         self._waiting: list[_Entry] = []
         self._active: list[_Entry] = []
+        self.is_active = False
         self._values: dict[str, dict[str, float]] = {}
         self._dumped: dict[str, float] = {}
 
@@ -105,11 +108,6 @@ class Faults:
         """Scheduled faults, each with the time [s] until it begins."""
         return tuple((entry.injection, (entry.start_ns - self.now_ns) * 1e-9) for entry in self._waiting)
 
-    @property
-    def is_active(self) -> bool:
-        """Whether any fault is active; read for every byte and frame."""
-        return bool(self._active)
-
     def value(self, fault: str, chamber: str = "") -> float | None:
         """Return the parameter of an active fault, or None."""
         return self._values.get(chamber, {}).get(fault)
@@ -139,7 +137,7 @@ class Faults:
         self.on_end.get(entry.injection.fault, _nothing)(entry.injection)
 
     def _collect(self) -> None:
-        self._values = {}
+        self.is_active, self._values = bool(self._active), {}
         for injection, _, _ in self._active:
             self._values.setdefault(injection.chamber, {})[injection.fault] = injection.parameter
         of_all = self._values.get("", {})

@@ -121,7 +121,7 @@ def test_an_unreachable_force_saturates_and_is_flagged():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_input_that_is_no_number_returns_the_start_within_the_bounds(bad):
-    _, found = solve(np.array([bad, 0.0, 0.0]), start=np.array([1e3, np.nan, 200e3]))
+    _, found = solve(np.array([bad, 0.0, 0.0]), start=np.array([1e3, -1e3, 200e3]))
     assert not found.ok
     assert found.pressure_pa.tolist() == [1e3, 0.0, 90e3]
     assert np.all(np.isfinite(found.force))

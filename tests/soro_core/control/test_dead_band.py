@@ -49,6 +49,33 @@ def test_the_pressures_for_a_force_lie_beyond_the_bands_and_make_it(changed):
     assert np.array_equal(made.minimum_pa, bands)
 
 
+@pytest.mark.parametrize("changed", [banded, swelling, lambda robot: swelling(banded(robot))])
+def test_set_points_are_bounded_and_checked_by_their_maker(changed):
+    """A wish at its bounds may leave the range by round-off; set points and plans do not see it."""
+    arm = SoftArm(changed(load_robot("tue_three_bellow")))
+    maker = Controller(arm.robot, with_range(0.0, 79_999.9)).setpoints
+    actuation, rng = arm.actuation_matrix(np.array([0.06, 2.0, -1.0])), np.random.default_rng(1)
+    ends = set()
+    for _ in range(100):
+        wish = maker.allocate(actuation, actuation @ rng.normal(0.0, 1e6, 3), maker.preferred_pa)
+        assert wish.pressure_pa == pytest.approx(
+            np.clip(wish.pressure_pa, maker.minimum_pa, maker.maximum_pa)
+        )
+        assert np.max(maker.beyond_pa(wish.pressure_pa)) <= 0.0
+        made = maker.make(wish, wish.pressure_pa, wish.pressure_pa, 0.0, 0.005)
+        assert made.ok
+        assert np.all((made.command_pa >= maker.minimum_pa) & (made.command_pa <= maker.maximum_pa))
+        ends |= set(
+            zip(made.command_pa == maker.minimum_pa, made.command_pa == maker.maximum_pa, strict=True)
+        )
+    assert {(True, False), (False, True)} <= ends
+    assert np.max(maker.beyond_pa(maker.maximum_pa + 1.0)) > 0.9
+    unknown = np.array([0.0, np.nan, 0.0])
+    assert not maker.make(wish, maker.preferred_pa, maker.preferred_pa, unknown, 0.005).ok
+    failed = maker.allocate(actuation, unknown, maker.preferred_pa)
+    assert not maker.make(failed, maker.preferred_pa, maker.preferred_pa, 0.0, 0.005).ok
+
+
 def test_the_mean_pressure_that_holds_a_shape_has_the_bands():
     robot = load_robot("tue_three_bellow")
     q, ends = np.array([0.06, 2.0, -1.0]), (np.zeros(3), np.full(3, 80e3))

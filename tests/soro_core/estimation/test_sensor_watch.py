@@ -10,9 +10,9 @@ from soro_core.config import find_config, parse
 from soro_core.control import ControllerConfig
 from soro_core.estimation import EstimatorConfig
 from soro_core.estimation.sensors.delay import DelayModel
+from soro_core.estimation.sensors.delay_monitor import PERIOD_S, DelayMonitor, Delays, mean_pressure
 from soro_core.estimation.sensors.monitor import Innovation, monitored
 from soro_core.estimation.sensors.samples import pose_sensor
-from soro_core.estimation.sensors.watch import Watch, mean_pressure
 from soro_core.estimation.sensors.watch_config import WatchConfig
 from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel
@@ -44,20 +44,52 @@ def notes_of(duration_s, shift_s=0.0, from_s=0.0, law="composite", **changes):
     plant = Shifted(robot, setup)
     plant.shift_s, plant.from_s = shift_s, from_s
     loop = Loop(Estimator(robot, setup.estimation, setup.dt), Controller(robot, control))
-    notes, delays = [], []
+    monitor, delays = DelayMonitor(loop.estimator.arm, loop.estimator.config), Delays()
+    notes, passed, looks = [], [], 0
     step = loop.estimator.step
 
     def watched(*arguments):
         state, estimate = step(*arguments)
-        if SENSOR in state.monitors:
-            delays.append(state.monitors[SENSOR].delay)
+        passed.append(state)
         return state, estimate
 
     loop.estimator.step = watched
     for tick in loop.run(plant, round(duration_s / setup.dt), setup.dt, delay=0):
         assert tick.estimate.status.ok or tick.t_s < 0.1
-        notes.append((tick.t_s, tick.estimate.status.note))
-    return [(t, note) for t, note in notes if note], delays[-1]
+        if tick.t_s >= looks * PERIOD_S - 1e-9:  # beside the loop
+            delays, looks = monitor.step(delays, passed), looks + 1
+            passed.clear()
+        found = "; ".join(filter(None, (tick.estimate.status.note, monitor.note(delays))))
+        notes.append((tick.t_s, found))
+    return [(t, note) for t, note in notes if note], delays.fits[SENSOR]
+
+
+def fit_of(run, ticks, monitor):
+    """Fits of the delay after some ticks with a learned force."""
+    passed = []
+    for _ in range(ticks):
+        run.tick(model=learned())
+        passed.append(run.state)
+    return monitor.step(Delays(), passed)
+
+
+def test_looks_at_one_tick_or_at_many_find_the_same():
+    run = Run()
+    monitor, passed = DelayMonitor(run.estimator.arm, run.estimator.config), []
+    for _ in range(200):
+        run.tick(model=learned())
+        passed.append(run.state)
+    alone, kept = Delays(), passed.copy()
+    for state in passed:
+        alone = monitor.step(alone, [state])
+    at_once = monitor.step(Delays(), passed)
+    assert passed == kept
+    assert at_once.last is alone.last is passed[-1]
+    assert at_once.fits[SENSOR].solution.tobytes() == alone.fits[SENSOR].solution.tobytes()
+    # Rows come with poses only: silent ticks change nothing.
+    silent = [passed[-1]._replace(t_s=passed[-1].t_s + k * DT) for k in range(1, 50)]
+    assert monitor.step(at_once, silent).fits == at_once.fits
+    assert monitor.step(at_once, []) is at_once
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -115,15 +147,16 @@ def test_no_delay_is_estimated_where_a_position_does_not_show_all_coordinates():
 def test_a_state_beyond_the_model_ends_the_fit_and_raises_nothing():
     """Ahead of it the arm would be shorter than nothing."""
     run = Run()
-    run.ticks(200, model=learned())
+    monitor = DelayMonitor(run.estimator.arm, run.estimator.config)
+    delays = fit_of(run, 200, monitor)
     belief = run.state.belief
     mean = belief.mean.copy()
     mean[belief.n] = -200.0
+    run.tick(model=learned())
+    run.tick(model=learned())  # with a pose
     state = run.state._replace(belief=belief._replace(mean=mean), t_s=run.state.t_s + 0.1)
-    seen = Innovation(SENSOR, state.t_s, 3.0, 3.0, placed=True)
-    watch = Watch(SoftArm(load_robot(find_config("tue_three_bellow", "robots"))), EstimatorConfig())
-    assert state.monitors[SENSOR].delay.solution.any()
-    assert not watch.step(state, [seen])[SENSOR].delay.solution.any()
+    assert delays.fits[SENSOR].solution.any()
+    assert not monitor.step(delays, [state]).fits[SENSOR].solution.any()
 
 
 def test_the_pressures_of_a_row_are_their_mean_since_the_last_one():
@@ -164,8 +197,7 @@ def test_a_residual_that_grows_is_named_within_two_seconds():
 
 def test_the_delay_of_an_arm_at_rest_is_not_known():
     run = Run(moving=False)
-    run.ticks(600, model=learned())
-    fit = run.state.monitors[SENSOR].delay
+    fit = fit_of(run, 600, DelayMonitor(run.estimator.arm, run.estimator.config)).fits[SENSOR]
     assert fit.deviation_s > 0.05
     assert abs(fit.delay_s) < fit.deviation_s
 
@@ -197,7 +229,7 @@ def test_a_sensor_that_is_silent_is_not_judged():
 def watched(values, dt=0.01, config=CONFIG):
     state = None
     for k, value in enumerate(values):
-        state = monitored(state, Innovation(SENSOR, k * dt, value, value, placed=False), dt, config)
+        state = monitored(state, Innovation(SENSOR, k * dt, value, value), dt, config)
     return state
 
 

@@ -1,0 +1,35 @@
+"""Functions and files that one tick of each part calls: they may become fewer, not more."""
+
+import pytest
+
+from benchmarks.walks import Walk, canopen_walk, loop_walks
+
+MOST = {"control tick": (74, 33), "CANopen cycle": (104, 27), "pose to state": (38, 12)}
+
+
+@pytest.fixture(scope="module")
+def walks():
+    control, pose = loop_walks()
+    return {"control tick": control, "CANopen cycle": canopen_walk(), "pose to state": pose}
+
+
+@pytest.mark.parametrize("name", MOST)
+def test_a_tick_calls_no_more_functions_than_stated(walks, name):
+    walk = walks[name]
+    assert (len(walk) <= MOST[name][0], walk.files <= MOST[name][1]) == (True, True), walk.functions
+
+
+def test_a_walk_has_each_named_function_of_the_project_once_in_its_order():
+    from soro_core.pneumatics.lag import follow
+    from soro_core.safety.remembered import chamber
+
+    walk = Walk(chamber.__code__)
+    with walk.taken():
+        [follow(0.0, 1.0, 0.1, 0.1) for _ in range(2)]
+        chamber(("a",), 0)
+        sorted([2, 1], key=lambda one: -one)
+    assert walk.functions == [("soro_core/pneumatics/lag.py", "follow")]
+
+
+def test_the_tick_of_the_filter_fits_no_delay(walks):
+    assert not [file for file, _ in walks["pose to state"].functions if "delay" in file]

@@ -1,9 +1,9 @@
-# `make run` shows the product, `make test` runs everything that CI runs, `make bench` measures.
+# `make run` shows the product, `make check` is for each edit, `make test` is all that CI runs, `make bench` measures.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run gallery identify test pytest docs alicatlib colcon lint bench soak newest numerics clean
+.PHONY: run gallery identify check quick test pytest docs alicatlib colcon lint bench soak newest numerics clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -17,6 +17,14 @@ gallery: $(VENV)/.installed
 identify: $(VENV)/.installed-test
 	$(BIN)/python -m benchmarks --only whole_way
 
+# What to run after each edit: the tests that start no process, open no socket, need no node and take no whole run.
+check: $(VENV)/.installed-test
+	@$(MAKE) --no-print-directory --keep-going -j 2 lint quick
+
+quick: export PYTHONDONTWRITEBYTECODE =
+quick: $(VENV)/.installed-test
+	$(BIN)/pytest -n 2 --dist loadgroup --quiet --durations=0 --durations-min=5 -m "not process and not ros and not slow"
+
 # In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test
 	@$(MAKE) --no-print-directory --keep-going -j 2 lint docs pytest
@@ -24,7 +32,7 @@ test: $(VENV)/.installed-test
 # The tests start hundreds of processes; without byte code each of them would compile the package anew.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(VENV)/.installed-test
-	$(BIN)/pytest -n 2 --dist worksteal
+	$(BIN)/pytest -n 2 --dist loadgroup
 
 # The site of the pages: open build/docs/index.html, which needs no network. A warning is an error.
 docs: $(VENV)/.installed-test
@@ -33,7 +41,7 @@ docs: $(VENV)/.installed-test
 
 # The client library of another author asks for Python 3.13: `make alicatlib VENV=.venv-3.13 PYTHON=python3.13`.
 alicatlib: $(VENV)/.installed-test
-	$(BIN)/pytest tests/hardware/test_alicatlib.py
+	$(BIN)/pytest tests/soro_hardware/test_alicatlib.py
 
 # Builds with the colcon from PyPI as in a conventional ROS 2 installation, and starts what it installs.
 COLCON := .venv-colcon

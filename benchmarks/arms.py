@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.errors import SoroError
-from tests.loop.arms import ARMS
-from tests.loop.loop_harness import run as run_loop
+from tests.soro_core.loop.arms import ARMS
+from tests.soro_core.loop.loop_harness import run as run_loop
 
 TITLE = "Arms with automatic gains"
 SEEDS = (1, 2, 3, 4, 5)
@@ -55,7 +55,7 @@ def run(options: Options) -> str:
     return "\n\n".join(
         [
             "Law `composite`, plants of two to four links for one of the model behind lagging regulators, "
-            "16 s, with no key of the law or the filter stated (`tests/loop/arms.py`, docs/gains.md): tip "
+            "16 s, with no key of the law or the filter stated (`tests/soro_core/loop`, docs/gains.md): tip "
             "error RMS of the last 5 s, largest after 3 s, RMS of the filter's tip after 1 s, RMS rate of "
             f"the commands. Means of seeds {', '.join(map(str, seeds))}; lost: the plant has no next step.",
             table(head, rows),

@@ -17,7 +17,7 @@ from soro_core.control import Controller, ControllerConfig
 from soro_core.estimation import Estimate, Estimator, EstimatorState
 from soro_core.loop import Loop
 from soro_core.robot import Robot
-from tests.loop.loop_harness import Harness, Setup
+from tests.soro_core.loop.loop_harness import Harness, Setup
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def run(options: Options) -> str:
     head = ["case", "NIS of the position", "NEES of the tip", "NEES of (q, qd)", "tip error, mm"]
     return "\n\n".join(
         [
-            "The covariance of the filter against its error: the circle of `tests/loop/loop_harness.py` with "
+            "The covariance of the filter against its error: the circle of `tests/soro_core/loop` with "
             f"`law: composite`, from {AFTER_S:g} s on, means of seeds 1 to {len(seeds)} (smallest and "
             "largest of a seed). Position and tip have 3 components, (q, qd) has 6. The NIS is that of "
             "/diagnostics. A matched plant is the model of the filter, without a load and with strains that "

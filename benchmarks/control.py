@@ -17,8 +17,8 @@ from soro_core.control import ControllerConfig, Point, Reference
 from soro_core.control.reference.trajectory import smooth_step
 from soro_core.errors import SoroError
 from soro_core.pneumatics import RegulatorModel
-from tests.loop.loop_harness import Record, Setup
-from tests.loop.loop_harness import run as run_loop
+from tests.soro_core.loop.loop_harness import Record, Setup
+from tests.soro_core.loop.loop_harness import run as run_loop
 
 TITLE = "Control: tip error of both laws"
 LAWS = ("composite", "adaptive")
@@ -116,7 +116,7 @@ def run(options: Options) -> str:
     return "\n\n".join(
         [
             "Circle of 10 1/m in 4 s with 20 g that the loop does not know of, on a plant of four links "
-            "behind lagging regulators, 20 s (`tests/loop/loop_harness.py`): tip error RMS of the last 5 s "
+            "behind lagging regulators, 20 s (`tests/soro_core/loop`): tip error RMS of the last 5 s "
             f"(set points: of the last {HELD_S:g} s of each), largest after 3 s, time after which the RMS "
             "over 0.25 s stays below 2 mm (from a step of the load on), RMS rate of the commands. Means of "
             f"seeds {', '.join(map(str, seeds))}; lost: the plant has no next step.",

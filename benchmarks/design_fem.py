@@ -1,4 +1,4 @@
-"""Parts of the section `design` on finite elements: the cases of tests/fem, and times of larger ones."""
+"""Parts of section `design` on finite elements: cases of tests/soro_design/fem, and times of larger ones."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from benchmarks.report import figure, table
 from benchmarks.timing import CLOCK
 from soro_design.fem import Contact, Mesh, Part, block, load_material, make_part, no_loads, solve, tube
 from soro_design.fem.solve import linear
-from tests.fem import closed_forms as closed
-from tests.fem import moving_parts as moving
-from tests.fem.three_bellow import THESIS, forces
+from tests.soro_design.fem import closed_forms as closed
+from tests.soro_design.fem import moving_parts as moving
+from tests.soro_design.fem.three_bellow import THESIS, forces
 
 HEAD = ["case", "expected", "found", "off by"]
 LARGE = "block pulled, hex8"

@@ -17,12 +17,7 @@ import numpy as np
 import yaml
 from scipy.optimize import least_squares
 
-from soro_core import SoftArm, load_robot
-from soro_core.errors import SoroError
-from soro_core.robot import Robot
-from soro_core.robot.parts import fields
-from soro_lab.identification.arm.cases.numbers import with_numbers
-from soro_lab.identification.tip_steps import (
+from benchmarks.tip_steps import (
     TipRun,
     are_sound,
     end_of,
@@ -34,6 +29,11 @@ from soro_lab.identification.tip_steps import (
     shown,
     swung,
 )
+from soro_core import SoftArm, load_robot
+from soro_core.errors import SoroError
+from soro_core.robot import Robot
+from soro_core.robot.parts import fields
+from soro_lab.identification.arm.cases.numbers import with_numbers
 
 GUESS = Path("examples/srl_guess.yaml")
 MAPS = {"step_A": "srl_step_a", "step_C": "srl_step_c"}

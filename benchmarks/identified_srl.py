@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from benchmarks.air_fit import DATA
 from benchmarks.options import Options
 from benchmarks.report import met, table
-from soro_core.model import SoftArm
-from soro_core.robot import Robot, load_robot
-from soro_lab.identification.ring import Ring
-from soro_lab.identification.tip_steps import (
+from benchmarks.ring import Ring
+from benchmarks.tip_steps import (
     RING_S,
     Plane,
     TipRun,
@@ -30,6 +28,8 @@ from soro_lab.identification.tip_steps import (
     shown,
     swung,
 )
+from soro_core.model import SoftArm
+from soro_core.robot import Robot, load_robot
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ def run(options: Options) -> str:
             f"`config/robots/{ROBOT}.yaml` by `benchmarks/fit_srl.py`. Held out, by a rule on the "
             f"names (every second level of each tracker, but not the highest): {names}. Medians over steps:",
             table(["", "goal", "held out", "", "fitted"], rows),
-            "Ring-down: a damped sine on a line and two decays (`soro_lab/identification/ring.py`), fitted "
+            "Ring-down: a damped sine on a line and two decays (`benchmarks/ring.py`), fitted "
             f"to the mean of the tip markers from {RING_S[0]:g} to {RING_S[1]:g} s after a step, with the "
             "same stamps for measurement and model. End: displacement by the fill before the vent, or at the "
             "last sample; its error is that of the vector. Two numbers of each tracker, where the markers "

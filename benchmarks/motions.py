@@ -49,7 +49,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from soro_ros import messages
 from soro_ros.nodes.controller import ControllerNode
-from tests.ros.direct import after_publish, captured, receive, request
+from tests.soro_ros.direct import after_publish, captured, receive, request
 
 rclpy.init()
 node = ControllerNode()

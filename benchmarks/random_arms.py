@@ -13,8 +13,8 @@ from soro_core.control import ControllerConfig
 from soro_core.errors import SoroError
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Robot
-from tests.loop.loop_harness import Setup
-from tests.loop.loop_harness import run as run_loop
+from tests.soro_core.loop.loop_harness import Setup
+from tests.soro_core.loop.loop_harness import run as run_loop
 
 # Payload [kg], parts of stiffness, gain and damping, and lag of the regulators [s], each between two bounds.
 LEAST, MOST = (0.0, 0.7, 0.9, 0.7, 0.03), (0.03, 1.3, 1.1, 1.3, 0.09)

@@ -30,7 +30,7 @@ from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from soro_ros import messages
 from soro_ros.nodes.controller import ControllerNode
-from tests.ros.direct import receive
+from tests.soro_ros.direct import receive
 
 rclpy.init()
 node = ControllerNode()

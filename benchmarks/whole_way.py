@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.options import Options
 from benchmarks.report import table
 from benchmarks.timing import all_cores
-from tests.ros.whole_way import ARMS, NewArm, walk
+from tests.soro_ros.whole_way import ARMS, NewArm, walk
 
 TITLE = "From a description to a controlled arm"
 
@@ -25,7 +25,7 @@ def run(options: Options) -> str:
             "`soro new`, `soro excite`, `soro identify`, `soro run` with `gains: auto`, all in lockstep; the "
             "arm is a twin with other stiffness, damping, gains and chambers than its description, behind "
             "emulated regulators with play and lag and a tracker in an unknown frame "
-            "(`tests/ros/whole_way.py`). Right: within 3 % or two deviations. `make identify` repeats it.",
+            "(`tests/soro_ros/whole_way.py`). Right: within 3 % or two deviations. Repeat: `make identify`.",
             table(head, rows),
         ]
     )

@@ -14,6 +14,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "equations",
     "four_parts",
     "mermaid",
     "notebook",
@@ -33,8 +34,11 @@ exclude_patterns = [".*", "build", "runs", "*.egg-info", "lib", "soro_*"]
 
 # Anchors of headings as on a forge.
 myst_heading_anchors = 6
-myst_fence_as_directive = ["mermaid"]
-# Equations and listings are plain text: no page states a language that is guessed wrong.
+myst_fence_as_directive = ["math", "mermaid"]
+# Equations are LaTeX between dollars or in a fence `math`, as on a forge.
+myst_enable_extensions = ["dollarmath"]
+html_math_renderer = "mathml"
+# Listings are plain text: no page states a language that is guessed wrong.
 highlight_language = "none"
 # Two dashes before an option stay two.
 smartquotes = False

@@ -31,8 +31,8 @@ from soro_design.topology import (
 from soro_design.topology.optimise import STATE, TONES
 from soro_design.topology.pictures import picture, whole
 from soro_design.topology.task import Farthest
-from tests.fem import moving_parts as moving
-from tests.fem.three_bellow import MATERIAL, SHAPE, THESIS
+from tests.soro_design.fem import moving_parts as moving
+from tests.soro_design.fem.three_bellow import MATERIAL, SHAPE, THESIS
 
 SHOWN_MM = (0.0, 10.0, 20.0)
 # Task of the strip of iterations, and how many are shown.

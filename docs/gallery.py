@@ -52,7 +52,7 @@ lockstep, by
 
     make gallery
 
-`tests/ros/test_scenes.py` runs the first seconds of each scene.
+`tests/soro_ros/test_scenes.py` runs the first seconds of each scene.
 """
 
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
+from pydantic_core import CoreSchema, core_schema
 
 from soro_core.errors import ConfigError
 from soro_core.yaml_text import LONGEST, read_value
@@ -35,6 +36,15 @@ class Strict(BaseModel):
 
     # A section inside another one is checked by the outer one, which knows its place.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check a section once: what is frozen does not change after its check."""
+
+        def check(value: Any, inner: core_schema.ValidatorFunctionWrapHandler) -> Any:
+            return value if type(value) is cls else inner(value)
+
+        return core_schema.no_info_wrap_validator_function(check, handler(source))
 
     def __setattr__(self, name: str, value: Any) -> None:
         try:
@@ -101,7 +111,9 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
             raise ConfigError(str(path), "", f"{size} bytes", allowed)
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise ConfigError(str(path), "", "no such file", "an existing YAML file") from None
+        raise ConfigError(
+            str(path), "", "no such file", f"an existing YAML file{_shipped(Path(path))}"
+        ) from None
     except (OSError, ValueError) as error:  # ValueError: no UTF-8, or no path
         raise ConfigError(str(path), "", str(error), "a readable UTF-8 file") from None
     return read_mapping(text, where=str(path))
@@ -184,6 +196,12 @@ def find_config(name: str | Path, kind: str) -> Path:
     raise ConfigError(
         str(name), "", f"no {kind} file of that name", f"a path ending in .yaml, or one of {known}"
     )
+
+
+def _shipped(path: Path) -> str:
+    """Say by which name a file of this folder and name comes with soro; "" where none does."""
+    is_shipped = (config_folder() / path.parent.name / path.name).is_file()
+    return f", or {path.stem} for the one that comes with soro" if is_shipped else ""
 
 
 def config_folder() -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -16,6 +17,8 @@ _COMMENTS = ("#", "%", "//")
 _DELIMITERS = (",;\t|", " ")
 # Lines in which the line of names is looked for, and over which one cell may go.
 _HEAD, _LONGEST_CELL = 1000, 1000
+# Names that need no quotes in a line of text.
+_PLAIN = re.compile(r"[^\s,;:'\"]+")
 
 
 class CsvRows:
@@ -24,6 +27,8 @@ class CsvRows:
     The line of names is the first one that holds all names that are asked for, between commas, semicolons,
     tabs, bars or spaces; what stands before it is not read. Left out is a row that has not one cell for each
     name, that holds bytes 0 (a power cut leaves them), or at whose last number the file may have been cut.
+    The latter is a last row without an end of line. It counts only if all rows have the same number of
+    characters, one or more, behind the mark of their last number, as loggers with a fixed format write them.
 
     Parameters
     ----------
@@ -62,17 +67,19 @@ class CsvRows:
         self._lines = _lines(path, required)
         self._begin, self.delimiter, self.names = self._find_names(required, asked_by or {})
         self._left_out, self._total, self._first = 0, 0, ""
+        self._widths = set[int]()
 
     def place(self, name: str) -> int:
         """Return the number of the column of a name; ConfigError where two columns have it."""
         if self.names.count(name) > 1:
             allowed = "a name that one column has; rename the other in the file"
-            raise ConfigError(self.where, name, f"{self.names.count(name)} columns of this name", allowed)
+            got = f"{self.names.count(name)} columns of this name"
+            raise ConfigError(self.where, quoted(name), got, allowed)
         return self.names.index(name)
 
     def __iter__(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the number of the line and one cell for each name."""
-        fewest, at = None, self._begin
+        at = self._begin
         while at < len(self._lines):
             line, after = self._joined(at)
             number, at = at + 1, at + 1
@@ -96,11 +103,11 @@ class CsvRows:
             if len(cells) != len(self.names):
                 self.leave_out(number, f"{len(cells)} cells, where there are {len(self.names)} names")
                 continue
-            decimals = _decimals(cells[-1])
-            if not is_ended and decimals < max(1, fewest or 0):
-                self.leave_out(number, f"the file ends at {cells[-1]!r}, which may be cut")
+            width = _decimals(cells[-1])
+            if not is_ended and (width == 0 or self._widths != {width}):
+                self.leave_out(number, f"the file ends at {short(cells[-1])}, which may be cut")
                 continue
-            fewest = decimals if fewest is None else min(fewest, decimals)
+            self._widths.add(width)
             at = after
             yield number, cells
 
@@ -112,6 +119,7 @@ class CsvRows:
     def skip(self) -> None:
         """Do not count the row that was read last: it is part of the head."""
         self._total -= 1
+        self._widths.clear()
 
     def check(self, least: int = 0) -> str:
         """Return what was left out, in one line, "" for nothing.
@@ -164,7 +172,12 @@ class CsvRows:
                 is_first = is_first and not text
         missing = next(name for name in required if name not in best[2])
         allowed = f"a column for {asked_by[missing]}" if missing in asked_by else "this column is required"
-        raise ConfigError(self.where, missing, f"columns {', '.join(best[2])}", allowed)
+        raise ConfigError(self.where, quoted(missing), f"columns {quoted(*best[2])}", allowed)
+
+
+def quoted(*names: str) -> str:
+    """Return names of columns with commas between them; one with spaces, commas or the like has quotes."""
+    return ", ".join(name if _PLAIN.fullmatch(name) else repr(name) for name in names)
 
 
 def read_matrix(path: str | Path) -> list[list[float]]:
@@ -205,7 +218,7 @@ def _lines(path: str | Path, required: Sequence[str]) -> list[bytes]:
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:
-        allowed = f"a CSV file with the columns {', '.join(required)}"
+        allowed = f"a CSV file with the columns {quoted(*required)}"
         raise ConfigError(str(path), "", "no such file", allowed) from None
     except (OSError, ValueError) as error:
         raise ConfigError(
@@ -241,7 +254,7 @@ def _names(line: str, delimiter: str) -> list[str]:
 
 
 def _decimals(cell: str) -> int:
-    """Number of characters behind the decimal mark."""
+    """Number of characters behind the decimal mark, with those of an exponent."""
     return len(cell.strip().replace(",", ".").partition(".")[2])
 
 

@@ -14,7 +14,7 @@ from soro_core.errors import ConfigError
 
 # Packages of each extra, by the name that is imported; "" is what every installation has.
 PACKAGES = {
-    "": ("numpy", "scipy", "numba", "pydantic", "yaml", "typer", "rich", "matplotlib"),
+    "": ("numpy", "scipy", "numba", "pydantic", "yaml", "typer", "rich", "matplotlib", "jinja2"),
     "hardware": ("can", "serial", "pymodbus"),
     "ros": (
         "rclpy",

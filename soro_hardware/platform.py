@@ -183,7 +183,7 @@ class PlatformBase(Strict):
         ConfigError
             If the times of the platform do not allow the rate.
         """
-        values = {**self.model_dump(), "cycle_hz": float(cycle_hz)}
+        values = {**dict(self), "cycle_hz": float(cycle_hz)}
         return parse(values, type(self), where=f"platform at {cycle_hz} Hz")
 
 

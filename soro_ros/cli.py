@@ -13,6 +13,7 @@ import sys
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
     from typing import NoReturn
 
@@ -24,8 +25,8 @@ def leave(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
-def application() -> typer.Typer:
-    """Import every command; this takes half a second or more."""
+def application(begin: Callable[[], None] = lambda: None) -> typer.Typer:
+    """Import every command, which takes half a second or more; `begin` is called before one begins."""
     import typer
 
     from soro_design.commands import design, fem
@@ -88,6 +89,22 @@ def application() -> typer.Typer:
     app.add_typer(design.app, name="design", help="Find the shape of soft parts, check it, export it.")
     app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
     app.add_typer(hil.app, name="hil", help="Hardware in the loop: first pressurisation, latency.")
+
+    def print_version(is_asked: bool) -> None:
+        if is_asked:
+            from soro_ros.host.versions import soro_version
+
+            typer.echo(f"soro {soro_version()}")
+            raise typer.Exit
+
+    option = typer.Option(
+        False, "--version", help="Print the version.", callback=print_version, is_eager=True
+    )
+
+    @app.callback()
+    def start(version: bool = option) -> None:
+        begin()
+
     return app
 
 
@@ -102,9 +119,7 @@ def main() -> NoReturn:
 
     try:
         with named_packages():
-            app = application()
-            app.callback()(begin)
-            app()
+            application(begin)()
     except ConfigError as error:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(2)

@@ -115,11 +115,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 # Whole runs of nodes: one worker takes them all, as only one at a time may use real time, and first what
 # compiles their kernels.
-_COMPILES = "tests/loop/test_closed_loop.py::test_the_main_job"
-_NODES = (_COMPILES, "tests/twin/", "tests/ros/")
+_COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
+_NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
 # Long runs of nodes that keep no time: either worker takes them, a file at a time, so that both end together.
 _LOCKSTEP = tuple(
-    f"tests/ros/test_{name}.py"
+    f"tests/soro_ros/test_{name}.py"
     for name in ("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes")
 )
 # The other worker computes meanwhile: first what needs no kernels, or only its own (finite elements), until
@@ -127,43 +127,33 @@ _LOCKSTEP = tuple(
 # compile; last what keeps time by the clock, when the nodes are done or nearly so.
 _ORDER = (
     *_NODES,
-    "tests/bag/",
-    "tests/safety/",
-    "tests/fem/",
-    "tests/design/",
-    "tests/robot/",
+    "tests/soro_lab/bag/",
+    "tests/soro_core/safety/",
+    "tests/soro_design/fem/",
+    "tests/soro_design/topology/",
+    "tests/soro_core/robot/",
     "tests/apparatus/",
-    "tests/integrate/",
-    "tests/model/",
+    "tests/soro_core/integrate/",
+    "tests/soro_core/model/",
     "",
     *_LOCKSTEP,
     "tests/benchmarks/",
-    "tests/hardware/",
+    "tests/soro_hardware/",
 )
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort by the place of a test's folder or file in `_ORDER`."""
+    """Sort by the place of a test's folder or file in `_ORDER`, and group what one worker takes."""
 
     def rank(item: pytest.Item) -> int:
         return _ORDER.index(max((one for one in _ORDER if item.nodeid.startswith(one)), key=len))
 
     items.sort(key=rank)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give the runs of nodes to one worker but for long ones in lockstep, and the other tests one by one."""
-    from xdist.scheduler import LoadScopeScheduling
-
-    class Scheduling(LoadScopeScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            if nodeid.startswith(_LOCKSTEP):
-                return nodeid.split("::")[0]
-            return "nodes" if nodeid.startswith(_NODES) else nodeid
-
-    config.option.loadscopereorder = False  # keeps `_ORDER`
-    return Scheduling(config, log)
+    for item in items:
+        if item.nodeid.startswith(_LOCKSTEP):
+            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
+        elif item.nodeid.startswith(_NODES):
+            item.add_marker(pytest.mark.xdist_group("nodes"))
 
 
 _BEGUN = pytest.StashKey[bool]()

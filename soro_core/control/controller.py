@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.regulators import RegulatorObserver
-from soro_core.config import changed
 from soro_core.control.bumpless import transferred
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
@@ -25,7 +24,7 @@ from soro_core.control.motions.demand import supply_of
 from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.obstacles import obstacles_of
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
-from soro_core.control.pressures.actuation import complete_pressures
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.following import follow, reference_ahead
 from soro_core.control.reference.trajectory import Point, Reference
@@ -49,10 +48,12 @@ class Controller(GivenReferences):
     robot : Robot
         The robot of the robot file.
     config : ControllerConfig, optional
-        Parameters; keys of limits and regulators that it leaves out get defaults, see
-        `soro_core.control.pressures.actuation.complete_pressures`.
+        Parameters.
     model : Discretisation
         Discretisation of the robot; the attributes `arm` and `robot` are the discretised ones.
+    pressures : CompletePressures, optional
+        The section of that name with what limits and regulators add; default: as
+        `soro_core.control.pressures.actuation.complete_pressures` has it without them.
 
     Raises
     ------
@@ -65,10 +66,10 @@ class Controller(GivenReferences):
         robot: Robot,
         config: ControllerConfig | None = None,
         model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
+        pressures: CompletePressures | None = None,
     ) -> None:
-        config = config if config is not None else ControllerConfig()
-        self.pressures = complete_pressures(config.pressures)
-        self.config = changed(config, pressures=self.pressures)
+        self.config = config = config or ControllerConfig()
+        self.pressures = pressures or complete_pressures(config.pressures)
         require_chambers(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
@@ -85,7 +86,7 @@ class Controller(GivenReferences):
         self.setpoints = SetpointMaker(robot, self.fields, self.pressures)
         self.minimum_pa, self.maximum_pa = self.setpoints.minimum_pa, self.setpoints.maximum_pa
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
-        self.configured = configured_reference(self.arm, self.bounds, self.config)
+        self.configured = configured_reference(self.arm, self.bounds, config, self.pressures)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
         self.undriven = Undriven(self.arm, self.fields, self.limit, model.links)

@@ -3,7 +3,7 @@
 The arm keeps its own stiffness and damping (docs/adr/0005). Feedback of the gain K_p that comes late by T
 takes K_p T of the damping away: K_p of a bending is a small part of the damping over T. Elongation is stiff,
 fast and damped, and gets a part of its stiffness. The parts are those of the three-bellow arm, tuned
-on the plant of tests/loop; docs/gains.md.
+on the plant of tests/soro_core/loop; docs/gains.md.
 """
 
 from __future__ import annotations

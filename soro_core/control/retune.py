@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soro_core.config import Strict, changed
+from soro_core.config import Strict
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.registry import options_of
 from soro_core.control.motions.references import check_configured, configured_reference
-from soro_core.control.pressures.actuation import complete_pressures
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reach import check_reach
 from soro_core.control.reference.following import reference_ahead
@@ -40,7 +40,7 @@ MOTION = (
     "pause_s",
 )
 _LIVE = {
-    "": ("adapt", "gains", "motion"),
+    "": ("adapt", "gains", "motion", "pressures"),
     "reference": (*MOTION, "start_s", "rotation_weight_m", "tip_tolerance_m"),
     "pressures": ("minimum_pa", "maximum_pa", "rise_pa_s", "fall_pa_s"),
 }
@@ -66,7 +66,12 @@ class Retuned(NamedTuple):
 
 
 def retune(
-    controller: Controller, state: ControllerState, config: ControllerConfig, t: float, reach: float = 0.0
+    controller: Controller,
+    state: ControllerState,
+    config: ControllerConfig,
+    t: float,
+    reach: float = 0.0,
+    pressures: CompletePressures | None = None,
 ) -> Retuned:
     """Return a controller with other keys; the first one and its state stay as they are.
 
@@ -80,13 +85,15 @@ def retune(
         Time of the last tick [s].
     reach : float
         As of `soro_core.control.reach.check_reach`, for another motion; 0 for no check.
+    pressures : CompletePressures, optional
+        As of `Controller`.
 
     Raises
     ------
     ConfigError
         For a key that cannot change now, and for values that do not fit the robot.
     """
-    new = _with_keys(controller, config)
+    new = _with_keys(controller, config, pressures or complete_pressures(config.pressures))
     moves = _moves_otherwise(controller.config, new.config)
     if moves:
         following = state.following
@@ -98,21 +105,19 @@ def retune(
     return Retuned(new, after, moves, _from_now(new, state, t) if moves else None)
 
 
-def _with_keys(controller: Controller, config: ControllerConfig) -> Controller:
+def _with_keys(controller: Controller, config: ControllerConfig, pressures: CompletePressures) -> Controller:
     """Return a controller with other keys, for the state of the first one."""
-    pressures = complete_pressures(config.pressures)
-    config = changed(config, pressures=pressures)
-    _check_keys(controller, config)
+    _check_keys(controller, config, pressures)
     new, before, pieces = copy.copy(controller), controller.config, controller.law.setting.pieces
     new.config = config
-    if pressures != before.pressures:
+    if pressures != controller.pressures:
         new.pressures, new.setpoints = pressures, SetpointMaker(new.robot, new.fields, pressures)
         new.minimum_pa, new.maximum_pa = new.setpoints.minimum_pa, new.setpoints.maximum_pa
     if config.gains != before.gains:
         ahead_s, factors = new.pressures.preview_s, new.law.feedback_factors
         new.gains = gains_of(new.arm, new.fields, config.gains, pieces, ahead_s, factors)
     if _moves_otherwise(before, config):
-        new.configured = configured_reference(new.arm, new.bounds, config)
+        new.configured = configured_reference(new.arm, new.bounds, config, new.pressures)
         check_configured(new.bounds, new.configured)
     setting = replace(
         new.law.setting,
@@ -141,9 +146,9 @@ def _from_now(controller: Controller, state: ControllerState, t: float) -> Refer
     return Hold(state.point.q) if controller.configured is None else controller.configured.begun(t)
 
 
-def _check_keys(controller: Controller, config: ControllerConfig) -> None:
+def _check_keys(controller: Controller, config: ControllerConfig, pressures: CompletePressures) -> None:
     before = controller.config
-    for key, value in _changed(before, config):
+    for key, value in (*_changed(before, config), *_changed(controller.pressures, pressures, "pressures")):
         raise ConfigError("controller", key, value, f"the present value; another one {NEXT_CONFIGURE}")
     if config.gains != before.gains and controller.law.trial_loads_kg():
         allowed = f"the present ones: law {before.law} has a trial; another value {NEXT_CONFIGURE}"

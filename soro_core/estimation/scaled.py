@@ -49,7 +49,7 @@ class NoiseScales:
     shapes: float
 
 
-# Of tue_three_bellow, which tests/estimation compares with its robot file.
+# Of tue_three_bellow, which tests/soro_core/estimation compares with its robot file.
 TUNED_FOR = NoiseScales(10.0, 1625.8, 558.0, 40.321, 236.22, 1.0)
 
 

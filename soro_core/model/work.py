@@ -35,7 +35,7 @@ method `mde`: mde_*, pivots, columns                  itself
 
 `zero` is the argument for "no velocity", "no acceleration" and "no wrench". Nothing writes it: kernels that
 take it read it only, and a value left in it would be a motion that the caller did not ask for
-(tests/model/test_model_scratch.py).
+(tests/soro_core/model/test_model_scratch.py).
 """
 
 from __future__ import annotations

@@ -93,14 +93,23 @@ class PayloadChanges(Strict):
 class TwinSection(Strict):
     """The simulated arm as a scene states it: what differs in truth, its air and its sensors."""
 
-    step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
-    integrator: Integrator = Field("trapezoidal", description="time stepper of the arm")
+    step_s: float | None = Field(
+        None, gt=0, le=0.02, description="longest time step of the arm; default: that of `model`, else 0.0025"
+    )
+    integrator: Integrator | None = Field(
+        None, description="time stepper of the arm; default: that of `model`, else trapezoidal"
+    )
     plant: str = Field(
         "",
         description="robot file of the true arm, with the same chambers, which estimator and controller do "
         "not know; default: that of the scene",
     )
-    refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
+    refine: int | None = Field(
+        None,
+        ge=1,
+        le=32,
+        description="links of the plant a link of the robot; default: 1 with `model`, else 4",
+    )
     payload_kg: float = Field(
         0.0, ge=0, le=HEAVIEST_KG, description="mass at the tip beyond the robot's own, at the begin"
     )
@@ -114,7 +123,9 @@ class TwinSection(Strict):
     imu: SensorConfig = Field(
         SensorConfig(enabled=False, rate_hz=200.0, delay_s=0.0), description="IMUs at sensors/imu0, imu1, ..."
     )
-    regulator: RegulatorModel = Field(RegulatorModel(), description="regulators, for pressures: regulators")
+    regulator: RegulatorModel | None = Field(
+        None, description="regulators of a scene without platform; default: those of docs/hardware.md"
+    )
     air: Literal["lag", "states"] = Field(
         "lag",
         description="pressures that follow with a lag (here, or in the emulated valves), or (states) valves, "
@@ -138,6 +149,10 @@ class TwinSection(Strict):
 class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
     """Parameters of the twin: its section of the scene, and what the scene decides for the whole run."""
 
+    step_s: float = Field(0.0025, gt=0, le=0.02, description="longest time step of the arm")
+    integrator: Integrator = Field("trapezoidal", description="time stepper of the arm")
+    refine: int = Field(4, ge=1, le=32, description="links of the plant a link of the robot")
+    regulator: RegulatorModel = Field(RegulatorModel(), description="regulators, for pressures: regulators")
     pressures: Literal["regulators", "valves", "measured"] = Field(
         "regulators",
         description="source of the pressures: regulators of the twin (in place of the regulator node), the "

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +14,8 @@ from soro_design.robot_of_part.joint import TipError
 from soro_design.robot_of_part.link import at_bound
 from soro_design.robot_of_part.stages import Identified
 from soro_design.robot_of_part.written import LOADS, mean_and_most, quality, refusal, single_loads
-from soro_lab.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
-from soro_lab.reporting.html import PAGE, Cell, bullets, number, picture, table, words
+from soro_lab.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, Image, style, svg
+from soro_lab.reporting.html import Block, Bullets, Chapter, Page, Picture, Table, Words, number, write
 
 
 def content_of(found: Identified, source: str, file: str, accept: float) -> dict[str, Any]:
@@ -62,7 +60,7 @@ def content_of(found: Identified, source: str, file: str, accept: float) -> dict
 
 
 def write_report(content: dict[str, Any], found: Identified, folder: Path) -> Path:
-    """Write index.html and report.json; return the page.
+    """Write index.html, report.json and the folder pictures; return the page.
 
     Parameters
     ----------
@@ -73,76 +71,83 @@ def write_report(content: dict[str, Any], found: Identified, folder: Path) -> Pa
     folder : Path
         Made where it does not exist.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
-    (folder / "report.json").write_text(text, encoding="utf-8")
-    body = "\n".join(_body(content, found))
-    page = PAGE.substitute(title=escape(f"Identification of {content['part']}"), body=body)
-    (folder / "index.html").write_text(page, encoding="utf-8")
-    return folder / "index.html"
-
-
-def _body(content: dict[str, Any], found: Identified) -> Iterator[str]:
-    yield f"<h1>Identification of {escape(content['part'])}</h1>"
-    yield words(f"Robot file: {content['file']}. All numbers of this page: report.json.", kind="soft")
     refused = content["refusal"]
     limit = f"greatest error of a held-out tip at most {100.0 * content['accept']:g} % of the length"
-    verdict = f"Not accepted: {refused}" if refused else f"Accepted: {limit}"
-    yield f'<div class="verdict{"" if refused else " good"}">{escape(verdict)}.</div>'
-    yield bullets(content["quality"])
-    yield "<h2>Tip against finite elements</h2>"
-    yield words("Distance of the tips, in % of the length. Points: finite elements; lines: the link.")
+    page = Page(
+        f"Identification of {content['part']}",
+        f"Robot file: {content['file']}. All numbers of this page: report.json.",
+        f"Not accepted: {refused}." if refused else f"Accepted: {limit}.",
+        not refused,
+        [Bullets(content["quality"])],
+        [
+            Chapter("tips", "Tip against finite elements", [*_tips(content, found)]),
+            Chapter("backbones", "Backbones at the end of each sweep", [*_backbones(found)]),
+            Chapter("numbers", "Numbers", [*_numbers(content)]),
+            Chapter("strains", "Strains along the part", [*_strains(content, found)]),
+        ],
+    )
+    return write(page, content, folder)
+
+
+def _tips(content: dict[str, Any], found: Identified) -> Iterator[Block]:
+    yield Words("Distance of the tips, in % of the length. Points: finite elements; lines: the link.")
     yield _sweeps(content)
-    yield picture(tips_picture(found), "tips of the link and of the part over the load of each sweep")
-    yield "<h2>Backbones at the end of each sweep</h2>"
-    yield picture(backbones_picture(found), "backbones of the link and of the part")
-    yield "<h2>Numbers</h2>"
-    yield words(
+    yield Picture(tips_picture(found), "tips of the link and of the part over the load of each sweep")
+
+
+def _backbones(found: Identified) -> Iterator[Block]:
+    yield Picture(backbones_picture(found), "backbones of the link and of the part")
+
+
+def _numbers(content: dict[str, Any]) -> Iterator[Block]:
+    yield Words(
         "Single loads come first: pressures alone give only the ratio of stiffness to area. Then all states"
         " are fitted, with the stiffness at rest within 10 % of what forces give."
     )
-    yield _numbers(content)
-    yield "<h2>Strains along the part</h2>"
-    yield words(
+    yield _number_table(content)
+
+
+def _strains(content: dict[str, Any], found: Identified) -> Iterator[Block]:
+    yield Words(
         "What shape functions keep of the states by projection, the best that a link with them can do."
         " Missing: of the strains, root mean square."
     )
     yield _modes(content)
-    yield picture(strains_picture(found), "elongation and curvature along the part")
+    yield Picture(strains_picture(found), "elongation and curvature along the part")
 
 
-def _sweeps(content: dict[str, Any]) -> str:
+def _sweeps(content: dict[str, Any]) -> Table:
     rows = []
     for k, sweep in enumerate(content["sweeps"]):
         last = len(sweep["shares"]) - 1
         shown = [number(sweep["shares"][i], f"sweeps.{k}.shares.{i}", 100.0) for i in (last // 2, last)]
-        rows.append([Cell(sweep["sweep"]), Cell("yes" if sweep["held_out"] else ""), *shown])
+        rows.append([sweep["sweep"], "yes" if sweep["held_out"] else "", *shown])
     for kind, title in (("fitted", "mean and greatest, fitted"), ("held_out", "mean and greatest, held out")):
         own = content["errors"][kind]
         shown = [number(own[key], f"errors.{kind}.{key}", 100.0) for key in ("mean", "most")]
-        rows.append([Cell(title), Cell("yes" if kind == "held_out" else ""), *shown])
-    return table(["sweep", "held out", "#at half load, %", "#at full load, %"], rows)
+        rows.append([title, "yes" if kind == "held_out" else "", *shown])
+    return Table(["sweep", "held out", "#at half load, %", "#at full load, %"], rows)
 
 
-def _numbers(content: dict[str, Any]) -> str:
+def _number_table(content: dict[str, Any]) -> Table:
     rows = []
     for name, value in content["numbers"].items():
         first = content["single_loads"].get(name)
         own = [number(first, f"single_loads.{name}", digits=5), number(value, f"numbers.{name}", digits=5)]
-        rows.append([Cell(name), *own, Cell(LOADS.get(name, "all states"))])
+        rows.append([name, *own, LOADS.get(name, "all states")])
     whole = content["single_loads"]["k_b_rest_whole_deflection"]
     rows.append(
         [
-            Cell("k_b_rest, shear in it"),
+            "k_b_rest, shear in it",
             number(whole, "single_loads.k_b_rest_whole_deflection", digits=5),
-            Cell("–"),
-            Cell("whole deflection under the force across the axis"),
+            "–",
+            "whole deflection under the force across the axis",
         ]
     )
-    return table(["number", "#single load", "#all states", "load"], rows)
+    return Table(["number", "#single load", "#all states", "load"], rows)
 
 
-def _modes(content: dict[str, Any]) -> str:
+def _modes(content: dict[str, Any]) -> Table:
     rows = []
     for n, pair in enumerate(content["modes"]):
         cells = [
@@ -150,13 +155,13 @@ def _modes(content: dict[str, Any]) -> str:
             for i, one in enumerate(pair)
             for key in ("strain", "tip_mean", "tip_most")
         ]
-        rows.append([Cell(f"{n} modes" if n else "constant strain"), *cells])
+        rows.append([f"{n} modes" if n else "constant strain", *cells])
     columns = ("missing", "tip, mean", "tip, most")
     head = [f"#{what}, {kind}, %" for kind in ("fitted", "held out") for what in columns]
-    return table(["shape functions", *head], rows)
+    return Table(["shape functions", *head], rows)
 
 
-def tips_picture(found: Identified) -> str:
+def tips_picture(found: Identified) -> Image:
     """Return the places of both tips over the load of each sweep."""
     with mpl.rc_context(style()):
         figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
@@ -173,7 +178,7 @@ def tips_picture(found: Identified) -> str:
         return svg(figure)
 
 
-def backbones_picture(found: Identified) -> str:
+def backbones_picture(found: Identified) -> Image:
     """Return both backbones at the end of each sweep, across and along the axis."""
     with mpl.rc_context(style()):
         sweeps = _by_sweep(found)
@@ -192,7 +197,7 @@ def backbones_picture(found: Identified) -> str:
         return svg(figure)
 
 
-def strains_picture(found: Identified) -> str:
+def strains_picture(found: Identified) -> Image:
     """Return elongation and curvature along the part at the end of each sweep."""
     data = found.data
     middle = 0.5e3 * (data.z[1:] + data.z[:-1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import re
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from operator import itemgetter
@@ -184,17 +185,23 @@ class BagReader:
 
     def _merge_topics(self) -> tuple[tuple[Topic, ...], tuple[int, ...]]:
         """Return topics and counts of all parts, merged by name and type."""
-        merged: dict[tuple[str, str], tuple[Topic, int]] = {}
+        merged: dict[tuple[str, str], Topic] = {}
+        counts: Counter[tuple[str, str]] = Counter()
+        others: defaultdict[tuple[str, str], dict[Qos, None]] = defaultdict(dict)
         for part, table in zip(self.parts, self._topics, strict=True):
             for channel_id, topic in table.items():
                 key = topic.name, topic.type
-                known, count = merged.get(key, (topic, 0))
-                qos = known.qos + tuple(item for item in topic.qos if item not in known.qos)
-                if known.definition and topic.definition not in ("", known.definition):
-                    known = replace(known, definition_encoding=SEVERAL)
-                merged[key] = replace(known, qos=qos), count + part.counts[channel_id]
-        ordered = [merged[key] for key in sorted(merged)]
-        return tuple(topic for topic, _ in ordered), tuple(count for _, count in ordered)
+                counts[key] += part.counts[channel_id]
+                known = merged.setdefault(key, topic)
+                if known is not topic:
+                    others[key].update(dict.fromkeys(topic.qos))
+                    if known.definition and topic.definition not in ("", known.definition):
+                        merged[key] = replace(known, definition_encoding=SEVERAL)
+        for key, more in others.items():
+            topic, own = merged[key], set(merged[key].qos)
+            merged[key] = replace(topic, qos=topic.qos + tuple(item for item in more if item not in own))
+        ordered = sorted(merged)
+        return tuple(merged[key] for key in ordered), tuple(counts[key] for key in ordered)
 
 
 def part_files(path: Path, metadata: Metadata | None) -> list[Path]:

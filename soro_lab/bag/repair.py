@@ -130,10 +130,8 @@ def _rewrite(part: Part, draft: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def _recorded_metadata(bag: Path) -> Metadata | None:
-    """Return the metadata record of the file, which replaces a lost metadata.yaml."""
-    part = open_part(part_files(bag, None)[0], index=False)
-    part.close()
+def _recorded_metadata(part: Part) -> Metadata | None:
+    """Return the metadata record of a file, which replaces a lost metadata.yaml."""
     for name, values in reversed(part.metadata):
         if name == "rosbag2" and "serialized_metadata" in values:
             try:
@@ -144,8 +142,8 @@ def _recorded_metadata(bag: Path) -> Metadata | None:
 
 
 def _new_metadata(bag: Path, before: Metadata | None) -> Metadata:
-    before = before or _recorded_metadata(bag)
     with BagReader(bag) as reader:
+        before = before or _recorded_metadata(reader.parts[0])
         files = []
         for part in reader.parts:
             span = part.span_ns()

@@ -225,6 +225,6 @@ def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Re
         try:
             found.append(read_csv(path, maps[path], robot) if path in maps else read_bag(path, robot))  # type: ignore[arg-type]
         except BagError as error:  # a bag that cannot be read is wrong use, as a table is
-            text = str(error).removeprefix(f"{path}: ")
-            raise ConfigError(str(path), error.place, text, "a bag that can be read") from None
+            typer.echo(f"soro: {error}", err=True)
+            raise typer.Exit(2) from None
     return found

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.csv_rows import CsvRows, number_of
+from soro_core.csv_rows import CsvRows, number_of, quoted
 from soro_core.errors import ConfigError
 
 Array: TypeAlias = NDArray[np.float64]
@@ -129,12 +129,12 @@ def read_columns(
         keep &= ~bad
         if bad.any() and keep.sum() < max(2, 0.5 * count):
             row = int(np.flatnonzero(bad)[0])
-            raise ConfigError(where, name, f"{column[row]} in row {row + 1}", "finite numbers")
+            raise ConfigError(where, quoted(name), f"{column[row]} in row {row + 1}", "finite numbers")
     columns = {name: column[keep] for name, column in columns.items()}
     time = columns[required[0]]
     fall = np.concatenate([[-np.inf], np.maximum.accumulate(time)[:-1] - time[1:]])
     if fall.max(initial=-np.inf) > LATE_S or 2 * (fall >= 0.0).sum() >= len(fall):
-        raise ConfigError(where, required[0], "times that do not rise", "strictly rising times [s]")
+        raise ConfigError(where, quoted(required[0]), "times that do not rise", "strictly rising times [s]")
     columns = {name: values[fall < 0.0] for name, values in columns.items()}
     if left_out := count - int((fall < 0.0).sum()):
         notes.append(f"{left_out} rows left out: a value is not finite, or the time does not rise")

@@ -17,6 +17,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.csv_rows import quoted
 from soro_core.errors import ConfigError
 from soro_lab.identification.records import read_columns
 
@@ -171,7 +172,8 @@ def read_pressures(path: str | Path) -> PressureRecord:
         raise ConfigError(str(path), "", "no column pd_NAME", "a set point pd_NAME and a pressure pm_NAME")
     for name in lines:
         if f"pm_{name}" not in columns:
-            raise ConfigError(str(path), f"pm_{name}", f"only pd_{name}", "the measured pressure too")
+            key, got = quoted(f"pm_{name}"), f"only {quoted(f'pd_{name}')}"
+            raise ConfigError(str(path), key, got, "the measured pressure too")
     return PressureRecord(
         Path(path).stem,
         columns["t"],

@@ -1,9 +1,10 @@
-"""Figures as data of an `img` element: drawings as SVG, dense lines as PNG of few colours."""
+"""Figures as images of a page: drawings as SVG, dense lines as PNG of few colours."""
 
 from __future__ import annotations
 
 import base64
 import io
+from dataclasses import dataclass
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -35,30 +36,40 @@ _STYLE = {
 }
 
 
+@dataclass(frozen=True)
+class Image:
+    """An image; `ending` is that of its file, svg or png."""
+
+    data: bytes
+    ending: str
+
+    @property
+    def address(self) -> str:
+        """The image as an address, for a page that has it in itself."""
+        kind = "svg+xml" if self.ending == "svg" else self.ending
+        return f"data:image/{kind};base64,{base64.b64encode(self.data).decode()}"
+
+
 def style() -> dict[str, object]:
     """Return the settings of all figures of a report, for `matplotlib.rc_context`."""
     return dict(_STYLE)
 
 
-def svg(figure: Figure) -> str:
-    """Return a figure as address of an image in the page itself."""
-    with mpl.rc_context(_STYLE), io.StringIO() as file:
+def svg(figure: Figure) -> Image:
+    """Return a figure as a drawing."""
+    with mpl.rc_context(_STYLE), io.BytesIO() as file:
         figure.savefig(file, format="svg", metadata={"Date": None})
-        return _address("image/svg+xml", file.getvalue().encode())
+        return Image(file.getvalue(), "svg")
 
 
-def png(figure: Figure, colours: int = 64) -> str:
-    """Return a figure of many points as address of an image in the page itself, in few colours."""
-    from PIL import Image
+def png(figure: Figure, colours: int = 64) -> Image:
+    """Return a figure of many points in few colours."""
+    from PIL import Image as Pixels
 
     with io.BytesIO() as drawn, io.BytesIO() as small:
         figure.savefig(drawn, format="png", dpi=150)
-        with Image.open(drawn) as image:
-            image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE).save(
+        with Pixels.open(drawn) as image:
+            image.convert("RGB").quantize(colours, Pixels.Quantize.MAXCOVERAGE).save(
                 small, format="png", optimize=True
             )
-        return _address("image/png", small.getvalue())
-
-
-def _address(kind: str, data: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+        return Image(small.getvalue(), "png")

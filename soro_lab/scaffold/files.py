@@ -88,7 +88,7 @@ def _write(arm: NewArm, folder: Path, names: tuple[str, ...]) -> tuple[FirstRefe
     loaded = load_scene(folder / scene)
     warnings = check_scene(loaded, scene)
     loop_of(loaded)
-    if not rests(robot, loaded.twin.refine):
+    if not rests(robot, loaded.twin_node().refine):
         warnings.append(
             f"{arm.name} has no stable rest without pressure under its weight: it is too soft, too heavy or "
             "too long; or --mounting hanging"

@@ -40,7 +40,7 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     return [
         *unused_range(scene),
         *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
-        *(f"controller.{line}" for line in scene.controller_node().known_control(scene.loaded_platform)[1]),
+        *(f"controller.{line}" for line in scene.controller_node().known_pressures(scene.loaded_platform)[1]),
     ]
 
 

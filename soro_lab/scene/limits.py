@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from soro_core.config import changed
@@ -31,11 +32,12 @@ def default_limits(scene: Scene, where: str) -> Limits:
     limits, stated = scene.limits, scene.limits.model_fields_set
     robot = scene.loaded_robot
     own = robot.pressure_range_pa[0], robot.pressure_range_pa[1]
-    parts = [own, *_allowed(scene).values()]
+    allowed = _allowed(scene)
+    parts = [own, *allowed.values()]
     low, high = max(part[0] for part in parts), min(part[1] for part in parts)
     if not low < high:
         got = f"{robot.name} of {_kpa(own)}"
-        raise ConfigError(where, "robot", got, f"a range that overlaps that of {_named(scene)}")
+        raise ConfigError(where, "robot", got, f"a pressure_range_pa that overlaps {_named(allowed)}")
     wanted = {"minimum_pa": min(low, 0.0), "maximum_pa": min(high, limits.maximum_pa)}
     found = {name: value for name, value in wanted.items() if name not in stated}
     if found.get("maximum_pa", 1.0) <= 0.0:  # vacuum alone: 0 Pa is always allowed, to vent
@@ -44,16 +46,19 @@ def default_limits(scene: Scene, where: str) -> Limits:
 
 
 def unused_range(scene: Scene) -> list[str]:
-    """Return a line for a range that the robot or the limits state and that another part does not allow."""
-    lines = []
-    low, high = scene.loaded_robot.pressure_range_pa
-    for name, (least, most) in _allowed(scene).items():
-        if low < least or high > most:
-            text = f"{name} allows {_kpa((least, most))}: the rest is not used"
-            lines.append(f"pressure_range_pa of {scene.loaded_robot.name} is {_kpa((low, high))}, but {text}")
-        wanted = scene.limits.minimum_pa, scene.limits.maximum_pa
-        if wanted[0] < least or wanted[1] > most:
-            lines.append(f"limits of {_kpa(wanted)}, but {name} allows {_kpa((least, most))}")
+    """Return a line each where the robot or the limits state a range of which other parts allow less."""
+    robot, limits, lines = scene.loaded_robot, scene.limits, []
+    own = robot.pressure_range_pa[0], robot.pressure_range_pa[1]
+    for name, stated in (
+        (f"pressure_range_pa of {robot.name} is", own),
+        ("limits are", (limits.minimum_pa, limits.maximum_pa)),
+    ):
+        less = {
+            part: ends for part, ends in _allowed(scene).items() if stated[0] < ends[0] or stated[1] > ends[1]
+        }
+        if less:
+            text = f"{_named(less)} {'allow' if len(less) > 1 else 'allows'} less"
+            lines.append(f"{name} {_kpa(stated)}, but {text}")
     return lines
 
 
@@ -61,7 +66,7 @@ def _allowed(scene: Scene) -> dict[str, tuple[float, float]]:
     """Ranges of what moves the air, by name."""
     platform = scene.loaded_platform
     if platform is None:
-        regulator, rating = scene.twin.regulator, Rating()
+        regulator, rating = scene.regulator, Rating()
         return {"twin.regulator": (max(regulator.minimum_pa, rating.minimum_pa), regulator.maximum_pa)}
     found = {f"range of {Path(scene.platform).stem}": (platform.range.minimum_pa, platform.range.maximum_pa)}
     if scene.emulates:
@@ -71,8 +76,8 @@ def _allowed(scene: Scene) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _named(scene: Scene) -> str:
-    return ", ".join(f"{name} ({_kpa(part)})" for name, part in _allowed(scene).items())
+def _named(parts: Mapping[str, tuple[float, float]]) -> str:
+    return " and ".join(f"{name} ({_kpa(part)})" for name, part in parts.items())
 
 
 def _kpa(part: tuple[float, float]) -> str:

@@ -54,10 +54,10 @@ def controller_of(
     """
     from soro_core.control import Controller
 
-    control, contradictions = config.known_control(platform)
+    pressures, contradictions = config.known_pressures(platform)
     for line in contradictions:
         say(line)
-    return Controller(robot, control, config.model)
+    return Controller(robot, config.control, config.model, pressures)
 
 
 def loop_of(scene: Scene, model: Discretisation | None = None) -> Loop:

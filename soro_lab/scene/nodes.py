@@ -9,7 +9,7 @@ from pydantic import Field
 
 from soro_core.config import changed
 from soro_core.control.config import ControllerConfig, ReferenceConfig
-from soro_core.control.pressures.actuation import complete_pressures, contradictions
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, contradictions
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority, RobotKeys
@@ -147,8 +147,8 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
         "part of the arm's length; 0: no check",
     )
 
-    def known_control(self, platform: PlatformBase | None = None) -> tuple[ControllerConfig, list[str]]:
-        """Complete the law's section from limits and regulators.
+    def known_pressures(self, platform: PlatformBase | None = None) -> tuple[CompletePressures, list[str]]:
+        """Complete the section `pressures` of the law from limits and regulators.
 
         Parameters
         ----------
@@ -157,8 +157,7 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
 
         Returns
         -------
-        control : ControllerConfig
-            The section with every pressure known.
+        pressures : CompletePressures
         contradictions : list of str
             A line for each key of the section that the limits or the regulators contradict.
 
@@ -168,8 +167,7 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
             If there is no such platform, or no pressure is left.
         """
         limits, response = self.known_limits(self.rate_hz, platform)
-        pressures = self.control.pressures
+        stated = self.control.pressures
         # A set point that answers a tick reaches the regulators with the next one.
-        complete = complete_pressures(pressures, limits, response, self.rate_hz, 1.0 / self.rate_hz)
-        control = changed(self.control, pressures=complete)
-        return control, contradictions(pressures, limits, response)
+        complete = complete_pressures(stated, limits, response, self.rate_hz, 1.0 / self.rate_hz)
+        return complete, contradictions(stated, limits, response)

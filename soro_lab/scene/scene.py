@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
 from soro_core.safety import Limits
@@ -73,9 +74,9 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     @field_validator("twin", mode="before")
     @classmethod
     def _stated_once(cls, value: Any) -> Any:
-        given = value.model_fields_set if isinstance(value, TwinConfig) else value
+        given = dict(value) if isinstance(value, TwinConfig) else value
         decided = TwinConfig.model_fields.keys() - TwinSection.model_fields.keys()
-        if isinstance(given, Mapping | Set) and (twice := sorted(decided & set(given))):
+        if isinstance(given, Mapping) and (twice := sorted(decided & set(given))):
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top, for all nodes")
         return value
 
@@ -84,7 +85,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         real, twin = self.valves == "real", self.twin
         contradictions = (
             (
-                self.platform and "regulator" in twin.model_fields_set,
+                self.platform and twin.regulator,
                 "no regulator under twin beside a platform, whose emulation.regulator counts",
             ),
             (
@@ -121,8 +122,6 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     def to_dict(self) -> dict[str, Any]:
         """Return all keys with their values, also defaults, as in a scene file."""
         values = self.model_dump(mode="json")
-        if self.platform:  # its emulation.regulator counts
-            del values["twin"]["regulator"]
         if self.controller.gains.stated:  # the file must say whose they are
             values["controller"]["robot"] = self.gains_robot
         return values
@@ -178,14 +177,19 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             raise ConfigError(self.name or "scene", "model.auto", True, "a model that is stated or chosen")
         return self.model.discretisation
 
+    @property
+    def regulator(self) -> RegulatorModel:
+        """The twin's regulators, where there is no platform."""
+        return self.twin.regulator or RegulatorModel()
+
     def _plant(self) -> dict[str, Any]:
-        """Keys of the twin that follow from the model; keys that `twin` states itself take precedence."""
-        model, own = self.discretisation, self.twin.model_fields_set
+        """Keys of the twin: those that follow from the model, and those that `twin` states itself."""
+        stated = {name: value for name, value in self.twin if value is not None}
         if self.model is None:
-            return {}
-        values = {"refine": 1, "integrator": self.model.integrator, "step_s": self.model.dt_s}
-        values = {name: value for name, value in values.items() if name not in own}
-        return {"model": model if "refine" in values else model.quadrature, **values}
+            return stated
+        model = self.discretisation
+        from_model = {"refine": 1, "integrator": self.model.integrator, "step_s": self.model.dt_s}
+        return {"model": model.quadrature if "refine" in stated else model, **from_model, **stated}
 
     def _shared(self, config: type[Strict]) -> dict[str, Any]:
         """Values of the keys that a node shares with the scene."""
@@ -201,16 +205,13 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             Sockets of the emulated valves, where the scene emulates them.
         """
         return TwinConfig(
-            **{
-                **{name: getattr(self.twin, name) for name in self.twin.model_fields_set},
-                **self._shared(TwinConfig),
-                "pressures": "valves" if self.emulates else "measured" if self.platform else "regulators",
-                "plant_link": plant_link if self.emulates else "",
-                "fault_link": fault_link if self.emulates else "",
-                "duration_s": self.duration_s,
-                "paused": self.mode == "lockstep",
-                **self._plant(),
-            }
+            **self._plant(),
+            **self._shared(TwinConfig),
+            pressures="valves" if self.emulates else "measured" if self.platform else "regulators",
+            plant_link=plant_link if self.emulates else "",
+            fault_link=fault_link if self.emulates else "",
+            duration_s=self.duration_s,
+            paused=self.mode == "lockstep",
         )
 
     @property
@@ -220,9 +221,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
 
     def shadow_node(self) -> ShadowConfig:
         """Parameters of the shadow node, beside a real arm."""
-        twin = self.twin_node()
-        stated = {name: getattr(twin, name) for name in twin.model_fields_set}
-        return ShadowConfig(**stated, tolerance_m=self.shadow.tolerance_m)
+        return ShadowConfig(**dict(self.twin_node()), tolerance_m=self.shadow.tolerance_m)
 
     def regulator_node(self, device: str = "") -> RegulatorNodeConfig:
         """Parameters of the regulator node; `device` is that of emulated valves."""
@@ -250,7 +249,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             **self._shared(ExciterNodeConfig),
             **sample_keys(self.twin),
             platform=self.platform,
-            regulator=self.twin.regulator,
+            regulator=self.regulator,
             model=self.discretisation,
             excite=self.excite,
         )
@@ -260,7 +259,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         return ControllerNodeConfig(
             **self._shared(ControllerNodeConfig),
             platform=self.platform,
-            regulator=self.twin.regulator,
+            regulator=self.regulator,
             model=self.discretisation,
             control=self.controller,
             pose_locations=self.twin.pose.locations,

@@ -91,8 +91,8 @@ class Study:
         """The choice as YAML to paste into the scene, with a note on the twin; "" without a choice."""
         if self.choice is None:
             return ""
-        twin = frozenset() if self.case.scene is None else self.case.scene.twin.model_fields_set
-        kept = [f"twin.{name}" for name in ("refine", "integrator", "step_s") if name in twin]
+        twin = {} if self.case.scene is None else dict(self.case.scene.twin)
+        kept = [f"twin.{name}" for name in ("refine", "integrator", "step_s") if twin.get(name) is not None]
         note = f"# The twin keeps what the scene states: {', '.join(kept)}.\n" if kept else ""
         return note + self.choice.candidate.block
 

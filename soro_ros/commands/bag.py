@@ -15,10 +15,11 @@ from soro_lab.run_folder import bag_of
 
 if TYPE_CHECKING:
     from soro_lab.bag import BagReader, PartRepair, Qos
+    from soro_lab.bag.mcap.part import Part
 
 app = typer.Typer(no_args_is_help=True)
 BAG_HELP = "Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file."
-# Most topics, attachments and metadata records that are shown.
+# Most topics, files, attachments, metadata records and own data that are shown.
 _MOST_ROWS = 1000
 Bag = Annotated[Path, typer.Argument(help=BAG_HELP, exists=True, show_default=False)]
 
@@ -116,9 +117,7 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
     seconds = (reader.end_ns - reader.start_ns) / 1e9
     about = Table.grid(padding=(0, 2))
     about.add_row("bag", str(reader.path))
-    for part in reader.parts:
-        packed = f", {part.compression} chunks" if part.compression else ""
-        about.add_row("file", f"{part.path.name}: {_size(part.size)}, {part.message_count} messages{packed}")
+    _add_rows(about, "files", [("file", _about(part)) for part in reader.parts])
     if reader.message_count:
         about.add_row("begin", _time(reader.start_ns))
         about.add_row("end", _time(reader.end_ns))
@@ -126,16 +125,12 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
     about.add_row("messages", str(reader.message_count))
     if reader.metadata is not None:
         about.add_row("version", f"{reader.metadata.version}, ROS {reader.metadata.ros_distro or 'unknown'}")
-        for key, value in reader.metadata.custom_data.items():
-            about.add_row(_plain(key), _plain(value))
-    for part in reader.parts:
-        for item in part.attachments[:_MOST_ROWS]:
-            about.add_row(
-                "attachment", f"{_plain(item.name)}: {_size(item.data_size)}, {_plain(item.media_type)}"
-            )
-        names = list(dict.fromkeys(name for name, _ in part.metadata if name != "rosbag2"))
-        for name in names[:_MOST_ROWS]:
-            about.add_row("metadata", _plain(name))
+        _add_rows(about, "own data", list(reader.metadata.custom_data.items()))
+    attachments = [item for part in reader.parts for item in part.attachments]
+    notes = [f"{item.name}: {_size(item.data_size)}, {item.media_type}" for item in attachments]
+    _add_rows(about, "attachments", [("attachment", note) for note in notes])
+    names = dict.fromkeys(name for part in reader.parts for name, _ in part.metadata if name != "rosbag2")
+    _add_rows(about, "metadata", [("metadata", name) for name in names])
     console.print(about, soft_wrap=True)
     table = Table(box=None, header_style="bold", pad_edge=False)
     for heading in ("topic", "type", "quality of service", *(["type hash"] if full else [])):
@@ -145,7 +140,7 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
     for topic, count in list(zip(reader.topics, reader.counts, strict=True))[:_MOST_ROWS]:
         rate = f"{(count - 1) / seconds:.1f}" if count > 1 and seconds > 0 else ""
         type_hash = [_plain(topic.type_hash)] if full else []
-        offers = ", ".join(map(_qos, topic.qos))
+        offers = ", ".join(dict.fromkeys(map(_qos, topic.qos)))
         kind = topic.type + (f" ({written})" if (written := encoding(topic)) else "")
         table.add_row(_plain(topic.name), _plain(kind), offers, *type_hash, str(count), rate)
     console.print(table)
@@ -155,6 +150,19 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
         console.print(_plain(problem), style="yellow", highlight=False, soft_wrap=True)
     if reader.problems and reader.message_count:
         console.print(f"'soro bag repair {reader.path}' completes it", highlight=False, soft_wrap=True)
+
+
+def _about(part: Part) -> str:
+    packed = f", {part.compression} chunks" if part.compression else ""
+    return f"{part.path.name}: {_size(part.size)}, {part.message_count} messages{packed}"
+
+
+def _add_rows(about: Table, what: str, rows: list[tuple[str, str]]) -> None:
+    """Add rows of texts from a bag; of too many, say how many are left out."""
+    for heading, value in rows[:_MOST_ROWS]:
+        about.add_row(_plain(heading), _plain(value))
+    if len(rows) > _MOST_ROWS:
+        about.add_row("", f"and {len(rows) - _MOST_ROWS} more {what}")
 
 
 def _print_repair(console: Console, part: PartRepair) -> None:

@@ -96,8 +96,9 @@ def report(
     Verdict, figures, pictures, events with their causes, what was recorded with its gaps, scene, versions.
     Exit status 2: the bag cannot be read, or wrong use.
     """
-    from soro_ros.pictures.run_page import page
+    from soro_ros.pictures.run_page import page_of
     from soro_ros.pictures.run_view import open_run
+    from soro_ros.recordings.recording import Spans
 
     file = (run if run.is_dir() else run.parent) / "report.html" if out is None else out
     try:
@@ -105,7 +106,8 @@ def report(
             raise ConfigError("soro report", "--out", str(file), "a name that ends with .html")
         _check_folder("soro report", file)
         notes: list[str] = []
-        text = page(open_run(run, arm, scene, start, end, notes.append), notes)
+        spans = Spans()
+        text = page_of(open_run(run, arm, scene, start, end, notes.append, spans), spans, notes).html
     except (BagError, ConfigError) as error:
         _fail(error)
     _say(notes)
@@ -153,7 +155,7 @@ def _all(
         else:
             notes.append(f"left out: {panel.title}: not recorded: {panel.topics}")
     if not shown:
-        raise BagError("nothing to draw: no topic of an arm has two messages", opened.bag, "missing")
+        raise BagError("nothing to draw: no topic of an arm has two messages", opened.reader.path, "missing")
     return picture(shown, opened.view, title_of(opened))
 
 

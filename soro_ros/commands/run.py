@@ -74,23 +74,26 @@ def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> No
 def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console) -> int:
     """Judge a run, write and print the result; return the exit status."""
     from soro_ros.pictures.picture import draw
-    from soro_ros.recordings.report import summarise, table
+    from soro_ros.recordings.report import read_run, summarise, table
     from soro_ros.recordings.verdict import advice, judge, with_verdict, write
 
     bag = folder / "bag"
     recorded = scene.recorder.enabled and bag.exists()
     failure = end.recording_failure
+    recording = summary = None
     try:
-        summary = summarise(bag, scene) if recorded else None
+        if recorded:
+            recording = read_run(bag, scene)
+            summary = summarise(recording, scene)
     except SoroError as error:
-        summary, failure = None, failure or str(error)
+        failure = failure or str(error)
     verdict = judge(summary, scene, end.status, end.error, end.warnings, failure)
     write(folder, summary, verdict)
     if summary is not None:
         summary = with_verdict(summary, verdict)
         Console().print(table(summary, scene))
         if figure:
-            draw(bag, scene, folder / "run.png")
+            draw(recording, scene, folder / "run.png")
             console.print(f"picture: {folder / 'run.png'}")
     elif recorded and not failure:
         console.print("control was too short for a report")

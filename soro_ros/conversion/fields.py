@@ -139,9 +139,7 @@ def _value(type_name: str, default: Any, part: Any, path: str, delimiter: str) -
     items = [] if variable else list(default)
     for number in sorted(map(int, part)):
         if number > len(items) or (fixed and number >= len(items)):
-            raise ValueError(
-                f"{path}.{number}: element {number} after {len(items)}; allowed: no gap, no more"
-            )
+            raise ValueError(f"{path}.{number} after {len(items)} elements: a gap, or one too many")
         if number == len(items):
             items.append(_empty(found[1]))
         items[number] = _value(found[1], items[number], part[str(number)], f"{path}.{number}", delimiter)
@@ -167,4 +165,4 @@ def _parsed(type_name: str, part: Any, path: str, delimiter: str) -> Any:
             return bytes([int(part)])
         return int(part)
     except (ValueError, KeyError):
-        raise ValueError(f"{path}: got {part!r:.60}; allowed: {type_name}") from None
+        raise ValueError(f"{path}: {part!r:.60} is no {type_name}") from None

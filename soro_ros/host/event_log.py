@@ -11,7 +11,7 @@ import fcntl
 import os
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -39,9 +39,10 @@ class Entry(NamedTuple):
     node : str
         Name of the node.
     event : str
-        ``vented``, ``not vented``, ``reset``, ``reset refused`` or ``parameter``.
+        ``vented``, ``not vented``, ``reset``, ``reset refused`` or ``parameter``; ``end`` where the last
+        events of a node were left out.
     text : str
-        Cause or values.
+        Cause or values; at its end, in brackets, how many events were left out since the line before.
     """
 
     time: str
@@ -79,33 +80,48 @@ class EventLog:
         self._waiting: queue.Queue[Entry | None] = queue.Queue(_WAITING)
         self._thread: threading.Thread | None = None
         self._last: tuple[str, str] | None = None
+        self._repeated, self._lost = 0, 0
         self._has_warned = False
 
     def note(self, event: str, text: str = "") -> None:
-        """Log an event; at once the same again is left out."""
+        """Log an event; at once the same again is left out, and counted in the next line."""
         if (event, text) == self._last:
-            return
-        self._last = event, text
-        entry = Entry(_now(), self._arm, self._node, event, " ".join(text.split())[:_LONGEST])
+            self._repeated += 1
+        else:
+            self._last = event, text
+            self._put(event, text)
+
+    def _put(self, event: str, text: str) -> None:
+        counts = {"repeated": self._repeated, "lost because the disk was slow": self._lost}
+        text = _with_left_out(" ".join(text.split())[:_LONGEST], counts)
         if self._thread is None:
             self._thread = threading.Thread(target=self._write_all, name="event log", daemon=True)
             self._thread.start()
-        with contextlib.suppress(queue.Full):  # of a disk that stands still; the node goes on
-            self._waiting.put_nowait(entry)
+        try:
+            self._waiting.put_nowait(Entry(_now(), self._arm, self._node, event, text))
+            self._repeated, self._lost = 0, 0
+        except queue.Full:  # of a disk that stands still; the node goes on
+            self._lost, self._last = self._lost + 1, None
 
     def close(self) -> None:
         """Write what waits, within some seconds; later events begin anew."""
-        thread, self._thread = self._thread, None
+        if self._repeated or self._lost:
+            self._put("end", "")
+        thread, self._thread, self._last = self._thread, None, None
         if thread is not None:
             with contextlib.suppress(queue.Full):
                 self._waiting.put_nowait(None)
             thread.join(_CLOSE_S)
 
     def _write_all(self) -> None:
+        refused = 0
         while (entry := self._waiting.get()) is not None:
+            text = _with_left_out(entry.text, {"refused by the disk": refused})
             try:
-                _append("\t".join(entry) + "\n")
+                _append("\t".join(entry._replace(text=text)) + "\n")
+                refused = 0
             except OSError as error:
+                refused += 1
                 if not self._has_warned:
                     self._has_warned = True
                     self._warn(f"no log of trips, resets and parameters in {folder()}: {error}")
@@ -128,6 +144,12 @@ def entries() -> Iterator[Entry]:
             parts = line.split("\t")
             if len(parts) == len(Entry._fields):
                 yield Entry(*parts)
+
+
+def _with_left_out(text: str, counts: Mapping[str, int]) -> str:
+    """Return the text of a line with the numbers of events that were left out before it, by their reasons."""
+    said = ", ".join(f"{count} {why}" for why, count in counts.items() if count)
+    return f"{text} [left out before: {said}]".lstrip() if said else text
 
 
 def _append(line: str) -> None:

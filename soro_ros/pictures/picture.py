@@ -12,7 +12,7 @@ from soro_ros.conversion.units import symbol_of
 from soro_ros.pictures import panels
 from soro_ros.pictures.panels import MOST_NAMES, Panel, View, mark
 from soro_ros.recordings import shadow_report
-from soro_ros.recordings.report import read_run
+from soro_ros.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,13 +27,13 @@ _MOST_EVENTS = 8
 _RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
 
 
-def draw(bag: Path, scene: Scene, file: Path) -> None:
+def draw(recording: Recording, scene: Scene, file: Path) -> None:
     """Draw a run: tip and reference, error, pressures, parameter estimates.
 
     Parameters
     ----------
-    bag : Path
-        Folder of the bag.
+    recording : Recording
+        Of `soro_ros.recordings.report.read_run`.
     scene : Scene
         Scene of the run.
     file : Path
@@ -41,7 +41,6 @@ def draw(bag: Path, scene: Scene, file: Path) -> None:
     """
     from matplotlib import pyplot
 
-    recording = read_run(bag, scene)
     view = View(recording, scene, 0.0, scene.duration_s, "measured" if scene.arm == "real" else "true")
     adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from soro_core.errors import BagError, ConfigError
+from soro_lab.bag import BagReader
 from soro_lab.run_folder import bag_and_scene, bag_of
 from soro_lab.scene import Scene, load_scene
 from soro_ros.pictures.panels import View
 from soro_ros.recordings import report
-from soro_ros.recordings.recording import Recording, arms, read
+from soro_ros.recordings.recording import Recording, Spans, arms, recorded
 
 
 @dataclass(frozen=True)
@@ -22,19 +23,23 @@ class OpenRun:
     ----------
     folder : Path
         Folder of the run, or of the bag where that is alone.
-    bag : Path
+    reader : BagReader
+        The bag, closed again: what it says of itself stays.
     arm : str
         Namespace of the arm; "" for none before its topics.
     scene : Scene or None
     scene_file : Path or None
+    recording : Recording
+        As the scene, if any, says what it was.
     view : View
     """
 
     folder: Path
-    bag: Path
+    reader: BagReader
     arm: str
     scene: Scene | None
     scene_file: Path | None
+    recording: Recording
     view: View
 
 
@@ -45,6 +50,7 @@ def open_run(
     begin_s: float | None = None,
     end_s: float | None = None,
     say: Callable[[str], None] = lambda line: None,
+    spans: Spans | None = None,
 ) -> OpenRun:
     """Open a run or a bag.
 
@@ -60,6 +66,8 @@ def open_run(
         Time [s] that is shown; by default all.
     say : callable
         Takes a line on what is damaged or left out.
+    spans : Spans, optional
+        Takes the times of every message.
 
     Raises
     ------
@@ -70,33 +78,30 @@ def open_run(
     """
     bag = bag_of(run)
     scene, found = _scene(run, scene_file, say)
-    chosen = _arm(bag, arm, scene)
+    with BagReader(bag) as reader:
+        chosen = _arm(reader, arm, scene)
+        recording = recorded(reader, chosen, spans)
     if scene is not None and scene.name != chosen:
         scene = None  # of another arm
-    recording = read(bag, chosen)
+    if scene is not None:
+        recording = report.of_scene(recording, scene)
     for problem in recording.problems:
         say(problem)
-    kind = "true" if scene is None or scene.arm == "simulated" else "measured"
-    if kind == "measured" or not recording.true_tip.t.size:
-        recording, kind = replace(recording, true_tip=recording.measured_tip), "measured"
-    if not recording.true_tip.t.size:
-        recording, kind = replace(recording, true_tip=recording.estimated_tip), "estimated"
-    if scene is not None:
-        recording = report.with_injected(recording, scene)
-    begin, end = _span(recording)
+    shown, kind = _with_a_tip(recording, scene)
+    begin, end = _span(shown)
     begin, end = begin if begin_s is None else begin_s, end if end_s is None else end_s
     if not begin < end:
         if end_s is None:
             raise ConfigError(str(run), "--start", begin, f"less than the end, {end:.3f} s")
         raise ConfigError(str(run), "--end", end, f"more than the begin, {begin:.3f} s")
     folder = run if run.is_dir() else run.parent
-    return OpenRun(folder, bag, chosen, scene, found, View(recording, scene, begin, end, kind))
+    return OpenRun(folder, reader, chosen, scene, found, recording, View(shown, scene, begin, end, kind))
 
 
 def title_of(run: OpenRun) -> str:
     """Return what a run was, in one line."""
     if run.scene is None:
-        return f"{run.arm or 'arm'} in {run.bag}"
+        return f"{run.arm or 'arm'} in {run.reader.path}"
     return report.title_of(run.scene)
 
 
@@ -115,8 +120,8 @@ def _scene(run: Path, given: Path | None, say: Callable[[str], None]) -> tuple[S
         return None, file
 
 
-def _arm(bag: Path, given: str | None, scene: Scene | None) -> str:
-    known = arms(bag)
+def _arm(reader: BagReader, given: str | None, scene: Scene | None) -> str:
+    known, bag = arms(reader), reader.path
     if not known:
         raise BagError("no topic of an arm: chambers/state, arm/tip, arm/state, ...", bag, "missing")
     if given is not None:
@@ -128,6 +133,16 @@ def _arm(bag: Path, given: str | None, scene: Scene | None) -> str:
     if len(known) > 1:
         raise ConfigError(str(bag), "--arm", "nothing", f"one of {', '.join(known)}")
     return known[0]
+
+
+def _with_a_tip(recording: Recording, scene: Scene | None) -> tuple[Recording, str]:
+    """Return a recording with the best tip there is as the true one; and its kind."""
+    if recording.true_tip.t.size:
+        is_measured = scene is not None and scene.arm == "real"
+        return recording, "measured" if is_measured else "true"
+    if recording.measured_tip.t.size:
+        return replace(recording, true_tip=recording.measured_tip), "measured"
+    return replace(recording, true_tip=recording.estimated_tip), "estimated"
 
 
 def _span(recording: Recording) -> tuple[float, float]:

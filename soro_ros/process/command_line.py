@@ -10,10 +10,11 @@ from typing import NamedTuple, Protocol
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import remove_ros_args
 
-from soro_core.config import Strict, read_yaml
+from soro_core.config import Strict
 from soro_core.errors import ConfigError
 from soro_ros.host import middleware
 from soro_ros.process import parameters
+from soro_ros.process.parameter_files import read_file
 
 # Errors of rcl about arguments.
 ARGUMENT_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
@@ -74,9 +75,10 @@ def initialise(program: Program, args: list[str] | None = None) -> None:
         print(f"usage: {program.command} {_ROS}\n\n{program.help}")
         raise SystemExit(0)
     where = f"command line of {program.name}"
+    read_file.cache_clear()
     for option, file in pairwise(given):
         if option == "--params-file":
-            read_yaml(file)  # its errors are clearer than those of ROS
+            read_file(file)  # its errors are clearer than those of ROS
     try:
         middleware.init(given)
         unknown = remove_ros_args(given)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -11,6 +12,12 @@ from soro_core.config import read_yaml
 _KEYS = "ros__parameters"
 # Options of the command line: a file, and one parameter, which may name its node.
 _FILE, _VALUE = ("--params-file",), ("-p", "--param")
+
+
+@cache
+def read_file(file: str) -> dict[str, Any]:
+    """Read a parameter file at the start of a process, as ROS does."""
+    return read_yaml(file)
 
 
 def given_by_name(arguments: Sequence[str], node: str) -> set[str]:
@@ -36,7 +43,7 @@ def given_by_name(arguments: Sequence[str], node: str) -> set[str]:
         if option in _VALUE:
             names.add(value.partition(":=")[0].rpartition(":")[2])
         elif option in _FILE:
-            for path, keys in _entries(read_yaml(value)):
+            for path, keys in _entries(read_file(value)):
                 if path.rpartition("/")[2] == node:
                     names |= set(flattened(keys))
     return names

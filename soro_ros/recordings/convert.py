@@ -16,7 +16,7 @@ from pydantic import Field
 from rclpy.serialization import serialize_message
 
 from soro_core.config import Strict, parse, read_yaml
-from soro_core.csv_rows import CsvRows
+from soro_core.csv_rows import CsvRows, quoted
 from soro_core.errors import BagError, ConfigError
 from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.bag.topics import qos_from
@@ -207,9 +207,9 @@ def _paths(where: Path, topic: str, headings: list[str], entry: TopicEntry, kind
                 heading[:end] for end in range(len(heading), 0, -1) if heading[end : end + 1] in ("", "_")
             )
             known = next((begin for begin in begins if _is_value(begin, entry, kind)), heading)
-            raise ConfigError(str(where), "column", heading, column_of(topic, known))
+            raise ConfigError(str(where), "column", heading, quoted(column_of(topic, known)))
         if path != LOG_TIME and not _is_value(path, entry, kind):
-            allowed = f"a value of {entry.type}" + (f", of {', '.join(entry.names)}" if entry.names else "")
+            allowed = f"a value of {entry.type}" + (f", of {quoted(*entry.names)}" if entry.names else "")
             raise ConfigError(str(where), "column", heading, allowed)
         if path in paths:
             raise ConfigError(str(where), "column", heading, "each column once")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
-from soro_lab.bag import BagReader
+from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion import messages
 from soro_ros.conversion.decoding import Messages
 from soro_ros.recordings.events import Event, Said, clock, events_of
@@ -89,14 +89,34 @@ class Recording:
 
 
 def read(bag: Path, namespace: str) -> Recording:
-    """Read a run's bag.
+    """Read a run's bag, with the namespace of the robot's nodes."""
+    with BagReader(bag) as reader:
+        return recorded(reader, namespace)
+
+
+@dataclass(frozen=True)
+class Spans:
+    """First and last log time of each topic, and the longest gap between two messages [ns]."""
+
+    of: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+
+    def note(self, item: BagMessage) -> None:
+        """Take the next message of the bag."""
+        now = item.log_time_ns
+        first, last, gap = self.of.get(item.topic, (now, now, 0))
+        self.of[item.topic] = first, now, max(gap, now - last)
+
+
+def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> Recording:
+    """Read an open bag.
 
     Parameters
     ----------
-    bag : Path
-        Folder of the bag.
+    reader : BagReader
     namespace : str
         Namespace of the robot's nodes.
+    spans : Spans, optional
+        Takes the times of every message, also of other topics.
     """
     prefix = f"/{namespace}/" if namespace else "/"
     # Stamps, log times and values, by topic and names of their columns.
@@ -104,51 +124,53 @@ def read(bag: Path, namespace: str) -> Recording:
     diagnostics: dict[str, dict[str, str]] = {}
     faults: list[str] = []
     said: list[Said] = []
-    with BagReader(bag) as reader:
-        wanted = {
-            topic.name
-            for topic in reader.topics
-            if topic.type in _TYPES
-            and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
-        }
-        kinds = {topic.name: _TYPES[topic.type] for topic in reader.topics if topic.name in wanted}
-        recorded = Messages(reader, kinds)
-        for item, message in recorded():
-            name = item.topic.removeprefix(prefix)
-            if isinstance(message, DiagnosticArray):
-                said += [Said(item.log_time_ns, *words) for words in _levels(message, prefix)]
-                for node, found, error in statuses(message, prefix):
-                    diagnostics[node] = found
-                    if error and error not in faults:
-                        faults.append(error)
+    wanted = {
+        topic.name
+        for topic in reader.topics
+        if topic.type in _TYPES
+        and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
+    }
+    kinds = {topic.name: _TYPES[topic.type] for topic in reader.topics if topic.name in wanted}
+    messages_of = Messages(reader, kinds)
+    for item in reader.messages(wanted if spans is None else None):
+        if spans is not None:
+            spans.note(item)
+        if (message := messages_of.read(item)) is None:
+            continue
+        name = item.topic.removeprefix(prefix)
+        if isinstance(message, DiagnosticArray):
+            said += [Said(item.log_time_ns, *words) for words in _levels(message, prefix)]
+            for node, found, error in statuses(message, prefix):
+                diagnostics[node] = found
+                if error and error not in faults:
+                    faults.append(error)
+            continue
+        if isinstance(message, DiagnosticStatus):
+            if name == _LATCH:
+                said.append(Said(item.log_time_ns, "latch", _level(message), message.message))
+            continue
+        if isinstance(message, JointState):
+            values = list(message.effort if name.startswith("chambers") else message.position)
+            names = tuple(message.name)
+            # What has no values has no column.
+            if not values or len(values) != len(names):
                 continue
-            if isinstance(message, DiagnosticStatus):
-                if name == _LATCH:
-                    said.append(Said(item.log_time_ns, "latch", _level(message), message.message))
-                continue
-            if isinstance(message, JointState):
-                values = list(message.effort if name.startswith("chambers") else message.position)
-                names = tuple(message.name)
-                # What has no values has no column.
-                if not values or len(values) != len(names):
-                    continue
-            else:
-                names = ()
-                pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
-                values = [pose.position.x, pose.position.y, pose.position.z]
-            if not any(abs(value) > _MOST for value in values):  # NaN is a chamber without a reading
-                row = messages.to_ns(message.header.stamp), item.log_time_ns, values
-                rows.setdefault(name, {}).setdefault(names, []).append(row)
-        first_ns = reader.start_ns
-        if not rows:
-            recorded.need(kinds)
-        problems = tuple(recorded.problems)
+        else:
+            names = ()
+            pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
+            values = [pose.position.x, pose.position.y, pose.position.z]
+        if not any(abs(value) > _MOST for value in values):  # NaN is a chamber without a reading
+            row = messages.to_ns(message.header.stamp), item.log_time_ns, values
+            rows.setdefault(name, {}).setdefault(names, []).append(row)
+    if not rows:
+        messages_of.need(kinds)
+    problems = tuple(messages_of.problems)
     # Other names are other columns, from another program: those of most messages count.
     kept = {name: max(groups.items(), key=lambda one: len(one[1])) for name, groups in rows.items()}
     if "arm/desired/tip" in kept:
         start = kept["arm/desired/tip"][1][0][0]
     else:
-        start = min((listed[0][0] for _, listed in kept.values()), default=first_ns)
+        start = min((listed[0][0] for _, listed in kept.values()), default=reader.start_ns)
 
     def series(name: str) -> Series:
         if name not in kept:
@@ -179,7 +201,7 @@ def read(bag: Path, namespace: str) -> Recording:
     )
 
 
-def arms(bag: Path) -> tuple[str, ...]:
+def arms(reader: BagReader) -> tuple[str, ...]:
     """Return the namespaces in a bag that have topics of an arm; ``""`` for none before them.
 
     Raises
@@ -187,14 +209,13 @@ def arms(bag: Path) -> tuple[str, ...]:
     BagError
         If it cannot be read, or its messages are not those of ROS 2.
     """
-    with BagReader(bag) as reader:
-        reader.check_encodings()
-        found = [
-            topic.name[: -len(shown) - 1].strip("/")
-            for topic, count in zip(reader.topics, reader.counts, strict=True)
-            for shown in SHOWN
-            if count and topic.name.endswith(f"/{shown}")
-        ]
+    reader.check_encodings()
+    found = [
+        topic.name[: -len(shown) - 1].strip("/")
+        for topic, count in zip(reader.topics, reader.counts, strict=True)
+        for shown in SHOWN
+        if count and topic.name.endswith(f"/{shown}")
+    ]
     return tuple(sorted(set(found)))
 
 

@@ -55,9 +55,8 @@ class Summary:
         return json.dumps(known, indent=2)
 
 
-def summarise(bag: Path, scene: Scene) -> Summary | None:
-    """Return the figures of a recorded run, or None if the controller never ran."""
-    recording = read_run(bag, scene)
+def summarise(recording: Recording, scene: Scene) -> Summary | None:
+    """Return the figures of a run, as `of_scene` gives it, or None if the controller never ran."""
     t, error = tip_error(recording, scene.duration_s)
     if t.size < 2:
         return None
@@ -99,21 +98,22 @@ def summarise(bag: Path, scene: Scene) -> Summary | None:
 
 def pressure_bounds(scene: Scene) -> tuple[float, float]:
     """Return the lowest and highest set point [Pa gauge] of the controller of a scene."""
-    pressures = scene.controller_node().known_control(scene.loaded_platform)[0].pressures
+    pressures, _ = scene.controller_node().known_pressures(scene.loaded_platform)
     low, high = scene.loaded_robot.pressure_range_pa
     return max(pressures.minimum_pa, low), min(pressures.maximum_pa, high)
 
 
 def read_run(bag: Path, scene: Scene) -> Recording:
-    """Read the bag of a run; the true tip of a real arm is the measured one."""
-    recording = with_injected(read(bag, scene.name), scene)
-    return replace(recording, true_tip=recording.measured_tip) if scene.arm == "real" else recording
+    """Read the bag of a run, as its scene says what it was."""
+    return of_scene(read(bag, scene.name), scene)
 
 
-def with_injected(recording: Recording, scene: Scene) -> Recording:
-    """Return a recording with the faults that its scene injects among its events."""
+def of_scene(recording: Recording, scene: Scene) -> Recording:
+    """Return a recording with the faults of its scene; the true tip of a real arm is the measured one."""
     injected = (Event(fault.at, "injected", "scene", str(fault)) for fault in scene.faults)
-    return replace(recording, events=tuple(sorted((*recording.events, *injected))))
+    events = tuple(sorted((*recording.events, *injected)))
+    tip = recording.measured_tip if scene.arm == "real" else recording.true_tip
+    return replace(recording, events=events, true_tip=tip)
 
 
 def tip_error(recording: Recording, duration_s: float) -> tuple[Array, Array]:

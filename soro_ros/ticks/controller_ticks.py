@@ -134,8 +134,8 @@ class ControllerTicks:
     def retune(self, config: ControllerNodeConfig) -> None:
         """Go on with other gains, adaptation, reference or narrower limits, from the state of now."""
         narrowed(self._config.limits, config.limits, "parameters of controller")
-        control, _ = config.known_control(self._platform)
-        new = retune(self.controller, self.state, control, self._time_s(), config.reach)
+        pressures, _ = config.known_pressures(self._platform)
+        new = retune(self.controller, self.state, config.control, self._time_s(), config.reach, pressures)
         self.controller, self.state = new.controller, new.state
         self.motions.use(new.controller)
         if new.moves:

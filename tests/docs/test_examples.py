@@ -55,7 +55,7 @@ def test_the_node_of_the_examples_leads_the_tip_along_the_square():
 
 
 def test_every_example_is_tried():
-    # A law is tried in tests/control/test_laws.py.
+    # A law is tried in tests/soro_core/control/test_laws.py.
     assert {path.name for path in EXAMPLES} == {*PRINTED, "publish_reference.py", "spring_law.py"}
 
 

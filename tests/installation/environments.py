@@ -35,8 +35,8 @@ LONGEST_S = 1500.0
 RUN = ("run", "track_circle", "--set", "mode=lockstep", "--set", "duration_s=2")
 # The first compiles what the nodes need, and takes its time: `soro run` waits three minutes for its nodes.
 TESTS = (
-    "tests/loop/test_closed_loop.py::test_the_main_job",
-    *(f"tests/model/test_model_{name}.py" for name in ("nodes", "golden", "statics")),
+    "tests/soro_core/loop/test_closed_loop.py::test_the_main_job",
+    *(f"tests/soro_core/model/test_model_{name}.py" for name in ("nodes", "golden", "statics")),
 )
 TOOLS = ("pytest", "pytest-timeout", "hypothesis")
 SHOWN = ("numpy", "scipy", "numba", "pydantic", "typer", "mcap")

@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("soro_core", "soro_hardware", "soro_lab", "soro_design", "soro_ros")
 PARTS = (*PACKAGES, "config", "lib", "resource", "params", "setup.py", "pyproject.toml")
-PARTS += ("package.xml", "README.md", "LICENSE")
+PARTS += ("package.xml", "README.md", "LICENSE", "MANIFEST.in")
 
 
 def copy_sources(folder: Path) -> None:

@@ -12,6 +12,7 @@ from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.motions.configured_path import configured_path
 from soro_core.control.motions.kinematics import elongation_for_pressure, inverse_kinematics
 from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.pressures.actuation import CompletePressures
 from soro_core.control.reference.passage import Bounds
 from soro_core.control.reference.spread import per_coordinate
 from soro_core.control.reference.trajectory import Circle, Hold, Reference, Waypoints
@@ -56,7 +57,9 @@ def _worst_beyond(fields: StrainFields, limit: Array, rows: Array) -> tuple[Arra
     return None
 
 
-def configured_reference(arm: SoftArm, bounds: Bounds, config: ControllerConfig) -> Reference | None:
+def configured_reference(
+    arm: SoftArm, bounds: Bounds, config: ControllerConfig, pressures: CompletePressures
+) -> Reference | None:
     """Return the configured reference, a circle or a path from time 0 on; None to hold the arm where it is.
 
     Circles, and set points of strains, are uniform along each link: their coefficients are
@@ -70,6 +73,8 @@ def configured_reference(arm: SoftArm, bounds: Bounds, config: ControllerConfig)
         Limits of strain and rate.
     config : ControllerConfig
         Parameters of the controller.
+    pressures : CompletePressures
+        Whose range a circle keeps.
 
     Returns
     -------
@@ -100,8 +105,8 @@ def configured_reference(arm: SoftArm, bounds: Bounds, config: ControllerConfig)
         )
     elongation = settings.elongation
     if settings.choose_elongation:
-        low = np.full(arm.n_u, config.pressures.minimum_pa)
-        high = np.full(arm.n_u, config.pressures.maximum_pa)
+        low = np.full(arm.n_u, pressures.minimum_pa)
+        high = np.full(arm.n_u, pressures.maximum_pa)
         bent = settings.curvature_per_m * across
         elongation = elongation_for_pressure(arm, fields, bent, stretch, settings.mean_pressure_pa, low, high)
     return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, 0.0)

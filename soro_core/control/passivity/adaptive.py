@@ -7,7 +7,7 @@ With e = q - q_d, qd_r = qd_d - Lambda e, s = qd - qd_r the force is
 and the estimates follow pi' = -Gamma Y' s, projected. If H p = f exactly, in continuous time and with a model
 of the plant's structure, V = s' M s / 2 + e' K_p e / 2 + (pi - pi*)' Gamma^-1 (pi - pi*) / 2 decreases at the
 rate s' (K_d + R) s + e' K_p Lambda e. Sampling, the lag of the regulators, saturation and a plant of another
-structure are outside this proof; tests/loop measures these cases.
+structure are outside this proof; tests/soro_core/loop measures these cases.
 
 Desired compensation (Sadegh and Horowitz, 1990) evaluates the model's forces and Y at the reference instead.
 The law above cancels the stiffness of the arm and replaces it by K_p; with 30 ms of lag and dead time, the

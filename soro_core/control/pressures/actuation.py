@@ -53,7 +53,7 @@ def complete_pressures(
     Parameters
     ----------
     pressures : Pressures
-        Section of the controller file; a `CompletePressures` is returned unchanged.
+        Section of the controller file.
     limits : Limits, optional
         Limits of the limiter that the set points pass. Without them, missing keys get the defaults of
         `Limits`, and no stated value is replaced.
@@ -73,8 +73,6 @@ def complete_pressures(
     ConfigError
         If the range of pressures is empty.
     """
-    if isinstance(pressures, CompletePressures):
-        return pressures
     values: dict[str, Any] = pressures.model_dump(exclude_none=True)
     beyond = [] if limits is None else _beyond(pressures, limits)
     usual = limits or Limits()

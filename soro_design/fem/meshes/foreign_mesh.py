@@ -6,12 +6,13 @@ import contextlib
 import io
 import re
 import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.extras import named_packages
 
 # How files begin, or what stands at the beginning of a line near there, and meshio's name of the format.
@@ -29,7 +30,7 @@ _FORMATS = (
     (rb"\Amesh3d\b", "netgen"),
     (rb"(?i)^(begin bulk|grid[ ,*])", "nastran"),
     (rb"\Asolid\b", "stl"),
-    (rb"^v\s+[-+0-9.]+\s+[-+0-9.]+\s", "obj"),
+    (rb"^v\s+[-+0-9.eE]+\s+[-+0-9.eE]+\s", "obj"),
 )
 _NO_MESHES = (
     (rb"<VTKFile", "a VTK file of another kind than UnstructuredGrid"),
@@ -45,7 +46,7 @@ _COMMENT = re.compile(rb"(?m)^[ \t]*(//|#).*\n")
 def read_foreign(path: Path) -> Any:
     """Return the mesh of meshio of a file, in the format of its content, else in that of its ending.
 
-    Comment lines of a text file of Gmsh are skipped.
+    Comment lines of a text file of Gmsh are skipped. Faces of .obj may count their points from the last one.
 
     Raises
     ------
@@ -68,20 +69,26 @@ def read_foreign(path: Path) -> Any:
         raise _refused(path, words)
     if form is None and path.suffix.lower() not in meshio.extension_to_filetypes:
         raise _refused(path, f"no mesh that is known by its content, nor by the ending {path.suffix!r}")
-    data = path.read_bytes() if form in ("gmsh", "obj") else b""
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf") if form in ("gmsh", "obj", "stl") else b""
     if form == "gmsh" and not (b"$EndNodes" in data and b"$EndElements" in data):
         raise _refused(path, "by its content gmsh, and damaged: $EndNodes or $EndElements is missing")
+    if form == "stl":
+        _check_facets(path, data)
     with tempfile.TemporaryDirectory(prefix="soro-") as folder:
         plain = path
         if form == "gmsh" and re.search(rb"\$MeshFormat\s+\S+\s+0\s", head):
             plain = Path(folder) / "plain.msh"
-            plain.write_bytes(_COMMENT.sub(b"", data.removeprefix(b"\xef\xbb\xbf")))
-        if form == "obj":  # meshio stumbles over textures and normals, of which there may be any number
+            plain.write_bytes(_COMMENT.sub(b"", data))
+        if form == "obj":
             plain = Path(folder) / "plain.obj"
-            plain.write_bytes(re.sub(rb"(?m)^v[tnp]\s.*\n?|(?<=\d)/\S*", b"", data))
+            plain.write_bytes(_plain_obj(path, data))
         said = io.StringIO()
         try:
-            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(io.StringIO()):
+            with (
+                contextlib.redirect_stdout(said),
+                contextlib.redirect_stderr(io.StringIO()),
+                warnings.catch_warnings(action="ignore"),  # an overflow where meshio judges any STL in text
+            ):
                 found = meshio.read(plain, form)
         # meshio prints the cause and ends the process where it cannot read a format.
         except (Exception, SystemExit) as error:
@@ -99,6 +106,42 @@ def read_foreign(path: Path) -> Any:
                     path, f"an element of point {high if low >= 0 else low} of {len(found.points)}"
                 )
     return found
+
+
+def _plain_obj(path: Path, data: bytes) -> bytes:
+    """Return an .obj as meshio reads it: points with three numbers, and faces that count them from 1."""
+    lines, points, most = [], 0, 0
+    for line in re.sub(rb"\\\r?\n", b" ", data).splitlines():
+        kind, *rest = line.split() or [b""]
+        if kind == b"v":  # a colour or a weight may follow
+            points += 1
+            lines.append(b" ".join([b"v", *rest[:3]]))
+        elif kind == b"f":
+            face = line.decode(errors="replace")
+            try:
+                stated = [int(corner.partition(b"/")[0]) for corner in rest]
+            except ValueError:
+                raise _refused(path, f"by its content obj, and damaged: face {short(face)}") from None
+            corners = [n if n > 0 else points + 1 + n for n in stated]
+            if 0 in stated or min(corners, default=1) < 1:
+                raise _refused(
+                    path, f"face {short(face)} names a point that is not among the {points} before it"
+                )
+            most = max([most, *corners])
+            lines.append(b"f " + b" ".join(b"%d" % n for n in corners))
+    if most > points:
+        raise _refused(path, f"a face of point {most} of {points}")
+    return b"\n".join(lines) + b"\n"
+
+
+def _check_facets(path: Path, data: bytes) -> None:
+    """Refuse an STL file in text whose facets are no triangles: meshio would take other points together."""
+    if len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
+        return  # in bytes, in spite of how it begins
+    for k, loop in enumerate(re.finditer(rb"(?is)outer\s+loop(.*?)endloop", data)):
+        count = len(re.findall(rb"(?i)\bvertex\b", loop[1]))
+        if count != 3:
+            raise _refused(path, f"facet {k} of {count} points, where STL has triangles alone")
 
 
 def _refused(path: Path, got: str) -> ModelError:

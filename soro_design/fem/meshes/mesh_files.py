@@ -63,13 +63,15 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     found = read_foreign(Path(path))
     known = (*_KINDS.values(), *_SIMPLICES)
     fitting = [kind for kind in known if (kind in _SOLID) == (space == "solid")]
-    wanted = [kind for kind in fitting if found.get_cells_type(kind).size]
+    d = 3 if space == "solid" else 2
+    kinds = {block.type for block in found.cells if len(block.data) and block.dim == d}
+    wanted = [kind for kind in fitting if kind in kinds]
     if not wanted:
         held = ", ".join(sorted({block.type for block in found.cells if len(block.data)})) or "none"
         raise ModelError(f"path {path}: elements {held}; allowed: {', '.join(fitting)} ({space})", "path")
-    if len(wanted) > 1:
-        raise ModelError(f"path {path}: elements {' and '.join(wanted)}; allowed: one kind of them", "path")
-    d = 3 if space == "solid" else 2
+    if len(kinds) > 1:
+        held = " and ".join([*wanted, *sorted(kinds.difference(wanted))])
+        raise ModelError(f"path {path}: elements {held}; allowed: one kind of {', '.join(fitting)}", "path")
     places = np.asarray(found.points, dtype=float)
     cells = np.asarray(found.get_cells_type(wanted[0]), dtype=np.int64)
     spans = np.ptp(places[np.unique(cells)], axis=0)

@@ -14,12 +14,14 @@ from mcap.records import AttachmentIndex, Channel, Message, Schema
 
 from soro_core.errors import BagError
 from soro_lab.bag.mcap.chunks import inner, message_key, message_of, unpack
-from soro_lab.bag.mcap.records import Damage, Source
+from soro_lab.bag.mcap.records import Damage, Prefix, Source
 
 # Most bytes of definitions, and of texts that describe topics or the file, which count four times.
 _MOST_DESCRIBED = 1 << 24
-# Most metadata records, and most attachments.
-_MOST_NAMED = 10_000
+# What a metadata record or an attachment counts of that besides.
+_NAMED = 1600
+# Work that a file may ask for [B]: so much, or so many times its size.
+_ALWAYS_WORK, _WORK_RATIO = 1 << 28, 32
 _MOST_REMARKS = 4
 # In place of the size of a chunk's content: messages outside chunks.
 OUTSIDE = -1
@@ -82,7 +84,7 @@ class Part:
         self.attachments: list[AttachmentIndex] = []
         self.profile, self.compression, self.over = "ros2", "", ""
         self.indexed = False
-        self.private_count = self._described = 0
+        self.private_count = self._described = self._work = 0
         self.losses: dict[int, str] = {}
         self.remarks: list[str] = []
 
@@ -110,7 +112,13 @@ class Part:
         if len(self.remarks) < _MOST_REMARKS and text not in self.remarks:
             self.remarks.append(text)
 
-    def describe(self, record: Schema | Channel | kinds.Metadata, length: int) -> None:
+    def work(self, size: int) -> None:
+        """Note work, in bytes of a chunk that take as long [B]; `over` if no recording needs so much."""
+        self._work += size
+        if self._work > (most := max(_ALWAYS_WORK, _WORK_RATIO * self.size)):
+            self.over = f"more work than reading {most} bytes, in a file of {self.size} bytes"
+
+    def describe(self, record: Schema | Channel | kinds.Metadata | AttachmentIndex, length: int = 0) -> None:
         """Keep a record of a length [B]; the first schema or channel of a number counts.
 
         Raises
@@ -119,23 +127,22 @@ class Part:
             If there is more than any recorder writes.
         """
         self._described += length if isinstance(record, Schema) else 4 * length
-        if self._described > _MOST_DESCRIBED or len(self.metadata) >= _MOST_NAMED:
+        if isinstance(record, kinds.Metadata | AttachmentIndex):
+            self._described += _NAMED
+        if self._described > _MOST_DESCRIBED:
             raise Damage("more descriptions than any recorder writes")
         if isinstance(record, kinds.Metadata):
             self.metadata.append((record.name, record.metadata))
-            return
-        if isinstance(record, Schema):
-            known: Schema | Channel = self.schemas.setdefault(record.id, record)
+        elif isinstance(record, AttachmentIndex):
+            self.attachments.append(record)
         else:
-            known = self.channels.setdefault(record.id, record)
-        if known != record:
-            self.remark(f"{type(record).__name__.lower()} {record.id} contradicts another one")
-
-    def attach(self, item: AttachmentIndex) -> None:
-        """Note an attachment; raise Damage if there are more than any recorder writes."""
-        if len(self.attachments) >= _MOST_NAMED:
-            raise Damage(f"more than {_MOST_NAMED} attachments")
-        self.attachments.append(item)
+            known: Schema | Channel
+            if isinstance(record, Schema):
+                known = self.schemas.setdefault(record.id, record)
+            else:
+                known = self.channels.setdefault(record.id, record)
+            if known != record:
+                self.remark(f"{type(record).__name__.lower()} {record.id} contradicts another one")
 
     def span_ns(self) -> tuple[int, int] | None:
         """Log times of the first and the last message; None without messages."""
@@ -174,25 +181,10 @@ class Part:
         for _, start, end in found:
             yield message_of(content[start:end])
 
-    def record(self, opcode: int, start: int, length: int) -> kinds.McapRecord:
-        """Return a record that the index or a walk has found; raise Damage if another one is there.
-
-        Parameters
-        ----------
-        opcode : int
-            Its kind.
-        start, length : int
-            Its place and length in the file [B].
-        """
-        prefix = self.source.prefix(start)
-        if prefix is None or (prefix.opcode, prefix.end) != (opcode, start + length):
-            raise Damage("another record is here")
-        return self.source.parse(prefix)
-
     def attachment(self, place: AttachmentIndex) -> kinds.Attachment:
         """Read one of `attachments`; raise BagError if it is damaged."""
         try:
-            record = self.record(Opcode.ATTACHMENT, place.offset, place.length)
+            record = self.source.record(Prefix(Opcode.ATTACHMENT, place.offset, place.offset + place.length))
         except Damage as damage:
             raise BagError(str(damage), self.path, "damaged", f"byte {place.offset}") from None
         assert isinstance(record, kinds.Attachment)
@@ -205,6 +197,6 @@ class Part:
     def _content(self, block: Block) -> memoryview:
         if block.size == OUTSIDE:
             return memoryview(self.source.bytes(block.offset, block.offset + block.length))
-        chunk = self.record(Opcode.CHUNK, block.offset, block.length)
+        chunk = self.source.record(Prefix(Opcode.CHUNK, block.offset, block.offset + block.length))
         assert isinstance(chunk, kinds.Chunk)
         return unpack(chunk)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
-from typing import IO, NamedTuple, cast
+from typing import IO, NamedTuple
 
 from mcap import records as kinds
 from mcap.exceptions import McapError
@@ -34,8 +35,34 @@ class Prefix(NamedTuple):
     end: int
 
 
+class _Fields(io.BytesIO):
+    """The bytes of one record. `StreamReader` takes a short read for a short record: here it is Damage."""
+
+    def read(self, size: int = -1) -> bytes:  # type: ignore[override]
+        data = super().read(min(size, _LONGEST))
+        if len(data) != size:
+            raise Damage("a record ends before its fields do")
+        return data
+
+
+def parse(raw: bytes | memoryview) -> kinds.McapRecord:
+    """Return the record in bytes; raise Damage if its fields, or an attachment's checksum, do not fit."""
+    reader = StreamReader(_Fields(raw), skip_magic=True, emit_chunks=True, record_size_limit=len(raw))
+    try:
+        record = next(reader.records)
+    except (McapError, ValueError) as error:
+        raise Damage(str(error) or "a record has no end") from None
+    if isinstance(record, kinds.Attachment):
+        names = len((record.name + record.media_type).encode())
+        end = PREFIX.size + 32 + names + len(record.data)
+        crc = int.from_bytes(raw[end : end + 4], "little")
+        if crc and crc != zlib.crc32(memoryview(raw)[PREFIX.size : end]):
+            raise Damage("the checksum of an attachment is wrong")
+    return record
+
+
 class Source:
-    """A file for `StreamReader`, which takes a short read for a short record: here it is `Damage`.
+    """An MCAP file from which records are read.
 
     Parameters
     ----------
@@ -47,24 +74,15 @@ class Source:
 
     def __init__(self, stream: IO[bytes], size: int) -> None:
         self.stream, self.size = stream, size
-        self._left = 0
         self._last: Prefix | None = None
-
-    def read(self, length: int) -> bytes:
-        """Return bytes of the record that is being read; raise Damage behind its end."""
-        if length > self._left:
-            raise Damage("a record ends before its fields do")
-        data = self.stream.read(length)
-        if len(data) != length:
-            raise Damage("the file has become shorter")
-        self._left -= length
-        return data
 
     def bytes(self, start: int, end: int) -> bytes:
         """Return bytes of the file; raise Damage if it has fewer."""
         self.stream.seek(start)
-        self._left = end - start
-        return self.read(end - start)
+        data = self.stream.read(end - start)
+        if len(data) != end - start:
+            raise Damage("the file has become shorter")
+        return data
 
     def prefix(self, position: int) -> Prefix | None:
         """Return the prefix at a position; None where no whole record can be."""
@@ -89,26 +107,14 @@ class Source:
         # Most bytes are such a kind, so that the next record has to be there too.
         return prefix.end == self.size or self.prefix(prefix.end) is not None
 
-    def parse(self, prefix: Prefix) -> kinds.McapRecord:
-        """Return a record; raise Damage if its fields do not fit its length, or an attachment's checksum."""
+    def record(self, prefix: Prefix) -> kinds.McapRecord:
+        """Return a record that the index or a walk has found; raise Damage if another one is there."""
         most = _LONGEST if prefix.opcode in (Opcode.CHUNK, Opcode.ATTACHMENT) else _MOST_DESCRIBED
         if prefix.end - prefix.start > most:
             raise Damage(f"a record is longer than {most} bytes")
-        self.stream.seek(prefix.start)
-        self._left = prefix.end - prefix.start
-        stream = cast(IO[bytes], self)
-        reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=most)
-        try:
-            record = next(reader.records)
-        except (McapError, ValueError) as error:
-            raise Damage(str(error) or "a record has no end") from None
-        if isinstance(record, kinds.Attachment):
-            names = len((record.name + record.media_type).encode())
-            end = prefix.start + PREFIX.size + 32 + names + len(record.data)
-            crc = int.from_bytes(self.bytes(end, end + 4), "little")
-            if crc and crc != zlib.crc32(self.bytes(prefix.start + PREFIX.size, end)):
-                raise Damage("the checksum of an attachment is wrong")
-        return record
+        if self.prefix(prefix.start) != prefix:
+            raise Damage("another record is here")
+        return parse(self.bytes(prefix.start, prefix.end))
 
     def checksum(self, end: int) -> int:
         """Return the CRC-32 of the file up to a position."""

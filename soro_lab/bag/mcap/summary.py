@@ -15,15 +15,17 @@ from mcap.opcode import Opcode
 
 from soro_core.errors import BagError
 from soro_lab.bag.mcap.part import Block, Part
-from soro_lab.bag.mcap.records import MAGIC, PREFIX, Damage
-from soro_lab.bag.mcap.walk import Walk
+from soro_lab.bag.mcap.records import MAGIC, PREFIX, Damage, Prefix
+from soro_lab.bag.mcap.walk import RECORD_WORK, Walk
 
 _FOOTER = struct.Struct("<BQQQI")
 _TAIL = _FOOTER.size + len(MAGIC)
 _DATA_END = PREFIX.size + 4
 _DATA_END_BEGIN = PREFIX.pack(Opcode.DATA_END, 4)
+# Where an index begins at the earliest [B].
+_FIRST = len(MAGIC) + _DATA_END + 1
 _STEP = 1 << 20
-# Longest index in which topics are looked for where the footer does not lead to it [B].
+# Longest index that is looked for where the footer does not lead to it [B].
 _LONGEST_INDEX = 1 << 24
 # Kinds of records that reading needs, so that the index has to name each.
 _NAMED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
@@ -58,80 +60,58 @@ def open_part(path: Path, index: bool = True) -> Part:
 
 def _opened(part: Part, index: bool) -> Part:
     begin = part.source.bytes(0, min(len(MAGIC), part.size))
-    end = part.source.bytes(max(0, part.size - _TAIL), part.size)
+    tail = part.source.bytes(max(0, part.size - _TAIL), part.size)
     if not begin:
         raise BagError("the file is empty", part.path, "damaged")
-    if MAGIC not in (begin, end[-len(MAGIC) :]):
+    if MAGIC not in (begin, tail[-len(MAGIC) :]):
         raise BagError(f"no MCAP file: it begins with {begin!r}", part.path, "format")
     if begin != MAGIC:
         part.remark("the first bytes are not those of an MCAP file")
-    summary = _read_summary(part, end)
-    if summary is None:
-        return _walked(part)
-    if index and not part.problems and summary.is_complete():
+    summary = _read_summary(part, tail)
+    if index and summary is not None and not part.problems and summary.is_complete():
         return summary.part
-    summary.walk(part)
+    if summary is not None and summary.is_proven:
+        summary.walk(part)
+    else:
+        Walk(part).run()
     return part
-
-
-def _walked(part: Part) -> Part:
-    """Return the part, filled by a walk; of an index elsewhere than the footer says, only topics count.
-
-    Where bytes are missing from a file, or too many, the chunk that describes the topics may be lost. What
-    the walk itself finds precedes such an index, whose checksum does not fit.
-    """
-    again = Part(part.path, part.stream)
-    again.remarks = part.remarks[:]
-    Walk(part).run()
-    if part.losses and not part.over:
-        again.schemas, again.channels = {**part.schemas}, {**part.channels}
-        _describe_topics(again)
-        if again.channels.keys() > part.channels.keys():
-            Walk(again).run()
-            return again
-    return part
-
-
-def _describe_topics(part: Part) -> None:
-    """Add the schemas and channels behind the end of the data, wherever that is."""
-    begin = max(0, part.size - _LONGEST_INDEX)
-    at = bytes(part.source.bytes(begin, part.size)).rfind(_DATA_END_BEGIN)
-    position = begin + at + _DATA_END
-    while at >= 0 and (prefix := part.source.prefix(position)) is not None and prefix.end <= part.size:
-        if prefix.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            try:
-                record = part.source.parse(prefix)
-                assert isinstance(record, kinds.Schema | kinds.Channel)
-                part.describe(record, prefix.end - position)
-            except Damage:
-                return
-        position = prefix.end
 
 
 class _Summary:
-    """The index of a file: a Part filled from it, and what its statistics say."""
+    """The index of a file: a Part filled from it, and what its statistics say.
 
-    def __init__(self, part: Part, start: int, is_proven: bool) -> None:
-        self.part, self._start, self._is_proven = Part(part.path, part.stream), start, is_proven
+    Parameters
+    ----------
+    part : Part
+        The part to fill.
+    start, end : int
+        Where the records of the index begin and end [B].
+    is_proven : bool
+        Whether it has a checksum, which fits.
+    is_at_place : bool
+        Whether it is where the footer says, so that its offsets are right.
+
+    Raises
+    ------
+    Damage
+        If a record is inconsistent, or there are too many.
+    """
+
+    def __init__(self, part: Part, start: int, end: int, is_proven: bool, is_at_place: bool) -> None:
+        self.part, self._start = part, start
+        self.is_proven, self._is_at_place = is_proven, is_at_place
         self._statistics: kinds.Statistics | None = None
         self._metadata: list[kinds.MetadataIndex] = []
         # Position and length [B] of what the index names; of a chunk with its message indexes.
         self._places: list[tuple[int, int]] = []
-
-    def fill(self, end: int) -> None:
-        """Read the records of the summary; raise Damage if one is inconsistent, or there are too many."""
-        part, position = self.part, self._start
-        most = 100_000 + part.size // 200
-        for _ in range(most):
-            if position == end:
-                return
-            prefix = part.source.prefix(position)
-            if prefix is None or prefix.end > end:
-                raise Damage("a record of the index is cut")
+        while start < end:
+            prefix = part.source.prefix(start)
+            part.work(RECORD_WORK)
+            if prefix is None or prefix.end > end or part.over:
+                raise Damage(f"the index: {part.over}" if part.over else "a record of the index is cut")
             if prefix.opcode <= Opcode.DATA_END:  # the format may grow
-                self._take(part.source.parse(prefix), prefix.end - position)
-            position = prefix.end
-        raise Damage(f"the index has more than {most} records")
+                self._take(part.source.record(prefix), prefix.end - start)
+            start = prefix.end
 
     def _take(self, record: kinds.McapRecord, length: int) -> None:
         part = self.part
@@ -142,12 +122,13 @@ class _Summary:
             part.counts.update(record.channel_message_counts)
         elif isinstance(record, kinds.ChunkIndex):
             times, offset = (record.message_start_time, record.message_end_time), record.chunk_start_offset
+            part.work(RECORD_WORK * len(record.message_index_offsets))
             part.compression = record.compression
             part.blocks.append(Block(*times, offset, record.chunk_length, record.uncompressed_size))
             part.message_indexes.update((at, key) for key, at in record.message_index_offsets.items())
             self._places.append((offset, record.chunk_length + record.message_index_length))
         elif isinstance(record, kinds.AttachmentIndex):
-            part.attach(record)
+            part.describe(record)
             self._places.append((record.offset, record.length))
         elif isinstance(record, kinds.MetadataIndex):
             self._metadata.append(record)
@@ -184,11 +165,15 @@ class _Summary:
         part = self.part
         try:
             prefix = part.source.prefix(len(MAGIC))
-            if prefix is None or not isinstance(header := part.source.parse(prefix), kinds.Header):
+            if prefix is None or prefix.opcode != Opcode.HEADER:
                 return False
+            header = part.source.record(prefix)
+            assert isinstance(header, kinds.Header)
             part.profile = header.profile
             for place in self._metadata:
-                record = part.record(Opcode.METADATA, place.offset, place.length)
+                record = part.source.record(
+                    Prefix(Opcode.METADATA, place.offset, place.offset + place.length)
+                )
                 assert isinstance(record, kinds.Metadata)
                 part.describe(record, place.length)
         except Damage:
@@ -196,18 +181,18 @@ class _Summary:
         return True
 
     def walk(self, walked: Part) -> None:
-        """Fill a Part from the records of the file, with the help of the index if a checksum proves it."""
+        """Fill a Part from the records of the file, with the help of the index."""
         part, counted, data_end = self.part, self._statistics, self._start - _DATA_END
-        if not self._is_proven:
-            Walk(walked).run()
-            return
-        ends = {block.offset + block.length for block in part.blocks}
-        ends |= {end for offset, length in self._places for end in (offset, offset + length)}
-        places = [*sorted(place for place in ends if place < data_end), data_end, self._start]
+        first, last = (counted.message_start_time, counted.message_end_time) if counted else (0, 1 << 64)
+        outside_ns = range(0) if part.blocks else range(first, last + 1)
         # Schemas and channels of the index replace those of damaged chunks.
         walked.schemas, walked.channels = {**part.schemas}, {**part.channels}
-        span = (counted.message_start_time, counted.message_end_time) if counted else (0, 1 << 64)
-        Walk(walked, places, bool(part.blocks), span).run()
+        places: list[int] = []
+        if self._is_at_place:
+            ends = {block.offset + block.length for block in part.blocks}
+            ends |= {end for offset, length in self._places for end in (offset, offset + length)}
+            places = [*sorted(place for place in ends if place < data_end), data_end, self._start]
+        Walk(walked, places, outside_ns).run()
         if part.message_count > walked.message_count:
             missing = part.message_count - walked.message_count
             walked.lose(self._start, f"{missing} of {part.message_count} messages are missing")
@@ -222,18 +207,28 @@ def _read_summary(part: Part, tail: bytes) -> _Summary | None:
     if start == 0:
         return None
     end = part.size - _TAIL
+
+    def fits(begin: int) -> bool:
+        """Whether the index begins there by the checksum, of the index and the footer up to itself."""
+        return _FIRST <= begin <= end and crc == zlib.crc32(
+            tail[: _FOOTER.size - 4], zlib.crc32(part.source.bytes(begin, end))
+        )
+
+    stated = start
     try:
-        if not len(MAGIC) + _DATA_END < start <= end:
+        if not crc and not _FIRST <= start <= end:
             raise Damage("the index lies outside the file")
-        # The checksum covers the summary and the footer up to itself.
-        if crc and zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(part.source.bytes(start, end))) != crc:
-            raise Damage("the checksum of the index is wrong")
-        summary = _Summary(part, start, bool(crc))
-        summary.fill(end)
+        if crc and not fits(start):
+            part.remark("the checksum of the index is wrong; it is ignored")
+            # Where bytes are missing from a file, or too many, it still follows the end of the data.
+            begin = max(0, end - _LONGEST_INDEX)
+            start = begin + part.source.bytes(begin, end).rfind(_DATA_END_BEGIN) + _DATA_END
+            if not fits(start):
+                return None
+        return _Summary(Part(part.path, part.stream), start, end, bool(crc), start == stated)
     except Damage as damage:
         part.remark(f"{damage}; it is ignored")
         return None
-    return summary
 
 
 def _unpacked(path: Path) -> IO[bytes]:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from soro_lab.identification.arm.report.content import Result, content_of
-from soro_lab.identification.arm.report.files import write_pictures
-from soro_lab.identification.arm.report.page import page
+from soro_lab.identification.arm.report.page import page_of
 from soro_lab.identification.arm.report.traces import traces
+from soro_lab.reporting.html import write
 
-__all__ = ["PAGE", "Result", "write_report"]
-
-PAGE = "index.html"
+__all__ = ["Result", "write_report"]
 
 
 def write_report(result: Result, folder: Path) -> Path:
@@ -26,11 +23,4 @@ def write_report(result: Result, folder: Path) -> Path:
     """
     seen = traces(result.found)
     content = content_of(result, seen)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "report.json").write_text(
-        json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-    )
-    text = page(content, seen)
-    (folder / PAGE).write_text(text, encoding="utf-8")
-    write_pictures(text, folder / "pictures")
-    return folder / PAGE
+    return write(page_of(content, seen), content, folder)

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from soro_lab.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, style, svg
+from soro_lab.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, Image, style, svg
 
 _COLUMNS = 4  # of the profiles
 _HIGHEST = 10.0  # rise that is shown
@@ -17,7 +17,7 @@ _HIGHEST = 10.0  # rise that is shown
 _STRONG, _READABLE = 0.5, 24
 
 
-def laws_picture(laws: Sequence[Mapping[str, Any]], accept: float) -> str:
+def laws_picture(laws: Sequence[Mapping[str, Any]], accept: float) -> Image:
     """Return the held-out error of each set of laws, one standard error of its difference to the best.
 
     Parameters
@@ -55,7 +55,7 @@ def laws_picture(laws: Sequence[Mapping[str, Any]], accept: float) -> str:
         return svg(figure)
 
 
-def correlation_picture(correlation: Mapping[str, Any]) -> str:
+def correlation_picture(correlation: Mapping[str, Any]) -> Image:
     """Return the correlations of all numbers as a map."""
     names, matrix = list(correlation["names"]), np.array(correlation["matrix"])
     size = float(np.clip(0.34 * len(names) + 2.2, 3.4, WIDTH))
@@ -78,7 +78,7 @@ def correlation_picture(correlation: Mapping[str, Any]) -> str:
         return svg(figure)
 
 
-def profiles_picture(profiles: Sequence[Mapping[str, Any]]) -> str:
+def profiles_picture(profiles: Sequence[Mapping[str, Any]]) -> Image:
     """Return the profile of each number beside the parabola of its deviation."""
     rows = -(-len(profiles) // _COLUMNS)
     k = np.linspace(-2.4, 2.4, 97)

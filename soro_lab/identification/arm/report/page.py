@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
 
 from soro_lab.identification.arm.report import tables
 from soro_lab.identification.arm.report.fit_pictures import (
@@ -14,22 +13,11 @@ from soro_lab.identification.arm.report.fit_pictures import (
 from soro_lab.identification.arm.report.run_pictures import histogram, run_picture
 from soro_lab.identification.arm.report.tables import Content
 from soro_lab.identification.arm.report.traces import Trace
-from soro_lab.reporting.html import PAGE, bullets, picture, words
-
-_CHAPTERS = (
-    ("data", "Data"),
-    ("errors", "Error of every run"),
-    ("runs", "Measured and predicted"),
-    ("laws", "Laws"),
-    ("numbers", "Numbers"),
-    ("open", "What the data do not determine"),
-    ("repeats", "How well the arm repeats"),
-    ("frames", "Frames of the measurement"),
-)
+from soro_lab.reporting.html import Block, Bullets, Chapter, Heading, Page, Picture, Words
 
 
-def page(content: Content, traces: Sequence[Trace]) -> str:
-    """Return the page as HTML.
+def page_of(content: Content, traces: Sequence[Trace]) -> Page:
+    """Return the page.
 
     Parameters
     ----------
@@ -37,53 +25,47 @@ def page(content: Content, traces: Sequence[Trace]) -> str:
         Of report.json.
     traces : sequence of Trace
     """
-    own = {
-        "data": _data(content),
-        "errors": _errors(content, traces),
-        "runs": _runs(content, traces),
-        "laws": _laws(content),
-        "numbers": _numbers(content),
-        "open": _open(content),
-        "repeats": _repeats(content),
-        "frames": [tables.frames_table(content)],
-    }
-    parts = [*_begin(content)]
-    for key, title in _CHAPTERS:
-        parts += [f'<h2 id="{key}">{escape(title)}</h2>', *own[key]]
-    title = f"Identification of {content['robot']}"
-    return PAGE.substitute(title=escape(title), body="\n".join(parts))
-
-
-def _begin(content: Content) -> Iterator[str]:
     verdict = content["verdict"]
-    yield f"<h1>Identification of {escape(content['robot'])}</h1>"
-    yield words(f"Robot file: {content['file']}. All numbers of this page: report.json.", kind="soft")
-    text = verdict["text"][:1].upper() + verdict["text"][1:]
-    yield f'<div class="verdict{" good" if verdict["accepted"] else ""}">{escape(text)}</div>'
-    yield "<h3>What to do next</h3>" + bullets(verdict["next"])
-    yield "<nav>" + "".join(f'<a href="#{key}">{escape(title)}</a>' for key, title in _CHAPTERS) + "</nav>"
+    return Page(
+        f"Identification of {content['robot']}",
+        f"Robot file: {content['file']}. All numbers of this page: report.json.",
+        verdict["text"],
+        verdict["accepted"],
+        [Heading("What to do next"), Bullets(verdict["next"])],
+        [
+            Chapter("data", "Data", [*_data(content)]),
+            Chapter("errors", "Error of every run", [*_errors(content, traces)]),
+            Chapter("runs", "Measured and predicted", [*_runs(content, traces)]),
+            Chapter("laws", "Laws", [*_laws(content)]),
+            Chapter("numbers", "Numbers", [*_numbers(content)]),
+            Chapter("open", "What the data do not determine", [*_open(content)]),
+            Chapter("repeats", "How well the arm repeats", [*_repeats(content)]),
+            Chapter("frames", "Frames of the measurement", tables.frames_tables(content)),
+        ],
+    )
 
 
-def _data(content: Content) -> Iterator[str]:
+def _data(content: Content) -> Iterator[Block]:
     yield tables.data_table(content)
-    yield words("Sections: the laws are chosen by those held out, which the fit before has not seen.")
+    yield Words("Sections: the laws are chosen by those held out, which the fit before has not seen.")
     yield tables.sections_table(content)
 
 
-def _errors(content: Content, traces: Sequence[Trace]) -> Iterator[str]:
+def _errors(content: Content, traces: Sequence[Trace]) -> Iterator[Block]:
     off = [f"{run['run']}, {run['shape']}: {run['why']}" for run in content["runs"] if run["written_off"]]
     if off:
-        yield '<p class="warn">The fit hardly follows these runs:</p>' + bullets(off)
-    yield words(
+        yield Words("The fit hardly follows these runs:", kind="warn")
+        yield Bullets(off)
+    yield Words(
         "Over each whole run. Beyond three: the share of samples more than three expected errors off. "
         "Weight: how much the samples count in the fit on average; the soft loss takes it from samples that "
         "are far off.",
         kind="soft",
     )
     yield tables.runs_table(content)
-    yield words("Sections of the fit and those held out, apart:", kind="soft")
+    yield Words("Sections of the fit and those held out, apart:", kind="soft")
     yield tables.errors_table(content)
-    yield picture(
+    yield Picture(
         histogram(traces),
         "Histogram of what is left over, beside the normal distribution",
         "; ".join(
@@ -94,25 +76,25 @@ def _errors(content: Content, traces: Sequence[Trace]) -> Iterator[str]:
     )
 
 
-def _runs(content: Content, traces: Sequence[Trace]) -> Iterator[str]:
+def _runs(content: Content, traces: Sequence[Trace]) -> Iterator[Block]:
     if any(run["held_out_s"] for run in content["data"]):
-        yield words(
+        yield Words(
             "Predicted with the numbers of the fit that has not seen the shaded sections. Each run is "
             "simulated from its first balance under its measured pressures.",
             kind="soft",
         )
     else:
-        yield words("Predicted with the numbers of the fit on all data: nothing is held out.", kind="soft")
+        yield Words("Predicted with the numbers of the fit on all data: nothing is held out.", kind="soft")
     for trace in traces:
-        yield f"<h3>{escape(trace.run)}, {escape(trace.shape)}</h3>"
-        yield picture(run_picture(trace), f"Measured and predicted {trace.shape} of {trace.run} over time")
+        yield Heading(f"{trace.run}, {trace.shape}")
+        yield Picture(run_picture(trace), f"Measured and predicted {trace.shape} of {trace.run} over time")
 
 
-def _laws(content: Content) -> Iterator[str]:
+def _laws(content: Content) -> Iterator[Block]:
     if not content["laws"]:
-        yield words("The linear law: nothing could be held out, so no other was tried.")
+        yield Words("The linear law: nothing could be held out, so no other was tried.")
         return
-    yield picture(
+    yield Picture(
         laws_picture(content["laws"], content["verdict"]["accept_share"]),
         "Error on held-out sections of each set of laws",
         "Whiskers: one standard error of the difference to the best. The simplest set within one of them, or "
@@ -120,21 +102,23 @@ def _laws(content: Content) -> Iterator[str]:
     )
 
 
-def _numbers(content: Content) -> Iterator[str]:
+def _numbers(content: Content) -> Iterator[Block]:
     yield tables.numbers_table(content)
-    yield words(
+    yield Words(
         "Deviation: of the logarithm, in %, for positive quantities. Prior: the described robot, and the "
         "doubt of it. A number at its bound has no deviation: it is a finding about the model.",
         kind="soft",
     )
-    yield "<h3>Correlations</h3>" + picture(
+    yield Heading("Correlations")
+    yield Picture(
         correlation_picture(content["correlation"]),
         "Correlation matrix of all numbers",
         "Numbers near +1 or -1 are known in combination only.",
     )
     own = [each for each in content["profiles"] if not each["name"].startswith("frame/")]
     if own:
-        yield "<h3>Profiles</h3>" + picture(
+        yield Heading("Profiles")
+        yield Picture(
             profiles_picture(own),
             "Profile of each number of the arm",
             "Each number is held off its value and all others follow. Red: with simulations; blue: with "
@@ -143,25 +127,25 @@ def _numbers(content: Content) -> Iterator[str]:
         yield tables.profiles_table({"profiles": own})
 
 
-def _open(content: Content) -> Iterator[str]:
+def _open(content: Content) -> Iterator[Block]:
     if content["verdict"]["interrupted"]:
-        yield words("Not examined: the search was interrupted.")
+        yield Words("Not examined: the search was interrupted.")
     else:
         yield (
-            tables.open_table(content) if content["undetermined"] else words("Nothing: all are determined.")
+            tables.open_table(content) if content["undetermined"] else Words("Nothing: all are determined.")
         )
     if content["combinations"]:
-        yield words("These ratios (:) and products (*) are surer than each of their two numbers:")
+        yield Words("These ratios (:) and products (*) are surer than each of their two numbers:")
         yield tables.combinations_table(content)
 
 
-def _repeats(content: Content) -> Iterator[str]:
+def _repeats(content: Content) -> Iterator[Block]:
     if not content["repeats"]:
-        yield words(
+        yield Words(
             "No pressures were visited twice, so the floor of the error is not known from these data."
         )
         return
-    yield words(
+    yield Words(
         "Spread between times with the same pressures (within 1 % of the range, now and over the second "
         "before): no prediction from pressures has a smaller error there.",
         kind="soft",

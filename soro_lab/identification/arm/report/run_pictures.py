@@ -17,6 +17,7 @@ from soro_lab.reporting.drawing import (
     MEASURED,
     PREDICTED,
     WIDTH,
+    Image,
     png,
     style,
     svg,
@@ -31,7 +32,7 @@ _BEYOND = 3.0
 _FAR, _BINS = 6.0, 60
 
 
-def run_picture(trace: Trace) -> str:
+def run_picture(trace: Trace) -> Image:
     """Return the picture of one shape of one run: each column, what is left over, and the pressures below."""
     heights = [_ROW] * sum(len(p.labels) for p in trace.panels) + [_LEFT, _PRESSURE]
     with mpl.rc_context(style()):
@@ -73,7 +74,7 @@ def run_picture(trace: Trace) -> str:
         return png(figure)
 
 
-def histogram(traces: Sequence[Trace]) -> str:
+def histogram(traces: Sequence[Trace]) -> Image:
     """Return how what is left over is distributed, in expected errors, beside the normal distribution."""
     shapes = list(dict.fromkeys(trace.shape for trace in traces))
     edges = np.linspace(-_FAR, _FAR, _BINS + 1)

@@ -1,0 +1,56 @@
+"""A key that several parts of a run share stands once, and reaches every node from there."""
+
+import pytest
+
+from soro_core.frames import Frames
+from soro_core.run_keys import SHARED
+from soro_core.safety import Limits
+from soro_core.twin.config import TwinConfig, TwinSection
+from soro_lab.scene import Scene, load_scene
+from tests.refused import refused
+
+DECIDED = sorted(TwinConfig.model_fields.keys() - TwinSection.model_fields.keys())
+
+
+@pytest.mark.parametrize("key", DECIDED)
+def test_a_scene_refuses_under_twin_what_it_decides_itself(key):
+    with refused("twin", names=(f"no {key} ",)):
+        Scene(twin={key: getattr(TwinConfig(), key)})
+
+
+def test_the_parameters_of_the_twin_node_are_no_section_of_a_scene():
+    with refused("twin", names=(f"no {DECIDED[0]} ",)):
+        Scene(twin=TwinConfig())
+
+
+def test_every_shared_key_reaches_every_node_that_has_it():
+    stated = {
+        "robot": "six_link",
+        "mode": "lockstep",
+        "rate_hz": 100.0,
+        "seed": 7,
+        "limits": Limits(maximum_pa=50e3),
+        "frames": Frames(world="map", pose="optitrack"),
+    }
+    assert set(stated) == {name for keys in SHARED for name in keys.model_fields}
+    scene = Scene(**stated, platform="emulated_canopen")
+    nodes = (scene.twin_node(), scene.estimator_node(), scene.controller_node(), scene.regulator_node())
+    for name, value in stated.items():
+        found = [getattr(node, name) for node in nodes if name in type(node).model_fields]
+        assert found
+        assert all(one == value for one in found)
+
+
+def test_the_scene_and_the_twin_share_no_key_beside_those():
+    """They differ in meaning: 0 is no end for a twin, and a scene may leave its model to be chosen."""
+    shared = {name for keys in SHARED for name in keys.model_fields}
+    assert (Scene.model_fields.keys() & TwinConfig.model_fields.keys()) - shared == {"duration_s", "model"}
+
+
+def test_a_path_of_the_checkout_is_answered_elsewhere_by_the_name_that_works(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with refused("", "no such file", names=("or track_circle for",)):
+        load_scene("config/scenes/track_circle.yaml")
+    with refused("", "no such file") as caught:
+        load_scene("config/scenes/mine.yaml")
+    assert "mine" not in caught.value.allowed

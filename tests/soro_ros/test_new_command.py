@@ -1,0 +1,95 @@
+"""`soro new`: files of an arm that run at once; wrong use is one line."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from soro_core import load_robot
+from soro_lab.scene import load_scene
+from tests.refused import refused_keys
+from tests.soro_ros.in_process import lockstep, without_valves
+from tests.soro_ros.running import run, summary
+
+ARMS = {
+    "one": ("--length", "80mm", "--mass", "30g"),
+    "planar": ("--planar", "--length", "60mm", "--radius", "15mm", "--mass", "20g"),
+    "two": ("--links", "2", "--length", "90mm,70mm", "--mass", "40g,25g", "--mounting", "hanging"),
+}
+# What the controller of an arm has to learn.
+LOADED = {"one": ("twin.payload_kg=0.01",)}
+# Time of the nodes [s]. The error is judged after 1 s; that of the others is found in one process, much
+# quicker: its numbers are those of the nodes (`test_closed_loop.py`).
+NODES_S = {"one": 6.0, "planar": 0.5, "two": 0.5}
+JUDGED_S = (1.0, 6.0)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_a_new_arm_runs_at_once_from_another_folder(soro, domain, tmp_path, monkeypatch, name):
+    status, out, _ = soro("new", name, *ARMS[name], "--out", str(tmp_path / "made"))
+    assert status == 0
+    assert len(out.splitlines()) == 4
+    shutil.move(tmp_path / "made", tmp_path / "mine")
+    monkeypatch.chdir(tmp_path)
+    scene = f"mine/{name}_scene.yaml"
+    seconds = NODES_S[name]
+    keys = ("mode=lockstep", f"duration_s={seconds}", *LOADED.get(name, ()))
+    status, output, folder = run(tmp_path / "runs", *keys, scene=scene)
+    assert status == 0, output
+    found = summary(folder)
+    assert found["verdict"] == "good"
+    assert found["faults"] == []
+    error = found["tip_error_last_rms_m"] if seconds == JUDGED_S[1] else tip_error_rms_m(scene)
+    assert error < 0.02 * load_robot(tmp_path / "mine" / f"{name}_robot.yaml").length
+
+
+def tip_error_rms_m(scene):
+    """Of the loop in one process."""
+    scene = without_valves(load_scene(scene, {"mode": "lockstep"}))
+    first, last = (round(scene.rate_hz * at) for at in JUDGED_S)
+    steps = list(lockstep(scene, last + 1))[first:]
+    return np.sqrt(np.mean([np.sum((step.tip - step.wanted) ** 2) for step in steps]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (("My-Arm",), "ARM"),
+        (("arm", "--length", "80"), "--length"),
+        (("arm", "--length", "80mm,60mm", "--links", "3"), "--length"),
+        (("arm", "--mass", "30 apples"), "--mass"),
+        (("arm", "--mass", "80kg"), "--mass"),
+        (("arm", "--chambers", "2.5"), "--chambers"),
+        (("arm", "--pressure-range", "90,0kPa"), "--pressure-range"),
+        (("arm", "--platform", "hydraulic"), "--platform"),
+        (("arm", "--mounting", "leaning"), "--mounting"),
+        (("arm", "--planar", "--chambers", "3"), "--chambers"),
+    ],
+)
+def test_wrong_use_is_one_line_and_leaves_nothing(soro, tmp_path, arguments, key):
+    status, out, err = soro("new", *arguments, "--out", str(tmp_path / "made"))
+    assert (status, out) == (2, "")
+    (line,) = err.splitlines()
+    assert refused_keys(line) == [key]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_files_need_force(soro, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert soro("new", "arm", "--length", "80mm").status == 0
+    status, _, err = soro("new", "arm", "--length", "90mm")
+    assert status == 2
+    (line,) = err.splitlines()
+    assert refused_keys(line) == ["--out"]
+    assert "--force" in line
+    assert load_robot("arm/arm_robot.yaml").length == 0.08
+    assert soro("new", "arm", "--length", "90mm", "--force").status == 0
+    assert load_robot("arm/arm_robot.yaml").length == 0.09
+
+
+def test_numbers_that_let_the_arm_fall_are_a_line(soro, tmp_path):
+    soft = ("--length", "200mm", "--radius", "10mm", "--bending-stiffness", "3Nmm/rad")
+    status, _, err = soro("new", "soft", *soft, "--out", str(tmp_path))
+    assert status == 0
+    (line,) = err.splitlines()
+    assert "--mounting hanging" in line

@@ -1,0 +1,178 @@
+"""The report of a run: what it does not know it does not say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from matplotlib.figure import Figure
+
+from soro_core.config import find_config, read_yaml
+from soro_lab.scene import load_scene
+from soro_ros.pictures import panels, picture
+from soro_ros.recordings import recording, report
+from soro_ros.recordings.recording import EMPTY, Recording, Series
+
+
+def rows(ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]:
+    """The table of a recording that ends at a time, with a tip error of 2 mm."""
+    scene = load_scene("track_circle", {key.replace("__", "."): value for key, value in changes.items()})
+    t = np.arange(0.0, ends_s, 0.005)
+    wanted, true = Series(t, np.zeros((t.size, 3))), Series(t, np.full((t.size, 3), [2e-3, 0.0, 0.0]))
+    half = Series(t, np.full((t.size, 3), [1e-3, 0.0, 0.0]))
+    differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
+    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, trips, half)
+    if changes.get("arm") == "real":
+        recording = replace(recording, shadow=differences)
+    names, values = report.table(report.summarise(report.of_scene(recording, scene), scene), scene).columns
+    return dict(zip(names.cells, values.cells, strict=True))
+
+
+def recorded(t: np.ndarray, true: Series, wanted: Series) -> Recording:
+    """A run with as many lines in its picture as there can be."""
+    chambers = Series(
+        t, np.full((t.size, 12), 40e3), tuple(f"link{n // 3}/chamber{n % 3}" for n in range(12))
+    )
+    estimates = Series(t, np.full((t.size, 3), 0.02), ("tip_mass", "stiffness", "damping"))
+    differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
+    return Recording(true, true, wanted, chambers, chambers, estimates, {}, (), true, differences)
+
+
+@pytest.mark.parametrize("ends_s", [20.0, 5.0], ids=["complete", "vented"])
+def test_legends_of_the_picture_lie_over_no_data(monkeypatch, tmp_path, ends_s):
+    t = np.arange(0.0, ends_s, 0.02)
+    tip = Series(t, 0.02 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
+    pages = []
+    monkeypatch.setattr("matplotlib.pyplot.close", pages.append)
+    picture.draw(recorded(t, tip, tip), load_scene("track_circle"), tmp_path / "run.png")
+    legends = [axis.get_legend() for axis in pages[0].axes]
+    assert len(legends) == 6
+    for axis, legend in zip(pages[0].axes, legends, strict=True):
+        for other in pages[0].axes:
+            assert not legend.get_window_extent().overlaps(other.get_window_extent())
+        assert axis.get_window_extent().height > 200
+        inside = pages[0].bbox
+        assert inside.x0 <= legend.get_window_extent().x0 < legend.get_window_extent().x1 <= inside.x1
+    names = [text.get_text() for text in legends[0].get_texts()]
+    assert ("true tip, last 5 s" in names) == (ends_s == 20.0)
+
+
+@pytest.mark.parametrize(
+    ("highest_pa", "changes"),
+    [
+        (90e3, {}),
+        (60e3, {"limits.maximum_pa": 60e3}),
+        (40e3, {"controller.pressures.maximum_pa": 40e3}),
+        (50e3, {"platform": "narrow"}),
+    ],
+)
+def test_a_bound_is_the_one_that_the_controller_keeps(tmp_path, highest_pa, changes):
+    narrow = {**read_yaml(find_config("emulated_canopen", "platforms")), "range": {"maximum_pa": 50e3}}
+    (tmp_path / "narrow.yaml").write_text(yaml.safe_dump(narrow))
+    if "platform" in changes:
+        changes = {"platform": str(tmp_path / "narrow.yaml")}
+    t = np.arange(0.0, 20.0, 0.005)
+    tip = Series(t, np.zeros((t.size, 3)))
+    command = Series(t, np.full((t.size, 3), [highest_pa, 0.5 * highest_pa, 0.0]))
+    bag = Recording(tip, tip, tip, command, command, EMPTY, {}, ())
+    assert report.summarise(bag, load_scene("track_circle", changes)).saturated_part == pytest.approx(2 / 3)
+
+
+def test_a_chamber_without_a_reading_hides_no_pressure_of_the_others():
+    t = np.arange(0.0, 20.0, 0.005)
+    tip = Series(t, np.zeros((t.size, 3)))
+    reading = Series(t, np.full((t.size, 3), [30e3, 10e3, 2e3]))
+    reading.value[2000:, 1] = np.nan
+    bag = Recording(tip, tip, tip, reading, reading, EMPTY, {}, ())
+    found = report.summarise(bag, load_scene("track_circle"))
+    assert (found.pressure_min_pa, found.pressure_max_pa) == (2e3, 30e3)
+
+
+FIRST, LAST = "tip error RMS, 3 to 8 s", "tip error RMS, last 5 s"
+
+
+@pytest.mark.parametrize(
+    ("ends_s", "duration_s", "first", "last"),
+    [
+        (20.0, 20.0, "2.00 mm", "2.00 mm"),
+        (8.0, 8.0, "2.00 mm", "2.00 mm"),
+        (7.0, 7.0, "-", "2.00 mm"),
+        (1.5, 1.5, "-", "-"),
+        (17.0, 20.0, "2.00 mm", "-"),  # interrupted
+        (5.0, 20.0, "-", "-"),
+    ],
+)
+def test_a_window_that_the_run_did_not_fill_is_a_dash(ends_s, duration_s, first, last):
+    found = rows(ends_s, duration_s=duration_s)
+    assert found[f"{FIRST} (while adapting)"] == first
+    assert found[LAST] == found["tip error max, last 5 s"] == last
+    assert found["estimator's tip error RMS, last 5 s"] == ("0.00 mm" if last != "-" else "-")
+
+
+@pytest.mark.parametrize(
+    ("ends_s", "faults", "settling"),
+    [
+        (20.0, (), "0.00 s"),
+        (17.0, (), "- (not run to its end)"),
+        (12.0, ("regulator: vented: stuck",), "- (not run to its end)"),
+        (20.0, ("regulator: vented: stuck",), "- (not run to its end)"),
+    ],
+    ids=["complete", "interrupted", "vented", "vented at the end"],
+)
+def test_what_was_cut_short_has_not_settled(ends_s, faults, settling):
+    assert rows(ends_s, trips=faults)["settling to 5% of the length"] == settling
+
+
+def test_faults_of_another_arm_are_not_this_one_s():
+    status = [
+        DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message="vented: stuck")
+        for name in ("/other/regulator", "/regulator", "/arm/regulator")
+    ]
+    found = recording.statuses(DiagnosticArray(status=status), "/arm/")
+    assert list(found) == [("regulator", {}, "regulator: vented: stuck")]
+
+
+def test_without_adaptation_the_report_leaves_it_out():
+    found = rows(20.0, controller__adapt=False)
+    assert found[FIRST] == "2.00 mm"
+
+
+def test_injected_faults_and_trips_are_separate_rows():
+    leak = {"fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0}
+    injected = [{"at": 5.0, **leak}, {"at": 6.5, "fault": "drop"}]
+    found = rows(20.0, platform="emulated_canopen", faults=injected)
+    told = "leak of link0/chamber0 (rate_1_s 3) at 5 s; drop (p 0.2) at 6.5 s"
+    assert (found["injected faults"], found["trips"]) == (told, "none")
+    plain = rows(20.0, trips=("regulator: vented: stuck",))
+    assert plain["trips"] == "regulator: vented: stuck"
+    assert "injected faults" not in plain
+
+
+def test_what_was_not_measured_is_a_dash():
+    found = rows(20.0)
+    assert found["loop lateness p50 / p99"] == found["measured pressures"] == "-"
+    known = {"regulator": {"lateness_p50_ms": "0.1", "lateness_p99_ms": "0.5"}}
+    assert rows(20.0, known)["loop lateness p50 / p99"] == "0.10 / 0.50 ms"
+
+
+def test_of_a_real_arm_the_report_has_the_measured_tip_and_its_distance_from_the_shadow():
+    found = rows(20.0, valves="real", arm="real", controller__adapt=False)
+    assert found[LAST] == "1.00 mm"
+    assert found["tip, measured to shadow, RMS / max"] == "3.00 / 3.00 mm"
+    assert found["bending, measured less shadow, mean / RMS"] == "-0.57 / 0.57 deg"
+    assert not any("shadow" in name for name in rows(20.0))
+
+
+def test_the_legend_of_the_estimates_gives_units():
+    t = np.linspace(0.0, 1.0, 5)
+    values = np.stack([0.02 * t, 0.5 + t], axis=1)
+    drawn = replace(
+        recorded(t, EMPTY, EMPTY), estimates=Series(t, values, ("tip_mass", "link0/bend_x/damping"))
+    )
+    axis = Figure().subplots()
+    panels.draw_estimates(axis, drawn)
+    assert axis.get_legend_handles_labels()[1] == [
+        "tip_mass / 0.02 kg (largest), end 0.02 kg",
+        "link0/bend_x/damping / 0.5 (start), end 1.5",
+    ]

@@ -1,0 +1,142 @@
+"""The verdict on a run: what is refused before it starts, and what is lost."""
+
+from dataclasses import replace
+
+import pytest
+import yaml
+
+from soro_core import load_robot
+from soro_core.config import find_config, read_yaml
+from soro_lab.scene import check_gains, load_scene
+from soro_ros.recordings.report import Summary
+from soro_ros.recordings.verdict import Verdict, advice, judge
+from tests.refused import refused, refused_keys
+from tests.soro_ros.running import run, summary
+
+GOOD = Summary(20.0, 2e-3, 1e-3, 2e-3, 1e-3, 1.0, 0.0, 9e4, 0.1, 0, 0, 0.1, 0.2, 0, ())
+GAINS = {"k_p": [0.4, 1e-6, 1e-6], "k_d": [0.0, 1e-7, 1e-7], "lambda_per_s": [4.0, 4.0, 4.0]}
+LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("figures", "keys", "status", "word", "names"),
+    [
+        ({}, {}, 0, "good", ()),
+        # A tenth of 64 mm.
+        ({"tip_error_last_rms_m": 6.5e-3}, {}, 0, "lost", ("6.5 mm", "10%")),
+        ({"tip_error_last_rms_m": 6.3e-3}, {}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.tip_error_part": 0.2}, 0, "good", ()),
+        ({"saturated_part": 0.51}, {}, 0, "lost", ("51%", "50%")),
+        ({"saturated_part": 0.51}, {"verdict.at_bound_part": 0.6}, 0, "good", ()),
+        ({"saturated_part": 0.51, "duration_s": 2.0}, {}, 0, "good", ("5 s",)),
+        ({"tip_error_last_rms_m": float("nan")}, {}, 0, "lost", ("5 s",)),
+        # With injected faults, as before there were verdicts.
+        ({"tip_error_last_rms_m": 0.3}, {"faults": [LEAK]}, 0, "good", ()),
+        (
+            {"faults": ("regulator: vented: leak",)},
+            {"faults": [LEAK]},
+            1,
+            "vented",
+            ("regulator: vented: leak",),
+        ),
+        ({"tip_error_last_rms_m": float("nan")}, {}, 130, "vented", ("interrupted",)),
+    ],
+)
+def test_a_run_is_judged_by_its_figures(figures, keys, status, word, names):
+    verdict = judge(replace(GOOD, **figures), load_scene("track_circle", keys), status, "")
+    assert verdict.word == word
+    assert all(name in verdict.reason for name in names)
+    assert bool(verdict.reason) == bool(names)
+
+
+@pytest.mark.parametrize(
+    ("reason", "keys", "is_given"),
+    [
+        ("regulator: vented: command lost: last one 102 ms old", {}, True),
+        ("stale_reading: link0/chamber0 (node 1): no pressure for 50 ms", {}, True),
+        ("regulator: vented: leak", {}, False),
+        ("regulator: vented: command lost", {"mode": "lockstep"}, False),
+        ("regulator: vented: stale_reading", {"faults": [LEAK]}, False),
+    ],
+)
+def test_a_run_that_lateness_ended_has_an_advice(reason, keys, is_given):
+    assert bool(advice(Verdict("vented", reason), load_scene("track_circle", keys))) == is_given
+
+
+def test_a_run_without_a_recording_is_not_judged():
+    assert str(judge(None, load_scene("track_circle"), 0, "")) == "good: not judged: no tip was recorded"
+
+
+def gains_of(changes, **keys):
+    scene = load_scene("track_circle", {"platform": "", **changes, **keys})
+    return check_gains(scene, load_robot(find_config(scene.robot, "robots")), "scene.yaml"), scene
+
+
+def test_gains_of_another_robot_are_refused(tmp_path):
+    other = {"robot": "asu_two_segment"}
+    with refused("controller.gains", names=("asu_two_segment",)) as caught:
+        gains_of(other, controller="adaptive_three_bellow")
+    assert "tue_three_bellow" in caught.value.got
+    file = tmp_path / "mine.yaml"
+    file.write_text(yaml.safe_dump({"robot": "asu_two_segment", "gains": GAINS}))
+    with refused("controller.gains") as caught:
+        gains_of({}, controller=str(file))
+    assert "asu_two_segment" in caught.value.got
+
+
+def test_gains_that_are_stated_or_of_this_robot_are_accepted(tmp_path):
+    assert gains_of({})[0] == ""
+    assert gains_of({}, controller="adaptive_three_bellow")[0] == ""
+    other = {"robot": "asu_two_segment"}
+    line = "controller.gains name no robot: taken for those of asu_two_segment"
+    said, scene = gains_of(other, **{"controller.gains": {"k_p": [0.4, 1e-6, 1e-6]}})
+    assert said == line
+    # The scene that a run leaves says whose they are, and can be run again.
+    used = tmp_path / "used.yaml"
+    used.write_text(yaml.safe_dump(scene.to_dict()))
+    again = load_scene(used)
+    assert check_gains(again, load_robot(find_config(again.robot, "robots")), "used.yaml") == ""
+    # A controller file from before files named their robot.
+    old = read_yaml(find_config("adaptive_three_bellow", "controllers"))
+    del old["robot"]
+    file = tmp_path / "old.yaml"
+    file.write_text(yaml.safe_dump(old))
+    assert gains_of(other, controller=str(file))[0] == line
+    # The same robot in another folder, another one that the gains are known to fit, and automatic ones.
+    copy = tmp_path / "tue_three_bellow.yaml"
+    copy.write_text(find_config("tue_three_bellow", "robots").read_text())
+    assert gains_of({"robot": str(copy)})[0] == ""
+    theirs = {"controller": "adaptive_three_bellow"}
+    assert gains_of(other, **theirs, **{"controller.robot": "asu_two_segment"})[0] == ""
+    assert gains_of(other, **theirs, **{"controller.gains": "auto"})[0] == ""
+    assert gains_of(other)[0] == ""
+    assert (
+        gains_of(
+            {"robot": "tue_three_bellow", "controller": "adaptive_three_bellow"},
+            **{"controller.adapt": False},
+        )[1].controller.adapt
+        is False
+    )
+
+
+def test_a_run_with_the_gains_of_another_robot_does_not_start(domain, tmp_path):
+    status, output, folder = run(
+        tmp_path, "robot=asu_two_segment", "platform=", "mode=lockstep", "controller=adaptive_three_bellow"
+    )
+    assert status == 2, output
+    assert summary(folder)["verdict"] == "refused"
+    assert summary(folder)["reason"] in output
+    assert refused_keys(summary(folder)["reason"]) == ["controller.gains"]
+    assert not (folder / "log").exists()
+    assert not (folder / "bag").exists()
+
+
+def test_a_run_whose_reference_is_out_of_reach_does_not_start(domain, tmp_path):
+    gains = "controller.gains={k_p: [0.4, 1.0e-6, 1.0e-6]}"
+    changes = ("robot=asu_two_segment", "platform=", "mode=lockstep", gains)
+    status, output, folder = run(tmp_path, *changes)
+    assert status == 2, output
+    found = summary(folder)
+    assert found["verdict"] == "refused"
+    assert refused_keys(found["reason"]) == ["reference.curvature_per_m"]
+    assert "Traceback" not in output

@@ -26,58 +26,17 @@ def new(
     ] = "",
     radius: Annotated[
         str,
-        typer.Option(
-            help="Radius of each link, like 13mm, or by link. Default: from mass, length and density."
-        ),
+        typer.Option(help="Radius of each link, like 13mm, or by link. Default: from mass and length."),
     ] = "",
     mass: Annotated[
-        str, typer.Option(help="Mass of each link, like 30g, or by link. Default: from section and density.")
+        str, typer.Option(help="Mass of each link, like 30g, or by link. Default: from the section.")
     ] = "",
     chambers: Annotated[
         str,
         typer.Option(help="Number of chambers of each link, or by link: 3,3. Default 3, with --planar 2."),
     ] = "",
-    angles: Annotated[
-        str,
-        typer.Option(
-            help="Directions of the chambers about the tangent, from the local x axis: 0,120,240 in degrees, "
-            "or with the unit rad; links that differ are separated by a slash: 0,120,240/60,180,300. "
-            "Default: evenly spread from 0."
-        ),
-    ] = "",
-    area: Annotated[
-        str,
-        typer.Option(
-            help="Effective area of each chamber, like 40mm2, or by link. Default: from the radius."
-        ),
-    ] = "",
-    offset: Annotated[
-        str,
-        typer.Option(
-            help="Distance of each chamber's centre from the backbone, like 8mm, or by link. "
-            "Default: from the radius."
-        ),
-    ] = "",
     pressure_range: Annotated[
         str, typer.Option(help="Lowest and highest gauge pressure, like 0,90kPa; one value: from 0 to it.")
-    ] = "",
-    material: Annotated[
-        str,
-        typer.Option(
-            help="Material, for stiffness and mass: ecoflex-0010, -0030, -0050, dragonskin-10, -20, -30, "
-            "elastosil-m4601, tpu-85a. Default: one that is as soft as the pressures and the weight need."
-        ),
-    ] = "",
-    youngs_modulus: Annotated[
-        str,
-        typer.Option(
-            help="Young's modulus of the section without its chambers, like 120kPa, instead of --material. "
-            "Bellows are 10 to 100 times softer than their material."
-        ),
-    ] = "",
-    density: Annotated[
-        str,
-        typer.Option(help="Density of the material in kg/m3. Default: that of --material, or of a silicone."),
     ] = "",
     axial_stiffness: Annotated[
         str,
@@ -91,7 +50,7 @@ def new(
         str, typer.Option(help="standing (base below), hanging (base above) or lying (base horizontal).")
     ] = "standing",
     planar: Annotated[
-        bool, typer.Option("--planar", help="The arm bends in one plane only, that of angles 0 and 180.")
+        bool, typer.Option("--planar", help="The arm bends in one plane only, that of its local x axis.")
     ] = False,
     platform: Annotated[
         str,
@@ -101,19 +60,6 @@ def new(
             "says --valves real."
         ),
     ] = "emulated",
-    sensors: Annotated[
-        str,
-        typer.Option(
-            help="pose (at the tip), poses (at the end of each link; of one link at its middle too), imu "
-            "(at the tip), or pose,imu and poses,imu."
-        ),
-    ] = "pose",
-    sensor_places: Annotated[
-        str, typer.Option(help="Places of the sensors instead, parts of the length of the arm: 0.5,1.")
-    ] = "",
-    payload: Annotated[
-        str, typer.Option(help="Load at the tip of the twin, which the controller has to learn, like 20g.")
-    ] = "",
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder of the files; default ARM.")
     ] = None,
@@ -121,9 +67,10 @@ def new(
 ) -> None:
     """Write ARM_robot.yaml, ARM_platform.yaml and ARM_scene.yaml for your own arm, from what you know of it.
 
-    Numbers take a unit (80mm, 30g, 90kPa); alone they are in m, kg, Pa, and angles in degrees. What is not
-    given is estimated, or guessed such that the arm runs on the twin: a comment at each number says which.
-    Stiffness is right within a factor of two or three at best, until it is identified.
+    Numbers take a unit (80mm, 30g, 90kPa); alone they are in m, kg, Pa. What is not given is estimated, or
+    guessed such that the arm runs on the twin: a comment at each key says what it is, so write your own
+    numbers into the files (angles and areas of chambers, sensors, payload, ...). Stiffness is right within a
+    factor of two or three at best, until it is identified.
 
     Exit status 0: written; 2: wrong use, or a file exists.
     """
@@ -139,21 +86,12 @@ def new(
         radius=radius,
         mass=mass,
         chambers=chambers,
-        angles=angles,
-        area=area,
-        offset=offset,
         pressure_range=pressure_range,
-        material=material,
-        youngs_modulus=youngs_modulus,
-        density=density,
         axial_stiffness=axial_stiffness,
         bending_stiffness=bending_stiffness,
         mounting=mounting,
         planar=planar,
         platform=platform,
-        sensors=sensors,
-        sensor_places=sensor_places,
-        payload=payload,
     )
     written = write_arm(new_arm(options), Path(name) if out is None else out, force)
     console = Console(stderr=True)

@@ -114,7 +114,7 @@ def modulus_of(section: Section, length: float, area: float, offset: float, n: i
 
 
 def modulus_for_weight(
-    sections: Sequence[Section], lengths: Sequence[float], masses: Sequence[float], load: float
+    sections: Sequence[Section], lengths: Sequence[float], masses: Sequence[float]
 ) -> float:
     """Return the modulus [Pa] with which an arm carries its weight in whatever direction.
 
@@ -124,8 +124,6 @@ def modulus_for_weight(
         Of the links.
     lengths, masses : sequence of float
         Of the links [m], [kg].
-    load : float
-        Mass at the tip [kg].
     """
     needed = 0.0
     for k, section in enumerate(sections):
@@ -133,6 +131,5 @@ def modulus_for_weight(
         for length, mass in zip(lengths[k:], masses[k:], strict=True):
             moment += GRAVITY * mass * (rest + 0.5 * length)
             rest += length
-        moment += GRAVITY * load * rest
         needed = max(needed, moment * rest / (SAG * section.second_moment_m4))
     return needed

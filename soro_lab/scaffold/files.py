@@ -82,17 +82,15 @@ def _write(arm: NewArm, folder: Path, names: tuple[str, ...]) -> tuple[FirstRefe
     (folder / platform).write_text(commented(platform_header(arm, shipped), platform_tree(arm, shipped)))
     (folder / robot_name).write_text(commented(robot_header(arm), robot_tree(arm)))
     robot = load_robot(folder / robot_name)
-    load = arm.payload.value
-    reference = first_reference(robot, load)
+    reference = first_reference(robot)
     tree = scene_tree(arm, robot, reference, (robot_name, platform))
     (folder / scene).write_text(commented(scene_header(arm, reference), tree))
     loaded = load_scene(folder / scene)
     warnings = check_scene(loaded, scene)
     loop_of(loaded)
-    if not rests(robot, load, loaded.twin_node().refine):
+    if not rests(robot, loaded.twin_node().refine):
         warnings.append(
-            f"{arm.name} has no stable rest without pressure under its weight"
-            + (" and payload" if load else "")
-            + ": it is too soft, too heavy or too long; or --mounting hanging"
+            f"{arm.name} has no stable rest without pressure under its weight: it is too soft, too heavy or "
+            "too long; or --mounting hanging"
         )
     return reference, tuple(warnings)

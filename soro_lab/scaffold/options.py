@@ -22,7 +22,6 @@ MOUNTINGS = {
         "a quarter turn about y: the tangent of the base points along the world's x",
     ),
 }
-SENSORS = ("pose", "poses", "imu")
 MOST_LINKS = 12
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -37,21 +36,12 @@ class Options:
     radius: str = ""
     mass: str = ""
     chambers: str = ""
-    angles: str = ""
-    area: str = ""
-    offset: str = ""
     pressure_range: str = ""
-    material: str = ""
-    youngs_modulus: str = ""
-    density: str = ""
     axial_stiffness: str = ""
     bending_stiffness: str = ""
     mounting: str = "standing"
     planar: bool = False
     platform: str = "emulated"
-    sensors: str = "pose"
-    sensor_places: str = ""
-    payload: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,10 +51,7 @@ class GivenLink:
     length: float | None
     radius: float | None
     mass: float | None
-    angles: tuple[float, ...] | None
     count: int
-    area: float | None
-    offset: float | None
     axial: float | None
     bending: float | None
 
@@ -83,26 +70,20 @@ def read_links(options: Options) -> tuple[GivenLink, ...]:
             ("--length", quantity.LENGTH, options.length),
             ("--radius", quantity.LENGTH, options.radius),
             ("--mass", quantity.MASS, options.mass),
-            ("--area", quantity.AREA, options.area),
-            ("--offset", quantity.DISTANCE, options.offset),
             ("--axial-stiffness", quantity.AXIAL, options.axial_stiffness),
             ("--bending-stiffness", quantity.BENDING, options.bending_stiffness),
         )
     }
-    chambers, directions = _counts(options.chambers), _angles(options.angles)
-    longest = max(len(values) for values in (*numbers.values(), chambers, directions))
+    chambers = _counts(options.chambers)
+    longest = max(len(values) for values in (*numbers.values(), chambers))
     n = (longest or 1) if options.links is None else options.links
     if not 1 <= n <= MOST_LINKS:
         raise ConfigError(WHERE, "--links", n, f"1 to {MOST_LINKS}")
     spread = {option: _spread(option, values, n) for option, values in numbers.items()}
-    angles = _spread("--angles", directions, n)
-    counts = [
-        count if count is not None else len(own) if own else (2 if options.planar else 3)
-        for count, own in zip(_spread("--chambers", chambers, n), angles, strict=True)
-    ]
-    for count, own in zip(counts, angles, strict=True):
-        if own and len(own) != count:
-            raise ConfigError(WHERE, "--angles", options.angles, f"{count} angles, one a chamber of a link")
+    usual = 2 if options.planar else 3
+    counts = [usual if count is None else count for count in _spread("--chambers", chambers, n)]
+    if options.planar and max(counts) > 2:
+        raise ConfigError(WHERE, "--chambers", options.chambers, "with --planar at most 2 a link")
     if not any(counts):
         raise ConfigError(WHERE, "--chambers", options.chambers, "at least one chamber")
     return tuple(
@@ -110,10 +91,7 @@ def read_links(options: Options) -> tuple[GivenLink, ...]:
             length=spread["--length"][k],
             radius=spread["--radius"][k],
             mass=spread["--mass"][k],
-            angles=angles[k],
             count=counts[k],
-            area=spread["--area"][k],
-            offset=spread["--offset"][k],
             axial=spread["--axial-stiffness"][k],
             bending=spread["--bending-stiffness"][k],
         )
@@ -142,49 +120,6 @@ def read_range(text: str) -> tuple[float, float] | None:
     return low, high
 
 
-def read_one(kind: Quantity, text: str, option: str) -> float | None:
-    """Return the number of an option of the whole arm, or None where it is not given.
-
-    Parameters
-    ----------
-    kind : Quantity
-        What it is.
-    text : str
-        As it is written.
-    option : str
-        For errors.
-    """
-    values = _numbers(kind, text, option)
-    if len(values) > 1:
-        raise ConfigError(WHERE, option, text, f"one value for the whole arm, like {kind.example}")
-    return values[0] if values else None
-
-
-def read_sensors(text: str, places: str, n_links: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the places of pose sensors and of IMUs, parts of the length of the arm.
-
-    Parameters
-    ----------
-    text : str
-        Names of sensors, separated by commas.
-    places : str
-        Places of the sensors, or empty.
-    n_links : int
-        Number of links, at whose ends `poses` stand.
-    """
-    names = [name.strip() for name in text.split(",")]
-    if not set(names) <= set(SENSORS) or len(set(names)) != len(names) or {"pose", "poses"} <= set(names):
-        allowed = "pose (at the tip), poses (at several places), imu, or one of the first two with imu"
-        raise ConfigError(WHERE, "--sensors", text, allowed)
-    stated = tuple(sorted(set(_numbers(quantity.PLACE, places, "--sensor-places"))))
-    if 0.0 in stated:
-        raise ConfigError(WHERE, "--sensor-places", places, "places above 0, the base, to 1, the tip")
-    ends = tuple(round((k + 1) / max(n_links, 2), 4) for k in range(max(n_links, 2)))
-    chosen = stated or (ends if "poses" in names else (1.0,))
-    poses = chosen if {"pose", "poses"} & set(names) else ()
-    return poses, (stated or (1.0,)) if "imu" in names else ()
-
-
 def _numbers(kind: Quantity, text: str, option: str) -> tuple[float, ...]:
     return kind.read(text, option) if text else ()
 
@@ -194,21 +129,6 @@ def _counts(text: str) -> tuple[int, ...]:
     if any(value != int(value) for value in values):
         raise ConfigError(WHERE, "--chambers", text, "whole numbers")
     return tuple(map(int, values))
-
-
-def _angles(text: str) -> tuple[tuple[float, ...], ...]:
-    """Return the angles of the chambers of each link [rad]; links are separated by a slash."""
-    if not text:
-        return ()
-    found = tuple(quantity.ANGLE.read(part, "--angles") for part in text.split("/"))
-    if "deg" not in text and "rad" not in text:
-        numbers = [float(part) for part in re.split("[/,]", text)]
-        if any(0.0 < abs(x) <= 6.3 for x in numbers):
-            allowed = (
-                "a unit where angles are this small: 0,2.094,4.189rad, or 0,5deg; alone they are degrees"
-            )
-            raise ConfigError(WHERE, "--angles", text, allowed)
-    return found
 
 
 def _spread(option: str, values: Sequence[Value], n: int) -> tuple[Value | None, ...]:

@@ -75,9 +75,7 @@ class Quantity:
 
 
 LENGTH = Quantity("a length", {"m": 1.0, "mm": 1e-3, "cm": 1e-2}, 1e-3, 10.0, "80mm")
-DISTANCE = Quantity("a distance", LENGTH.units, 0.0, 10.0, "8mm")
 MASS = Quantity("a mass", {"kg": 1.0, "g": 1e-3}, 1e-5, 100.0, "30g")
-LOAD = Quantity("a mass", MASS.units, 0.0, 5.0, "20g")
 PRESSURE = Quantity(
     "gauge pressures",
     {"Pa": 1.0, "kPa": 1e3, "bar": 1e5, "mbar": 1e2, "psi": 6894.757},
@@ -85,11 +83,6 @@ PRESSURE = Quantity(
     9e5,
     "0,90kPa",
 )
-MODULUS = Quantity("a modulus", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}, 1e3, 1e10, "120kPa")
-DENSITY = Quantity("a density", {"kg/m3": 1.0, "g/cm3": 1e3}, 20.0, 20e3, "1070")
-AREA = Quantity("an area", {"m2": 1.0, "mm2": 1e-6, "cm2": 1e-4}, 1e-8, 1.0, "40mm2")
 AXIAL = Quantity("a stiffness", {"N/m": 1.0, "N/mm": 1e3}, 1e-2, 1e8, "500")
 BENDING = Quantity("a stiffness", {"Nm/rad": 1.0, "Nmm/rad": 1e-3}, 1e-7, 1e5, "5Nmm/rad")
-ANGLE = Quantity("angles", {"deg": math.pi / 180.0, "rad": 1.0}, -4 * math.pi, 4 * math.pi, "0,120,240")
-PLACE = Quantity("places", {"": 1.0}, 0.0, 1.0, "0.5,1")
 COUNT = Quantity("numbers", {"": 1.0}, 0.0, 12.0, "3")

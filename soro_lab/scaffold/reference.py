@@ -54,17 +54,15 @@ class FirstReference:
     set_point: tuple[float, ...] = ()
 
 
-def first_reference(robot: Robot, load_kg: float) -> FirstReference:
+def first_reference(robot: Robot) -> FirstReference:
     """Return a circle where the chambers of every link drive all its strains, else a resting place.
 
     Parameters
     ----------
     robot : Robot
         With its range of pressures.
-    load_kg : float
-        Mass at the tip beside that of the robot [kg].
     """
-    arm = SoftArm(robot.replace(tip_mass=robot.tip_mass + load_kg))
+    arm = SoftArm(robot)
     fields = strain_fields(robot)
     if all(link.n_q == 3 for link in robot.links) and _rank(arm) == arm.n_q:
         low, high = robot.pressure_range_pa
@@ -79,24 +77,22 @@ def first_reference(robot: Robot, load_kg: float) -> FirstReference:
     return FirstReference("set_point", set_point=tuple(float(f"{x:.4g}") for x in place))
 
 
-def rests(robot: Robot, load_kg: float, parts: int) -> bool:
+def rests(robot: Robot, parts: int) -> bool:
     """Return whether the arm has a stable rest at its lowest pressures, found from the straight arm.
 
     Parameters
     ----------
     robot : Robot
-    load_kg : float
-        Mass at the tip beside that of the robot [kg].
     parts : int
         Links for each of the robot: an arm of more links buckles under a smaller load.
     """
     arm = SoftArm(robot.refine(parts))
     low = np.full(arm.n_u, max(robot.pressure_range_pa[0], 0.0))
     try:
-        q = equilibrium(arm, low, None, load_kg)
+        q = equilibrium(arm, low)
     except ModelError:
         return False
-    return RestForces(arm, low, load_kg).is_stable(q)
+    return RestForces(arm, low).is_stable(q)
 
 
 def _rank(arm: SoftArm) -> int:
@@ -111,7 +107,6 @@ def _circle(arm: SoftArm, fields: StrainFields, mean_pa: float) -> float:
     Parameters
     ----------
     arm : SoftArm
-        With its load.
     fields : StrainFields
         Of the robot.
     mean_pa : float
@@ -141,7 +136,6 @@ def _held(arm: SoftArm, q: Array, low: float, high: float) -> bool:
     Parameters
     ----------
     arm : SoftArm
-        With its load.
     q : ndarray (n_q,)
         Coordinates.
     low, high : float

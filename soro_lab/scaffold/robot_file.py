@@ -15,7 +15,9 @@ from soro_lab.scaffold.options import MOUNTINGS
 DAMPING = 0.2
 _HEADER = """{name}: {what}, {mounting}. Written by `soro new`.
 Each number has its unit and where it comes from. "estimated" follows from given numbers by a
-formula and may be wrong by a factor of two or more; "guess" makes the arm run on the twin."""
+formula and may be wrong by a factor of two or more; "guess" makes the arm run on the twin.
+Write your own numbers in their place. With a known Young's modulus, multiply k_e and k_b by it over
+the E of their comments. docs/model_terms.md has further keys: loads, contact, air, other laws."""
 
 
 def robot_tree(arm: NewArm) -> dict[str, Any]:
@@ -23,8 +25,8 @@ def robot_tree(arm: NewArm) -> dict[str, Any]:
     quaternion, what = MOUNTINGS[arm.mounting]
     loss = _damping(arm)
     return {
-        "name": Noted(arm.name, ""),
-        "description": Noted(_what(arm), ""),
+        "name": Noted(arm.name, "small letters, digits and _"),
+        "description": Noted(_what(arm), "for people"),
         "gravity": Noted((0.0, 0.0, -9.81), "m/s^2, in the world, whose z points up"),
         "base_quaternion": Noted(quaternion, f"x, y, z, w of the base in the world, {arm.mounting}: {what}"),
         "base_position": Noted((0.0, 0.0, 0.0), "m, of the base in the world: at its origin"),

@@ -9,7 +9,7 @@ from soro_core.adaptation.modes import first_mode
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.safety import Limits
-from soro_core.twin.config import SensorConfig
+from soro_core.twin.config import SensorConfig, TwinSection
 from soro_lab.scaffold.arm import NewArm
 from soro_lab.scaffold.noted import Noted, rounded
 from soro_lab.scaffold.platform_file import RATING
@@ -20,7 +20,7 @@ RATE_HZ = 200.0
 _RANGE = 90e3
 # Periods of the first bending in one of the circle, at least, and the shortest period [s].
 _SLOWER, _PERIOD_S = 6.0, 4.0
-_SENSOR = SensorConfig()
+_POSE, _IMU = TwinSection().pose, TwinSection().imu
 # Pieces of a link of the twin: the first swing is that of the link to 0.3 %. Longer arms need fewer.
 _PARTS = 8
 
@@ -48,7 +48,7 @@ def scene_tree(
     """
     period = _period(robot)
     return {
-        "name": Noted(arm.name, ""),
+        "name": Noted(arm.name, "of the topics, /NAME/arm/state, and of the folders of runs"),
         "description": Noted(_SHOWS[reference.kind], "of soro scenes"),
         "robot": Noted(names[0], "beside this file"),
         "platform": Noted(names[1], "beside this file"),
@@ -114,30 +114,26 @@ def _limits(arm: NewArm) -> dict[str, Noted]:
 
 def _twin(arm: NewArm) -> dict[str, Any]:
     parts = _PARTS if len(arm.links) <= 2 else _PARTS // 2
-    twin: dict[str, Any] = {
-        "refine": Noted(parts, "links of the simulated arm for each of the model, so that the two differ"),
-        "payload_kg": Noted(
-            arm.payload.value, f"load at the tip that the controller does not know: {arm.payload.note}"
-        ),
-        "pose": {"enabled": Noted(False, "no pose sensor given")},
-    }
-    if arm.poses:
-        twin["pose"] = _sensor(arm.poses, 100.0, _SENSOR.delay_s) | {
-            "position_noise_m": Noted(
-                _SENSOR.position_noise_m, "m, deviation of each coordinate; guess: a camera"
-            ),
-            "rotation_noise_rad": Noted(_SENSOR.rotation_noise_rad, "rad, deviation; guess: a camera"),
-        }
-    if arm.imus:
-        twin["imu"] = {"enabled": Noted(True, "given")} | _sensor(arm.imus, 200.0, 0.0)
-    return twin
-
-
-def _sensor(places: tuple[float, ...], rate_hz: float, delay_s: float) -> dict[str, Noted]:
     return {
-        "rate_hz": Noted(rate_hz, "samples a second; guess: that of yours must divide rate_hz"),
-        "delay_s": Noted(delay_s, "s, from sampling to publication; guess"),
-        "locations": Noted(places, "places, parts of the length of the arm: 1 is the tip"),
+        "refine": Noted(parts, "links of the simulated arm for each of the model, so that the two differ"),
+        "payload_kg": Noted(0.0, "kg, load at the tip that the controller does not know and has to learn"),
+        "pose": {
+            "enabled": Noted(True, "false: none"),
+            **_sensor(_POSE, "1 is the tip; [0.5, 1.0]: a second one in the middle"),
+            "position_noise_m": Noted(
+                _POSE.position_noise_m, "m, deviation of each coordinate; guess: a camera"
+            ),
+            "rotation_noise_rad": Noted(_POSE.rotation_noise_rad, "rad, deviation; guess: a camera"),
+        },
+        "imu": {"enabled": Noted(False, "true: an IMU at each place"), **_sensor(_IMU, "1 is the tip")},
+    }
+
+
+def _sensor(sensor: SensorConfig, places: str) -> dict[str, Noted]:
+    return {
+        "rate_hz": Noted(sensor.rate_hz, "samples a second; guess: that of yours must divide rate_hz"),
+        "delay_s": Noted(sensor.delay_s, "s, from sampling to publication; guess"),
+        "locations": Noted(sensor.locations, f"places, parts of the length of the arm: {places}"),
     }
 
 

@@ -12,7 +12,7 @@ from soro_core.errors import BagError, ConfigError, SoroError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_ENDINGS = (".png", ".svg", ".pdf", ".xml")
+_ENDINGS = (".png", ".svg", ".pdf")
 Run: TypeAlias = Annotated[
     Path, typer.Argument(help="Folder of a run, of a bag, or an .mcap file.", show_default=False)
 ]
@@ -49,9 +49,7 @@ def plot(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="File to write: .png, .svg, .pdf; .xml: a layout of PlotJuggler. Default: plot.png in RUN."
-        ),
+        typer.Option(help="File to write: .png, .svg, .pdf. Default: plot.png in RUN."),
     ] = None,
     start: Start = None,
     end: End = None,
@@ -71,9 +69,6 @@ def plot(
         if file.suffix not in _ENDINGS:
             raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")
         _check_folder("soro plot", file)
-        if file.suffix == ".xml":
-            _write_layout(run, arm, scene, file)
-            return
         if topic or field:
             figure = _chosen(run, topic or [], field or [], start, end, arm, scene, notes)
         else:
@@ -162,15 +157,6 @@ def _all(
     if not shown:
         raise BagError("nothing to draw: no topic of an arm has two messages", opened.reader.path, "missing")
     return picture(shown, opened.view, title_of(opened))
-
-
-def _write_layout(run: Path, arm: str | None, scene: Path | None, file: Path) -> None:
-    from soro_ros.pictures.plotjuggler import layout
-    from soro_ros.pictures.run_view import open_run
-
-    opened = open_run(run, arm, scene)
-    file.write_text(layout(opened.reader.path, opened.arm), encoding="utf-8")
-    typer.echo(str(file))
 
 
 def _check_folder(command: str, file: Path) -> None:

@@ -1,6 +1,7 @@
 """A MarkerArray in its serialised form, whose points, colours and stamps are exchanged as arrays.
 
-rclpy converts each Point by itself, about one a microsecond: too slow for thousands of points at 20 Hz.
+rclpy converts each Point by itself: the 5700 of the shipped arm take 15 ms, 30 % of a core at 20 Hz; as
+bytes they take 0.7 ms.
 """
 
 from __future__ import annotations

@@ -165,7 +165,7 @@ def draw_stretches(axis: Any, view: View) -> None:
 def draw_estimates(axis: Any, recording: Recording) -> None:
     """Draw the parameter estimates, each over its first value."""
     series = recording.estimates
-    weights = [k for k, name in enumerate(series.names) if is_weight(name)]
+    weights = [k for k, name in enumerate(series.names) if _is_weight(name)]
     for k in weights:  # W of a learned force: too many for a legend
         label = "W of the learned force" if k == weights[0] else None
         axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
@@ -182,7 +182,7 @@ def draw_estimates(axis: Any, recording: Recording) -> None:
     axis.set(ylabel="estimate, scaled", ylim=(None if weights else 0, None))
 
 
-def is_weight(name: str) -> bool:
+def _is_weight(name: str) -> bool:
     """Whether an estimate is an entry of the matrix W of a learned force."""
     return any(part in name for part in _WEIGHTS)
 

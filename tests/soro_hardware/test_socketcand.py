@@ -14,6 +14,7 @@ from soro_hardware import open_regulator
 from soro_hardware.doctor import examine
 from soro_hardware.transport.error_frames import BUS_OFF
 from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.link import CanLink
 from soro_hardware.transport.open import open_bus
 from soro_hardware.transport.slcan import SlcanBus
 from soro_hardware.transport.socketcand import SocketcandBus
@@ -30,6 +31,7 @@ from tests.refused import fails
 
 TARGET = np.array([20e3, 40e3, 60e3])
 SOCKETCAND = {"transport": {"kind": "socketcand"}}
+SHORT_S = 0.2
 
 
 FRAMES = st.builds(
@@ -174,7 +176,7 @@ class Impostor:
 def test_what_is_no_socketcand_server(answers, code, names):
     impostor = Impostor(*answers)
     with fails(HardwareError, *names, code=code):
-        open_bus(transport("socketcand", open_timeout_s=0.2), impostor.address)
+        open_bus(transport("socketcand", open_timeout_s=SHORT_S), impostor.address)
     impostor.close()
 
 
@@ -184,3 +186,63 @@ def test_remote_frames_are_not_for_socketcand(tmp_path):
         with fails(HardwareError, code="refused"):
             bus.send_frames([Frame(0x701, b"", remote=True, length=1)])
         bus.shutdown()
+
+
+@pytest.fixture
+def connected():
+    """The link of a driver on a server, and the server's end of the connection after its greeting."""
+    server = socket.create_server(("127.0.0.1", 0))
+    ends = []
+
+    def greet():
+        end, _ = server.accept()
+        ends.append(end)
+        for word in (b"< hi >", b"< ok >"):
+            end.sendall(word)
+            end.recv(100)
+        end.sendall(b"< ok >")
+
+    thread = threading.Thread(target=greet)
+    thread.start()
+    address = f"127.0.0.1:{server.getsockname()[1]}"
+    link = CanLink(lambda: open_bus(transport("socketcand", open_timeout_s=SHORT_S), address))
+    link.open()
+    thread.join()
+    yield link, ends[0]
+    link.close()
+    ends[0].close()
+    server.close()
+
+
+def test_a_server_that_says_nothing_is_given_up():
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        address = f"127.0.0.1:{mute.getsockname()[1]}"
+        with fails(HardwareError, "greet", code="silent"):
+            open_bus(transport("socketcand", open_timeout_s=SHORT_S), address)
+
+
+def test_a_server_that_hangs_up_between_two_cycles_is_gone_and_not_silent(connected):
+    link, server = connected
+    server.close()
+    with fails(HardwareError, code="gone"):
+        link.receive(LIMIT_S)
+
+
+def test_a_bad_frame_neither_hides_the_others_nor_repeats_them(connected):
+    """A frame that is read twice is an old pressure that looks new."""
+    link, server = connected
+    server.sendall(b"< frame 181 1.0 01 >< frame 18G 1.0 01 >< frame 182 1.0 02 >")
+    assert link.receive(LIMIT_S) == Frame(0x181, b"\x01")
+    assert link.receive(LIMIT_S) == Frame(0x182, b"\x02")
+    server.sendall(b"< frame 183 1.0 03 >")
+    assert link.receive(LIMIT_S) == Frame(0x183, b"\x03")
+    assert link.receive(0.0) is None
+    assert link.counts["garbled"] == 1
+
+
+def test_a_server_that_takes_no_more_bytes_does_not_block_the_loop(connected):
+    link, _ = connected
+    frames = [Frame(0x201, bytes(8))] * 1000
+    with fails(HardwareError, code="gone"):
+        for _ in range(1000):  # 40 MB, which no buffer of a connection holds
+            link.send(frames)

@@ -237,6 +237,7 @@ def test_chosen_fields_show_the_trip_too(tripped, monkeypatch):
         (["-t", "*/chambers/state", "-f", "position.*"], "effort.link0/chamber0"),
         (["-f", "*"], "at most 400"),
         (["--out", "plot.gif"], ".png"),
+        (["--out", "layout.xml"], ".png, .svg, .pdf"),
         (["--start", "5"], "--start: got 5.0"),
         (["--start", "1", "--end", "0.5"], "--end: got 0.5"),
         (["--out", "/no/such/folder/x.png"], "a folder that exists"),

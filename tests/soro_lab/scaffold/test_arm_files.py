@@ -1,5 +1,6 @@
 """The files of a new arm: they say what was given, stand together anywhere, and are written whole or not."""
 
+import re
 import shutil
 
 import numpy as np
@@ -20,7 +21,7 @@ from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
 ONE = Options("one", length="80mm", mass="30g")
-TWO = Options("two", length="90mm,70mm", mass="40g,25g", mounting="hanging", payload="10g", sensors="poses")
+TWO = Options("two", length="90mm,70mm", mass="40g,25g", mounting="hanging")
 PLANAR = Options("planar", length="60mm", radius="15mm", mass="20g", planar=True)
 ARMS = pytest.mark.parametrize("options", [ONE, TWO, PLANAR], ids=lambda options: options.name)
 
@@ -32,23 +33,59 @@ def written(tmp_path_factory):
     return {options.name: write_arm(new_arm(options), folder) for options in (ONE, TWO, PLANAR)}
 
 
-def numbers(node):
-    """Where the numbers of a file stand."""
+def values(node):
+    """The values of a file that are no sections."""
     if isinstance(node, yaml.ScalarNode):
-        return [node.start_mark] if node.tag in ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float") else []
+        return [node]
     inner = [value for _, value in node.value] if isinstance(node, yaml.MappingNode) else node.value
-    return [place for each in inner for place in numbers(each)]
+    return [value for each in inner for value in values(each)]
+
+
+def is_number(value):
+    return value.tag in ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 @ARMS
-def test_every_number_has_a_comment(written, options):
+def test_every_value_has_a_comment(written, options):
+    """In the platform file every number: its texts are names that the shipped file explains."""
     made = written[options.name]
     for path in (made.robot, made.platform, made.scene):
         lines = path.read_text().splitlines()
-        places = {place.line for place in numbers(yaml.compose(path.read_text()))}
+        found = values(yaml.compose(path.read_text()))
+        places = {one.start_mark.line for one in found if path != made.platform or is_number(one)}
         assert len(places) >= 10
         for k in places:
             assert "#" in lines[k] or lines[k - 1].lstrip().startswith("#"), lines[k]
+
+
+def test_what_no_option_says_is_edited_in_the_files(tmp_path):
+    """Chambers, mass of the tip, payload and sensors: each key is there, once for each chamber."""
+    made = write_arm(new_arm(ONE), tmp_path)
+    edit(made.robot, angle_rad=("0.5", "2.6", "4.7"), area_m2=("40e-6",) * 3, offset_m=("0.008",) * 3)
+    edit(made.robot, tip_mass=("0.002",), k_e=("[500.0, 0.0, 0.0]",), pressure_range_pa=("[-10e3, 80e3]",))
+    edit(made.scene, payload_kg=("0.01",), locations=("[0.5, 1.0]", "[0.7]"), enabled=("true", "true"))
+    scene = load_scene(made.scene)
+    (link,) = scene.loaded_robot.links
+    assert [(c.angle_rad, c.area_m2, c.offset_m) for c in link.chambers] == [
+        (angle, 40e-6, 0.008) for angle in (0.5, 2.6, 4.7)
+    ]
+    assert (scene.loaded_robot.tip_mass, link.k_e[0]) == (0.002, 500.0)
+    assert scene.loaded_robot.pressure_range_pa == (-10e3, 80e3)
+    assert scene.twin.payload_kg == 0.01
+    assert (scene.twin.pose.locations, scene.twin.imu.locations) == ((0.5, 1.0), (0.7,))
+    assert scene.twin.imu.enabled
+
+
+def edit(path, **keys):
+    """Write other values behind keys of a file, one for each time that a key stands there."""
+    text = path.read_text()
+    for key, new in keys.items():
+        given = iter(new)
+        text, n = re.subn(
+            rf"^( *(?:- )?{key}:)[^#\n]*", lambda found, v=given: f"{found[1]} {next(v)}  ", text, flags=re.M
+        )
+        assert n == len(new), key
+    path.write_text(text)
 
 
 @ARMS
@@ -77,7 +114,7 @@ def test_what_was_given_is_in_the_robot(written):
     hanging = SoftArm(robot).pose(np.zeros(robot.n_q), robot.length)
     assert hanging[:3, 3] == pytest.approx([0.0, 0.0, -0.16])
     scene = load_scene(written["two"].scene)
-    assert (scene.name, scene.twin.payload_kg, scene.twin.pose.locations) == ("two", 0.01, (0.5, 1.0))
+    assert (scene.name, scene.twin.payload_kg, scene.twin.pose.locations) == ("two", 0.0, (1.0,))
 
 
 def test_a_planar_arm_bends_towards_its_angles(written):
@@ -117,8 +154,9 @@ def test_the_pressures_hold_the_reference(written, options):
 
 @pytest.mark.parametrize("planar", [False, True])
 def test_the_reference_of_a_soft_arm_is_no_longer_or_more_bent_than_arms_are(tmp_path, planar):
-    soft = {"material": "ecoflex-0050", "pressure_range": "0,300kPa", "planar": planar}
-    scene = load_scene(write_arm(new_arm(Options("soft", length="60mm", mass="20g", **soft)), tmp_path).scene)
+    soft = {"axial_stiffness": "736", "bending_stiffness": "25Nmm/rad", "pressure_range": "0,300kPa"}
+    options = Options("soft", length="60mm", mass="20g", planar=planar, **soft)
+    scene = load_scene(write_arm(new_arm(options), tmp_path).scene)
     controller = loop_of(scene).controller
     q = controller.configured.sample(0.0).q
     assert scene.controller.reference.kind == ("set_point" if planar else "circle")
@@ -231,7 +269,7 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path):
 
 
 def test_an_arm_that_falls_over_is_said_so(tmp_path):
-    soft = Options("soft", length="200mm", radius="10mm", material="ecoflex-0030")
+    soft = Options("soft", length="200mm", radius="10mm", bending_stiffness="3Nmm/rad")
     assert len(write_arm(new_arm(soft), tmp_path).warnings) == 1
-    stiff = Options("stiff", length="200mm", radius="10mm", material="tpu-85a")
+    stiff = Options("stiff", length="200mm", radius="10mm", bending_stiffness="0.5Nm/rad")
     assert write_arm(new_arm(stiff), tmp_path).warnings == ()

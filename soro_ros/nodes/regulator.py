@@ -57,7 +57,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._config, self._lockstep = config, config.mode == "lockstep"
         self.diagnostics.hardware_id = config.device or str(platform.device)
         self._period_ns = round(1e9 / config.rate_hz)
-        self._limited, self._latch_file, self._tick_ns = None, None, None
+        self._limited, self._latch_file = None, None
+        self._tick_ns: int | None = None
         self._last_tick_wall = time.monotonic()
         self._regulator = regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self._stop = StopTopic(self, platform) if platform.stop_topic else None

@@ -64,7 +64,7 @@ def layout(bag: Path, arm: str) -> str:
     if not any(curves for _, plots in tabs for curves in plots):
         raise BagError("no topic that a layout shows", bag, "missing")
     root = Element("root")
-    window = SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
+    window = SubElement(root, "tabbed_widget", {"name": "Main Window", "parent": "main_window"})
     for name, plots in tabs:
         if shown := [curves for curves in plots if curves]:
             _tab(window, name, shown)

@@ -80,8 +80,8 @@ def _verdict(run: OpenRun, summary: Summary | None) -> tuple[str, str]:
 
 
 def _figures(run: OpenRun, summary: Summary | None) -> Iterator[str]:
-    judged = summary is not None and run.scene is not None
-    known = rows(summary, run.scene) if judged else _plain_figures(run)
+    judged = None if summary is None or run.scene is None else rows(summary, run.scene)
+    known = _plain_figures(run) if judged is None else judged
     yield table(("", ""), [(Cell(name), Cell(value)) for name, value in known])
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 import traceback
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -24,6 +25,7 @@ from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.topics.handover import NodeWithHandover
 
 Config = TypeVar("Config", bound=Strict)
+Interface = TypeVar("Interface")
 
 
 class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Config]):
@@ -34,7 +36,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     the process ends, whatever the state: it must not raise and must not need ROS.
     """
 
-    config_model: ClassVar[type[Strict]]
+    config_model: type[Config]
     # Parameters, or beginnings of their names, that `take` takes over while the node is configured.
     live: ClassVar[tuple[str, ...]] = ()
     node_name: ClassVar[str]
@@ -131,6 +133,15 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         self.get_logger().error(str(error))
         self.diagnostics.update(ERROR, str(error))
 
+    def note(self, error: Exception) -> SoroError:
+        """Keep an error that is being handled as the failure of the node, log it, and return the failure."""
+        is_known = isinstance(error, SoroError)
+        self.failure = (
+            error if isinstance(error, SoroError) else SoroError(f"{type(error).__name__}: {error}")
+        )
+        self.get_logger().error(str(error) if is_known else traceback.format_exc())
+        return self.failure
+
     # Lifecycle -----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         def configure() -> None:
@@ -190,10 +201,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
             if self.stopping:  # an interrupt in a callback of the compiler becomes another error
                 raise KeyboardInterrupt from None
             # rclpy would only log the error and leave the transition out.
-            known = isinstance(error, SoroError)
-            self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
-            self.get_logger().error(str(error) if known else traceback.format_exc())
-            self.diagnostics.update(ERROR, str(self.failure))
+            self.diagnostics.update(ERROR, str(self.note(error)))
             return TransitionCallbackReturn.FAILURE
         said, failure = self.diagnostics, self.failure
         self.failure = None
@@ -229,18 +237,18 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
                 self.event_log.note("parameter", f"{name}: {then!r} -> {value!r}")
 
     def create_subscription(
-        self, kind: type[Any], topic: str, callback: Callable[..., None], *arguments: Any, **options: Any
+        self, msg_type: type[Any], topic: str, callback: Callable[..., None], *arguments: Any, **options: Any
     ) -> Subscription:
         """Create a subscription; rclpy itself subscribes to /clock with it.
 
         Parameters
         ----------
-        kind, topic, callback, *arguments, **options : Any
+        msg_type, topic, callback, *arguments, **options : Any
             As in rclpy.
         """
-        if kind is ClockMessage and not options.get("raw"):
+        if msg_type is ClockMessage and not options.get("raw"):
             callback = with_possible_time(self, callback)
-        return super().create_subscription(kind, topic, callback, *arguments, **options)
+        return super().create_subscription(msg_type, topic, callback, *arguments, **options)
 
     def destroy_node(self) -> None:
         """Write the last events, and destroy the node."""
@@ -254,15 +262,15 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
 
     def _destroy_interfaces(self) -> None:
         """Destroy the interfaces that `setup` created; a second configuration must not duplicate them."""
-        for items, destroy in (
-            (self.publishers, self.destroy_publisher),
-            (self.subscriptions, self.destroy_subscription),
-            (self.services, self.destroy_service),
-            (self.clients, self.destroy_client),
-            (self.timers, self.destroy_timer),
-        ):
-            for item in [item for item in items if id(item) not in self._kept]:
-                destroy(item)
+        self._destroy_new(self.publishers, self.destroy_publisher)
+        self._destroy_new(self.subscriptions, self.destroy_subscription)
+        self._destroy_new(self.services, self.destroy_service)
+        self._destroy_new(self.clients, self.destroy_client)
+        self._destroy_new(self.timers, self.destroy_timer)
+
+    def _destroy_new(self, items: Iterable[Interface], destroy: Callable[[Interface], object]) -> None:
+        for item in [item for item in items if id(item) not in self._kept]:
+            destroy(item)
 
     def _stop_timers(self) -> None:
         for timer in self._timers_active:

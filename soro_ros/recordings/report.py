@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from soro_core.control.pressures import actuation
 from soro_lab.scene import Scene
 from soro_ros.recordings import shadow_report
 from soro_ros.recordings.events import Event
@@ -99,9 +100,8 @@ def summarise(bag: Path, scene: Scene) -> Summary | None:
 
 def pressure_bounds(scene: Scene) -> tuple[float, float]:
     """Return the lowest and highest set point [Pa gauge] of the controller of a scene."""
-    pressures = scene.controller_node().known_control(scene.loaded_platform)[0].pressures
-    low, high = scene.loaded_robot.pressure_range_pa
-    return max(pressures.minimum_pa, low), min(pressures.maximum_pa, high)
+    control, _ = scene.controller_node().known_control(scene.loaded_platform)
+    return actuation.pressure_bounds(actuation.complete_pressures(control.pressures), scene.loaded_robot)
 
 
 def read_run(bag: Path, scene: Scene) -> Recording:

@@ -154,7 +154,7 @@ def test_a_node_that_refuses_its_configuration_stays_unless_it_is_to_end(domain,
         made.append(Unready(stopping))
         return made[0]
 
-    program = command_line.of_node(Unready)
+    program = command_line.of_node(Unready.node_name, Unready.config_model)
     status = node_process.run_until_end([noted], program, arguments, stopping)
     said = capfd.readouterr().err
     assert refused_keys(said) == ["key"]

@@ -158,8 +158,7 @@ class Recorder(SoroNode[RecorderConfig]):
                 self._subscribe(name, types[0], offers)
             elif stream.qos != essence(request(offers)):
                 self.destroy_subscription(stream.subscription)
-                kind: type[Any] = stream.subscription.msg_type
-                stream.subscription, stream.qos = self._subscription(name, kind, offers)
+                stream.subscription, stream.qos = self._subscription(name, stream.kind, offers)
             self._introduce(name, endpoints)
             if (stream := self._streams.get(name)) is not None:
                 stream.loss.is_from(frozenset(bytes(endpoint.endpoint_gid) for endpoint in endpoints))
@@ -181,7 +180,7 @@ class Recorder(SoroNode[RecorderConfig]):
         if not self.clock_watch.has_time and request(offers).durability is DurabilityPolicy.TRANSIENT_LOCAL:
             return  # `_discover` subscribes when there is time, and its publishers send their messages again
         subscription, qos = self._subscription(name, kind, offers)
-        self._streams[name] = Stream(type_name, subscription, qos)
+        self._streams[name] = Stream(type_name, kind, subscription, qos)
 
     def _subscription(
         self, name: str, kind: type[Any], offers: tuple[Qos, ...]
@@ -220,9 +219,9 @@ class Recorder(SoroNode[RecorderConfig]):
 
     def _take_one(self, name: str) -> bool:
         """Record a message that has arrived but is not yet processed; return whether there was one."""
-        subscription = self._streams[name].subscription
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
+        stream = self._streams[name]
+        with stream.subscription.handle:
+            taken = stream.subscription.handle.take_message(stream.kind, True)
         if taken is not None:
             self._take(name, taken[0], taken[1]["publication_sequence_number"])
         return taken is not None

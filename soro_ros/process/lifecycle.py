@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from array import array
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -60,7 +60,8 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         self.stopping: list[int] = []  # signals that interrupt the start
         self._timers_active: list[Timer] = []
         self._configured = False
-        self._kept: set[int] = set()  # interfaces that exist before `setup`; a cleanup destroys all others
+        # Interfaces that exist before `setup`, all others are its own; None before the first `setup`.
+        self._kept: set[int] | None = None
 
     @property
     def priority(self) -> int:
@@ -187,11 +188,16 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.make_safe()
         self._stop_timers()
-        return self._transition(self.teardown, "finalized")
+        self._configured, self._used = False, None
+        result = self._transition(self.teardown, "finalized")
+        self._destroy_interfaces(with_publishers=False)
+        return result
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.make_safe()
         self._stop_timers()
+        self._configured, self._used = False, None
+        self._destroy_interfaces()
         return TransitionCallbackReturn.SUCCESS
 
     def _transition(self, action: Callable[[], None], name: str) -> TransitionCallbackReturn:
@@ -260,17 +266,20 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         owned = (self.publishers, self.subscriptions, self.services, self.clients, self.timers)
         return {id(item) for items in owned for item in items}
 
-    def _destroy_interfaces(self) -> None:
-        """Destroy the interfaces that `setup` created; a second configuration must not duplicate them."""
-        self._destroy_new(self.publishers, self.destroy_publisher)
-        self._destroy_new(self.subscriptions, self.destroy_subscription)
-        self._destroy_new(self.services, self.destroy_service)
-        self._destroy_new(self.clients, self.destroy_client)
-        self._destroy_new(self.timers, self.destroy_timer)
+    def _destroy_interfaces(self, with_publishers: bool = True) -> None:
+        """Destroy the interfaces that `setup` created; a second configuration must not duplicate them.
 
-    def _destroy_new(self, items: Iterable[Interface], destroy: Callable[[Interface], object]) -> None:
-        for item in [item for item in items if id(item) not in self._kept]:
-            destroy(item)
+        A node that has ended must not be called through them; its last messages may still be on their way.
+        """
+        kept = self._kept
+        if kept is None:
+            return
+        if with_publishers:
+            _destroy_others(kept, self.publishers, self.destroy_publisher)
+        _destroy_others(kept, self.subscriptions, self.destroy_subscription)
+        _destroy_others(kept, self.services, self.destroy_service)
+        _destroy_others(kept, self.clients, self.destroy_client)
+        _destroy_others(kept, self.timers, self.destroy_timer)
 
     def _stop_timers(self) -> None:
         for timer in self._timers_active:
@@ -283,3 +292,11 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         if self._configured and self.failure is None:
             self.diagnose()
         self.diagnostics.publish()
+
+
+def _destroy_others(
+    kept: Container[int], items: Iterable[Interface], destroy: Callable[[Interface], object]
+) -> None:
+    """Destroy interfaces other than those with these identities."""
+    for item in [item for item in items if id(item) not in kept]:
+        destroy(item)

@@ -166,6 +166,17 @@ def test_a_node_that_refuses_its_configuration_stays_unless_it_is_to_end(domain,
     assert "ros2 lifecycle set /recorder configure" in said
 
 
+def test_a_node_subscribes_by_the_names_that_rclpy_gives_its_parameters(domain):
+    rclpy.init()
+    try:
+        node = Recorder()
+        made = node.create_subscription(msg_type=JointState, topic="x", callback=print, qos_profile=1)
+        assert (made.topic_name, made.msg_type) == ("/x", JointState)
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
 def test_a_node_explains_its_parameters(node_main):
     ended = node_main("regulator", "--help")
     assert ended.status == 0, ended.err

@@ -230,7 +230,7 @@ class Player(SoroNode[PlayerConfig]):
                     self.get_logger().warning(f"{self._config.bag}: {problem}")
                 self.get_logger().info(f"played {self._count} messages")
         except Exception as error:
-            self.note(error)  # it ends only this thread; the process is to end as well
+            self.note_failure(error)  # it ends only this thread; the process is to end as well
         finally:
             self._phase = "finished"
             self.finish()

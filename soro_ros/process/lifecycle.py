@@ -134,14 +134,12 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         self.get_logger().error(str(error))
         self.diagnostics.update(ERROR, str(error))
 
-    def note(self, error: Exception) -> SoroError:
+    def note_failure(self, error: Exception) -> SoroError:
         """Keep an error that is being handled as the failure of the node, log it, and return the failure."""
-        is_known = isinstance(error, SoroError)
-        self.failure = (
-            error if isinstance(error, SoroError) else SoroError(f"{type(error).__name__}: {error}")
-        )
-        self.get_logger().error(str(error) if is_known else traceback.format_exc())
-        return self.failure
+        known = error if isinstance(error, SoroError) else None
+        self.failure = failure = known or SoroError(f"{type(error).__name__}: {error}")
+        self.get_logger().error(str(failure) if known else traceback.format_exc())
+        return failure
 
     # Lifecycle -----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -207,7 +205,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
             if self.stopping:  # an interrupt in a callback of the compiler becomes another error
                 raise KeyboardInterrupt from None
             # rclpy would only log the error and leave the transition out.
-            self.diagnostics.update(ERROR, str(self.note(error)))
+            self.diagnostics.update(ERROR, str(self.note_failure(error)))
             return TransitionCallbackReturn.FAILURE
         said, failure = self.diagnostics, self.failure
         self.failure = None

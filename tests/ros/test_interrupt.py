@@ -172,7 +172,7 @@ def test_a_signal_that_comes_as_the_work_begins_leaves_no_handler(monkeypatch):
 
 INTERRUPTED_IN_TEXT = """
 import signal
-from soro_ros import signals
+from soro_hardware import signals
 seen = []
 try:
     with signals.raised(seen):

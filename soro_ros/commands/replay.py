@@ -87,10 +87,10 @@ def _print(result: Replayed) -> None:
         worst = f"{topic.worst:.2g}" if topic.worst else "none"
         table.add_row(topic.topic, str(topic.compared), str(topic.differing), worst)
     console.print(table)
-    for topic in result.left_out:
-        console.print(f"{topic}: not recorded, not compared", soft_wrap=True)
-    for topic in result.without:
-        console.print(f"{topic}: not recorded; a tick that waits for it is not computed", soft_wrap=True)
+    for name in result.left_out:
+        console.print(f"{name}: not recorded, not compared", soft_wrap=True)
+    for name in result.without:
+        console.print(f"{name}: not recorded; a tick that waits for it is not computed", soft_wrap=True)
     for problem in result.problems:
         console.print(problem, style="yellow", soft_wrap=True)
     firsts = sorted(topic.first for topic in result.topics if topic.first is not None)

@@ -92,7 +92,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     if summary is not None:
         summary = with_verdict(summary, verdict)
         Console().print(table(summary, scene))
-        if figure:
+        if figure and recording is not None:
             draw(recording, scene, folder / "run.png")
             console.print(f"picture: {folder / 'run.png'}")
     elif recorded and not failure:

@@ -46,14 +46,14 @@ class MarkerBytes:
             for k, n in enumerate(points)
         ]
 
-    def of(self, stamp: Time, colours: Sequence[Array], points: Sequence[Array]) -> bytes:
+    def of(self, stamp: Time, colours: Sequence[Sequence[float]], points: Sequence[Array]) -> bytes:
         """Return the serialised MarkerArray.
 
         Parameters
         ----------
         stamp : Time
             Of all markers.
-        colours : sequence of ndarray (4,)
+        colours : sequence of sequence of float
             Red, green, blue and opacity of each marker, from 0 to 1.
         points : sequence of ndarray (n, 3)
             Points [m] of each marker.
@@ -81,5 +81,5 @@ def _stamp(sec: int, nanosec: int) -> bytes:
     return struct.pack("<iI", sec, nanosec)
 
 
-def _colour(rgba: Sequence[float] | Array) -> bytes:
+def _colour(rgba: Sequence[float]) -> bytes:
     return struct.pack("<4f", *rgba)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from nav_msgs.msg import Path
 
@@ -62,7 +60,7 @@ def poses_in_world(
     return positions, orientations if np.any(orientations) else None
 
 
-def _turned(base: np.ndarray, orientations: Sequence[np.ndarray]) -> np.ndarray:
+def _turned(base: np.ndarray, orientations: np.ndarray) -> np.ndarray:
     """Orientations in the base as those in the world; zeros stay."""
     return np.array(
         [

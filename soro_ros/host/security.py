@@ -12,7 +12,8 @@ from pathlib import Path
 import rclpy
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
+from rclpy.impl.logging_severity import LoggingSeverity
+from rclpy.logging import get_logger_level, set_logger_level
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -45,8 +46,8 @@ def _missing() -> str | None:
         try:
             with _environment(ROS_SECURITY_KEYSTORE=keystore, ROS_SECURITY_STRATEGY="Permissive"):
                 rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-                plain = {"enable_rosout": False, "start_parameter_services": False}
-                Node("security", context=context, **plain).destroy_node()
+                plain = Node("security", context=context, enable_rosout=False, start_parameter_services=False)
+                plain.destroy_node()
         except rclpy_implementation.RCLError as error:
             return str(error).removeprefix("error creating node: ").splitlines()[0]
         finally:

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.utilities import try_shutdown
 
 from soro_core.errors import ConfigError, SoroError
 from soro_ros.host import middleware
@@ -130,7 +130,7 @@ class ServiceCaller:
         try:
             middleware.init()
         except rclpy_implementation.RCLError as error:
-            rclpy.try_shutdown()
+            try_shutdown()
             reason = str(error).removeprefix("failed to initialize rcl: ").split(", at ")[0]
             raise ConfigError("environment", "", reason, "a ROS_DOMAIN_ID of 0 to 101, or none") from None
         self._node = Node(f"soro_{os.getpid()}", start_parameter_services=False, enable_rosout=False)
@@ -146,7 +146,7 @@ class ServiceCaller:
     def __exit__(self, *error: object) -> None:
         self._executor.shutdown()  # it holds the node
         self._node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
     @property
     def domain(self) -> str:

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from soro_core.errors import ConfigError
 from soro_ros.nodes.controller import ControllerNode
@@ -20,7 +21,7 @@ from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_nodes
 
 # In the order of their start; the last one of a process drives the valves.
-NODES: dict[str, type[SoroNode]] = {
+NODES: dict[str, type[SoroNode[Any]]] = {
     node.node_name: node for node in (EstimatorNode, ControllerNode, TwinNode, RegulatorNode)
 }
 DEFAULT = ("estimator", "controller", "twin")
@@ -32,7 +33,7 @@ PROGRAM = Program(
 )
 
 
-def chosen(arguments: list[str]) -> tuple[list[type[SoroNode]], list[str]]:
+def chosen(arguments: list[str]) -> tuple[list[type[SoroNode[Any]]], list[str]]:
     """Return the nodes that a command line names, in the order of their start, and the rest of it.
 
     Raises

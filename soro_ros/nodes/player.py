@@ -10,8 +10,8 @@ from __future__ import annotations
 import re
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from fnmatch import fnmatchcase
 
 from rclpy.duration import Duration
@@ -21,9 +21,10 @@ from rclpy.time import Time
 from rclpy.validate_topic_name import validate_topic_name
 from rosgraph_msgs.msg import Clock
 
-from soro_core.errors import BagError, ConfigError, SoroError
+from soro_core.errors import BagError, ConfigError
 from soro_lab.bag import BagMessage, BagReader, Topic
 from soro_lab.bag.config import PlayerConfig
+from soro_lab.bag.topics import check_encoding
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.decoding import playing
 from soro_ros.conversion.interfaces import message_class, offer, topic_pattern
@@ -53,11 +54,11 @@ class Player(SoroNode[PlayerConfig]):
     is_observer = True
     hardware = "bag"
     live = ("rate", "loop", "start_s")
-    _reader: BagReader | None = None
-    _thread: threading.Thread | None = None
-    _playback: Playback[BagMessage | None] | None = None
-    _controls: PlayerControls | None = None
-    _claims: Claims | None = None
+
+    def __init__(self) -> None:
+        self._opened = ExitStack()  # by `setup`
+        self._started = ExitStack()  # by `start`
+        super().__init__()
 
     def setup(self, config: PlayerConfig) -> None:
         if not config.bag:
@@ -65,21 +66,24 @@ class Player(SoroNode[PlayerConfig]):
                 "parameters of player", "bag", config.bag, "the folder of a bag, or an .mcap file"
             )
         self._config = config
-        self._reader = BagReader(config.bag)
         self._published: dict[str, Publisher] = {}
         self._played: dict[str, Callable[[bytes], bytes]] = {}
         self._left_out: dict[str, int] = {}
         self._clock_out: Publisher | None = None
         self._count = 0
         self._phase = "ready"
-        try:
+        with ExitStack() as opened:
+            self._reader = opened.enter_context(BagReader(config.bag))
             self._begin_ns, self._end_ns = _span(self._reader, config)
+            claims = Claims()
+            opened.callback(claims.close)
+            opened.callback(self._destroy_publishers)
             self._create_publishers()
-            self._claim()
-            self._controls = PlayerControls(self, self._new_playback(), config.start_s)
-        except BaseException:
-            self.teardown()
-            raise
+            self._claim(claims)
+            self._playback = self._new_playback()
+            self._controls = PlayerControls(self, self._playback, config.start_s)
+            opened.callback(self._controls.close)
+            self._opened = opened.pop_all()
         self._said = set(self._reader.problems)
         for problem in self._reader.problems:
             self.get_logger().warning(f"{config.bag}: {problem}")
@@ -89,50 +93,33 @@ class Player(SoroNode[PlayerConfig]):
         return Playback(self._events, self._begin_ns, self._end_ns, config.rate, config.loop)
 
     def start(self) -> None:
-        self._controls.playback = self._playback = self._new_playback()
+        playback = self._controls.playback = self._playback = self._new_playback()
         if self._config.paused:
-            self._playback.pause()
+            playback.pause()
+        thread = threading.Thread(target=self._run, name="player", daemon=True)
+        thread.start()
+        self._started.callback(thread.join)
+        self._started.callback(playback.stop)
         if self._config.keyboard:
+            self._started.callback(self._controls.leave_terminal)
             self._controls.listen()
-        self._thread = threading.Thread(target=self._run, name="player", daemon=True)
-        self._thread.start()
 
     def take(self, config: PlayerConfig) -> None:
         """Refuse a position outside of what is played; `PlayerControls` takes over the rest."""
-        if self._controls is not None:
-            self._controls.check(config.start_s)
+        self._controls.check(config.start_s)
 
     def stop(self) -> None:
         self.make_safe()
 
     def teardown(self) -> None:
         self.make_safe()
-        if self._reader is None:
-            return
-        if self._controls is not None:
-            self._controls.close()
-            self._controls = None
-        for publisher in (*self._published.values(), *([self._clock_out] if self._clock_out else [])):
-            self.destroy_publisher(publisher)
-        self._published.clear()
-        self._clock_out = None
-        if self._claims is not None:
-            self._claims.close()
-            self._claims = None
-        self._reader.close()
-        self._reader = None
+        self._opened.close()
 
     def make_safe(self) -> None:
-        if self._controls is not None:
-            self._controls.leave_terminal()
-        thread = self._thread
-        if thread is not None:
-            self._playback.stop()
-            thread.join()
-            self._thread = None
+        self._started.close()
 
     def diagnose(self) -> None:
-        if self._reader is None or self._playback is None:
+        if self._phase == "ready":
             return
         values = {
             "bag": self._config.bag,
@@ -158,8 +145,10 @@ class Player(SoroNode[PlayerConfig]):
         wanted = [topic for topic in self._reader.topics if self._is_wanted(topic.name)]
         commands = [] if self._wanted else [topic for topic in wanted if topic.name.endswith(COMMANDS)]
         if commands:
-            names = ", ".join(sorted({topic.name for topic in commands}))
-            self.get_logger().warning(f"left out: {names} (would drive valves; played when named in topics)")
+            kept_back = ", ".join(sorted({topic.name for topic in commands}))
+            self.get_logger().warning(
+                f"left out: {kept_back} (would drive valves; played when named in topics)"
+            )
         for topic in wanted:
             played = None if topic in commands else self._player_of(topic)
             if played is None:
@@ -179,14 +168,19 @@ class Player(SoroNode[PlayerConfig]):
                 raise ConfigError("parameters of player", "clock", True, allowed)
             self._clock_out = self.create_publisher(Clock, "/clock", qos.RELIABLE)
 
-    def _claim(self) -> None:
+    def _destroy_publishers(self) -> None:
+        for publisher in (*self._published.values(), *([self._clock_out] if self._clock_out else [])):
+            self.destroy_publisher(publisher)
+        self._published.clear()
+        self._clock_out = None
+
+    def _claim(self, claims: Claims) -> None:
         """Claim the readings and the time that are played; refuse to mix with those of a running arm."""
         names = {publisher.topic_name for publisher in self._published.values()}
         names |= {self._clock_out.topic_name} if self._clock_out else set()
         arms = {readings(found[1]) for name in names if (found := _OF_AN_ARM.fullmatch(name))}
         own = names & {*arms, "/clock"}
-        self._claims = Claims()
-        self._claims.take(self, sorted(own))
+        claims.take(self, sorted(own))
         require_free(self, sorted(arms - own))
 
     def _is_wanted(self, name: str) -> bool:
@@ -208,13 +202,13 @@ class Player(SoroNode[PlayerConfig]):
         if not _is_name(topic.name):
             self.get_logger().warning(f"{topic.name!r}: not played: no name of a topic")
             return None
-        if kind is None and topic.serialization_format == "cdr":
-            reason = f"type {topic.type} is not installed"
-        else:
-            try:
+        try:
+            if kind is not None:
                 return playing(topic, kind, self._reader.path)
-            except BagError as error:
-                reason = error.text
+            check_encoding(topic, self._reader.path)
+            reason = f"type {topic.type} is not installed"
+        except BagError as error:
+            reason = error.text
         self.get_logger().warning(f"{topic.name}: not played: {reason}")
         return None
 
@@ -236,10 +230,7 @@ class Player(SoroNode[PlayerConfig]):
                     self.get_logger().warning(f"{self._config.bag}: {problem}")
                 self.get_logger().info(f"played {self._count} messages")
         except Exception as error:
-            # Report an error, which ends only this thread, so that the process ends as well.
-            known = isinstance(error, SoroError)
-            self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
-            self.get_logger().error(str(error) if known else traceback.format_exc())
+            self.note_failure(error)  # it ends only this thread; the process is to end as well
         finally:
             self._phase = "finished"
             self.finish()
@@ -258,7 +249,8 @@ class Player(SoroNode[PlayerConfig]):
 
     def _emit(self, stamp_ns: int, message: BagMessage | None) -> None:
         if message is None:
-            self._clock_out.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
+            if self._clock_out is not None:
+                self._clock_out.publish(Clock(clock=Time(nanoseconds=stamp_ns).to_msg()))
             return
         try:
             data = self._played[message.topic](message.data)

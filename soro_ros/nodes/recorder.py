@@ -45,7 +45,9 @@ class Recorder(SoroNode[RecorderConfig]):
         self._config = config
         self._notes = dict(_split_note(note) for note in config.notes)
         wanted = [_split_topic(entry) for entry in config.topics]
-        self._wanted = {topic_pattern(self, name, "topics"): first for name, *first in wanted}
+        self._wanted = {
+            topic_pattern(self, name, "topics"): (type_name, latched) for name, type_name, latched in wanted
+        }
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
         self._controls = RecorderControls(self, self._write_missed)
 
@@ -156,7 +158,7 @@ class Recorder(SoroNode[RecorderConfig]):
                 self._subscribe(name, types[0], offers)
             elif stream.qos != essence(request(offers)):
                 self.destroy_subscription(stream.subscription)
-                stream.subscription, stream.qos = self._subscription(name, stream.type_name, offers)
+                stream.subscription, stream.qos = self._subscription(name, stream.kind, offers)
             self._introduce(name, endpoints)
             if (stream := self._streams.get(name)) is not None:
                 stream.loss.is_from(frozenset(bytes(endpoint.endpoint_gid) for endpoint in endpoints))
@@ -171,26 +173,23 @@ class Recorder(SoroNode[RecorderConfig]):
         return not self._wanted or any(fnmatchcase(name, pattern) for pattern in self._wanted)
 
     def _subscribe(self, name: str, type_name: str, offers: tuple[Qos, ...]) -> None:
-        if message_class(type_name) is None:
+        kind = message_class(type_name)
+        if kind is None:
             self._refuse(name, f"type {type_name} is not installed")
             return
         if not self.clock_watch.has_time and request(offers).durability is DurabilityPolicy.TRANSIENT_LOCAL:
             return  # `_discover` subscribes when there is time, and its publishers send their messages again
-        subscription, qos = self._subscription(name, type_name, offers)
-        self._streams[name] = Stream(type_name, subscription, qos)
+        subscription, qos = self._subscription(name, kind, offers)
+        self._streams[name] = Stream(type_name, kind, subscription, qos)
 
     def _subscription(
-        self, name: str, type_name: str, offers: tuple[Qos, ...]
+        self, name: str, kind: type[Any], offers: tuple[Qos, ...]
     ) -> tuple[Subscription, tuple[object, object]]:
         profile = request(offers)
         # Without the callback for lost messages: taking that event deadlocks with the thread of Fast DDS
         # that reports it (reader's lock against event's lock), and the recorder would never end.
         subscription = self.create_subscription(
-            message_class(type_name),
-            name,
-            lambda data: self._on_message(name, data),
-            profile,
-            raw=True,
+            kind, name, lambda data: self._on_message(name, data), profile, raw=True
         )
         return subscription, essence(profile)
 
@@ -220,9 +219,9 @@ class Recorder(SoroNode[RecorderConfig]):
 
     def _take_one(self, name: str) -> bool:
         """Record a message that has arrived but is not yet processed; return whether there was one."""
-        subscription = self._streams[name].subscription
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
+        stream = self._streams[name]
+        with stream.subscription.handle:
+            taken = stream.subscription.handle.take_message(stream.kind, True)
         if taken is not None:
             self._take(name, taken[0], taken[1]["publication_sequence_number"])
         return taken is not None

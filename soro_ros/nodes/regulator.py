@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import partial
 
 from rosgraph_msgs.msg import Clock
 
@@ -57,7 +58,8 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._config, self._lockstep = config, config.mode == "lockstep"
         self.diagnostics.hardware_id = config.device or str(platform.device)
         self._period_ns = round(1e9 / config.rate_hz)
-        self._limited, self._latch_file, self._tick_ns = None, None, None
+        self._limited, self._latch_file = None, None
+        self._tick_ns: int | None = None
         self._last_tick_wall = time.monotonic()
         self._regulator = regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self._stop = StopTopic(self, platform) if platform.stop_topic else None
@@ -76,7 +78,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self._now_ns,
             self._stamp_ns,
             self._try_tick,
-            self._on_latch,
+            partial(self._on_latch, limited),
             self._lockstep,
             self.diagnose,
             config.follow_shared_name,
@@ -197,21 +199,21 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         except OSError as error:
             self.get_logger().warning(f"no note of the latch for the next driver: {error}", once=True)
 
-    def _on_latch(self) -> None:
-        self._note(self._limited.cause or _KILLED.format(os.getpid()))
+    def _on_latch(self, limited: LimitedRegulator) -> None:
+        self._note(limited.cause or _KILLED.format(os.getpid()))
         self.diagnose()
 
     def diagnose(self) -> None:
         if self._limited is None:
             return
-        state = self._limited.state
-        rejected = sum(state.rejected.values())
+        rejected = sum(self._limited.state.rejected.values())
         recently, self._reported = rejected > self._reported, rejected
         usual = (WARN, "commands refused") if recently else (OK, "active")
-        self.diagnostics.update(*(self._chambers.problem or usual), self._values())
+        level, message = self._chambers.problem or usual
+        self.diagnostics.update(level, message, self._values(self._limited))
 
-    def _values(self) -> dict[str, object]:
-        state, statistics = self._limited.state, self._limited.regulator.statistics
+    def _values(self, limited: LimitedRegulator) -> dict[str, object]:
+        state, statistics = limited.state, limited.regulator.statistics
         return {
             **vars(statistics),
             "lateness_p50_ms": self._timer.percentile_ms(50),

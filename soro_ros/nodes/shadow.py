@@ -97,8 +97,12 @@ class ShadowNode(SoroNode[ShadowConfig]):
         now = time.monotonic()
         while self._recent and self._recent[0][0] < now - WINDOW_S:
             self._recent.popleft()
-        values = {"poses": self._poses, "compared": self._compared, "restarts": self._state.restarts}
-        values |= self._frames.values
+        values: dict[str, object] = {
+            "poses": self._poses,
+            "compared": self._compared,
+            "restarts": self._state.restarts,
+            **self._frames.values,
+        }
         if not self._recent:
             silent = now - self._pose_s > SILENT_S
             why = "no pose on sensors/pose0" if silent else "no pressures at the time of the poses"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -13,7 +15,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
 from soro_core.safety import Limiter, Rating, check_rating, narrowed
-from soro_core.twin import Observation, Twin, TwinConfig, TwinState
+from soro_core.twin import Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
 from soro_ros.conversion import messages, qos
@@ -24,6 +26,8 @@ from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK
 from soro_ros.topics.twin_topics import TwinTopics
+
+Array = NDArray[np.float64]
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
@@ -67,12 +71,12 @@ class TwinNode(SoroNode[TwinConfig]):
         self._skipped = 0
         self._running = False
         self._first: PlantFrame | None = None
-        self._seen: Observation | None = None
-        self._chambers: ChamberInterface | None = None
+        self._reading_pa: Array = np.full(len(self._names), np.nan)  # those of the last tick; before it none
+        self._is_commanded = config.pressures == "regulators"
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
         self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep)
         self.create_service(Trigger, "~/start", self._on_start)
-        if config.pressures == "regulators":
+        if self._is_commanded:
             check_rating(config.limits, Rating(), where="parameters of twin")
             self._limiter = Limiter(config.limits, self._names, config.regulator)
             self._chambers = ChamberInterface(
@@ -96,7 +100,7 @@ class TwinNode(SoroNode[TwinConfig]):
             if config.fault_link:
                 self._faults = FaultInterface(self, config.fault_link)
         else:
-            self._measured: tuple[int, np.ndarray] | None = None
+            self._measured: tuple[int, Array] | None = None
             self._bridged = 0
             self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
 
@@ -115,7 +119,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._release_air()
 
     def take(self, config: TwinConfig) -> None:
-        if self._chambers is None:
+        if not self._is_commanded:
             allowed = "the regulator node's, which drives the valves: set them there"
             raise ConfigError("parameters of twin", "limits", "other limits", allowed)
         self._limiter.narrow(narrowed(self._config.limits, config.limits, "parameters of twin"))
@@ -145,7 +149,7 @@ class TwinNode(SoroNode[TwinConfig]):
             self._observe()
             if self._link is not None:
                 # The executor does not watch the socket of the valves; each call waits for one frame.
-                self.every(1e-4, self._advance_with_valves)
+                self.every(1e-4, partial(self._advance_with_valves, self._link))
             else:
                 self._advance_with_commands()
         else:
@@ -165,13 +169,13 @@ class TwinNode(SoroNode[TwinConfig]):
     def _stamp_now_ns(self) -> int:
         return self._tick_ns() if self._lockstep else self.get_clock().now().nanoseconds
 
-    def _advance_with_valves(self) -> None:
+    def _advance_with_valves(self, link: PlantLinkClient) -> None:
         """Make one tick of each frame of pressures, in lockstep."""
         if self._over():
             self._release_air()
-        elif self._running and (frame := self._link.wait(LINK_WAIT_S)) is not None:
+        elif self._running and (frame := link.wait(LINK_WAIT_S)) is not None:
             self._check_period(frame)
-            self._step_with_valves(frame)
+            self._step_with_valves(link, frame)
             self._observe()
 
     def _check_period(self, frame: PlantFrame) -> None:
@@ -208,16 +212,16 @@ class TwinNode(SoroNode[TwinConfig]):
         if due > CATCH_UP_TICKS:
             self._skipped += due - CATCH_UP_TICKS
             due = CATCH_UP_TICKS
-        frame = self._link.latest() if self._link is not None else None
+        step = self._step_after_commands
+        if self._link is not None:
+            frame = self._link.latest()
+            if frame is None:  # the next call makes up for these ticks
+                return
+            step = partial(self._step_with_valves, self._link, frame)
         for _ in range(due):
             self._end_tick()
             self._observe()
-            if self._chambers is not None:
-                self._begin_tick()
-                # The nodes of this process answer first: the arm's motion can wait, a command cannot.
-                self.after_handover(self._end_tick)
-            else:
-                self._step_with_valves(frame)
+            step()
 
     def _on_measured(self, message: JointState) -> None:
         """Advance to the stamp of measured pressures, with linear interpolation between samples."""
@@ -251,6 +255,11 @@ class TwinNode(SoroNode[TwinConfig]):
         self._begin_tick()
         self._end_tick()
 
+    def _step_after_commands(self) -> None:
+        self._begin_tick()
+        # The nodes of this process answer first: the arm's motion can wait, a command cannot.
+        self.after_handover(self._end_tick)
+
     def _begin_tick(self) -> None:
         """Take the set points of this tick; later commands are for the next one."""
         self._slewed_ns = self._now_ns()
@@ -261,11 +270,11 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._slewed_ns is None:
             return
         now_ns, self._slewed_ns = self._slewed_ns, None
-        self._limiter.judge(self._seen.reading_pa, True, now_ns)
+        self._limiter.judge(self._reading_pa, True, now_ns)
         self._chambers.report_latch()
         self._arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
 
-    def _step_with_valves(self, frame: PlantFrame) -> None:
+    def _step_with_valves(self, link: PlantLinkClient, frame: PlantFrame) -> None:
         if not self._moves_air:
             self._arrive(self._twin.step_pressures(self._state, frame.pressures))
             return
@@ -277,7 +286,7 @@ class TwinNode(SoroNode[TwinConfig]):
         else:  # the last action counts for the rest of the tick
             action = replace(frame.action, spans=((self._twin.dt, frame.action.spans[-1][1]),))
         self._arrive(self._twin.step_valves(self._state, action))
-        self._link.answer(frame, self._state.air.pressure_pa)
+        link.answer(frame, self._state.air.pressure_pa)
 
     def _arrive(self, state: TwinState) -> None:
         self._state = state
@@ -291,10 +300,10 @@ class TwinNode(SoroNode[TwinConfig]):
             return
         self._observed = self._state.tick
         self._state, seen = self._twin.observe(self._state)
-        self._seen = seen
+        self._reading_pa = seen.reading_pa
         stamp_ns = self._epoch_ns + self._tick_ns() + self._skipped * self._period_ns
         self._topics.publish_samples(seen, stamp_ns, self._sample_ns)
-        if self._chambers is not None:
+        if self._is_commanded:
             self._chambers.publish(seen.reading_pa, stamp_ns)
         self._topics.publish_truth(self._state, seen.tip, stamp_ns)
 
@@ -302,11 +311,16 @@ class TwinNode(SoroNode[TwinConfig]):
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns
 
     def diagnose(self) -> None:
-        values = {"tick": self._state.tick, "time_s": self._tick_ns() * 1e-9, "skipped_ticks": self._skipped}
+        values: dict[str, object] = {
+            "tick": self._state.tick,
+            "time_s": self._tick_ns() * 1e-9,
+            "skipped_ticks": self._skipped,
+        }
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged
-        problem = None if self._chambers is None else self._chambers.problem
-        self.diagnostics.update(*(problem or (OK, "active" if self._running else "paused")), values)
+        problem = self._chambers.problem if self._is_commanded else None
+        level, message = problem or (OK, "active" if self._running else "paused")
+        self.diagnostics.update(level, message, values)
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from soro_lab.scene import Scene
 from soro_ros.recordings.recording import Recording
 from soro_ros.recordings.report import pressure_bounds, read_run, tip_error
 from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, walls
+
+if TYPE_CHECKING:
+    from matplotlib.collections import PolyCollection
 
 Array = NDArray[np.float64]
 
@@ -150,7 +153,7 @@ class Picture:
         part = np.clip(shown.pressure[k] / shown.most_pa, 0.0, 1.0)
         payload_kg = shown.payload_kg(k)
         faces = surface(shown.robot, shown.s, shown.poses[k], dict(zip(names, part, strict=True)), payload_kg)
-        self._shadow.set_verts(self._camera.project(self._fallen(faces.corners))[..., :2])
+        _show_faces(self._shadow, self._camera.project(self._fallen(faces.corners)))
         width = 0.045 * shown.robot.links[0].radius
         true = shown.recording.true_tip
         passed = (true.t >= shown.t[k] - TRACE_S) & (true.t <= shown.t[k]) & (true.t >= 0.0)
@@ -163,7 +166,7 @@ class Picture:
         corners = np.concatenate([corners for corners, _ in pieces])
         order = np.argsort(corners[..., 2].mean(axis=1))
         colours = np.concatenate([colours for _, colours in pieces])[order]
-        self._faces.set_verts(corners[order, :, :2])
+        _show_faces(self._faces, corners[order])
         self._faces.set_facecolor(colours)
         self._faces.set_edgecolor(colours)
         self._time.set_text(f"{shown.t[k]:.1f} s")
@@ -236,6 +239,11 @@ class Picture:
         axis.tick_params(labelsize=8, colors=_TEXT, length=2, color=_PALE)
         axis.grid(axis="y", alpha=0.25)
         axis.set_axisbelow(True)
+
+
+def _show_faces(faces: PolyCollection, corners: Array) -> None:
+    """Show faces with these corners (n, 4, 3), as the camera sees them."""
+    faces.set_verts(corners[..., :2])  # type: ignore[arg-type]  # an array is drawn faster than the sequence of its type
 
 
 def write(shown: Take, file: Path, width_px: int = 800, colours: int = 96) -> None:

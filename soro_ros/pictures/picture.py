@@ -69,17 +69,10 @@ def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
     view : View
     title : str
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     beside = view.recording.shadow.t.size > 0
     columns = min(2, len(chosen))
     rows = -(-len(chosen) // columns) + beside
-    figure, axes = plt.subplots(
-        rows, columns, figsize=(6 * columns, 5 * rows), layout="constrained", squeeze=False
-    )
+    figure, axes = _axes(rows, columns, (6 * columns, 5 * rows))
     for axis, panel in zip(axes.flat, chosen, strict=False):
         fill(axis, panel, view)
     for axis in axes.flat[len(chosen) : -2 if beside else None]:
@@ -89,6 +82,19 @@ def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
     figure.suptitle(title)
     _tell(figure, view.recording.events, 75 * columns)
     return figure
+
+
+def _axes(rows: int, columns: int, size_in: tuple[float, float], **options: bool) -> tuple[Figure, Any]:
+    """Return a figure that needs no window, and its axes (rows, columns)."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(
+        rows, columns, figsize=size_in, layout="constrained", squeeze=False, **options
+    )
+    return figure, axes
 
 
 def _tell(figure: Figure, events: Sequence[Event], width: int) -> None:
@@ -113,17 +119,10 @@ def picture_of_fields(
     events : sequence of Event
         What is marked.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     groups: dict[tuple[str, str], list[Field]] = {}
     for field in fields:
         groups.setdefault((field.topic, field.unit), []).append(field)
-    figure, axes = plt.subplots(
-        len(groups), 1, figsize=(10, 3.6 * len(groups)), layout="constrained", squeeze=False, sharex=True
-    )
+    figure, axes = _axes(len(groups), 1, (10, 3.6 * len(groups)), sharex=True)
     for axis, ((topic, unit), members) in zip(axes.flat, groups.items(), strict=True):
         for field in members:
             axis.plot(field.t, field.value, lw=0.9, label=field.path)

@@ -66,8 +66,8 @@ def _verdict(run: OpenRun, summary: Summary | None) -> tuple[str, str]:
 
 
 def _figures(run: OpenRun, summary: Summary | None) -> Table:
-    judged = summary is not None and run.scene is not None
-    return Table(("", ""), rows(summary, run.scene) if judged else _plain_figures(run))
+    judged = None if summary is None or run.scene is None else rows(summary, run.scene)
+    return Table(("", ""), _plain_figures(run) if judged is None else judged)
 
 
 def _plain_figures(run: OpenRun) -> list[tuple[str, str]]:

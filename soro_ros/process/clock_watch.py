@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from rclpy.clock import ROSClock
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
@@ -30,7 +31,8 @@ class ClockWatch:
     def has_time(self) -> bool:
         """Whether the node's clock runs; without `use_sim_time` it always does."""
         clock = self._node.get_clock()
-        return not clock.ros_time_is_active or clock.now().nanoseconds > 0
+        is_simulated = isinstance(clock, ROSClock) and clock.ros_time_is_active
+        return not is_simulated or clock.now().nanoseconds > 0
 
     def check(self) -> None:
         """Warn, if it is time to; to be called about once a second."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.utilities import remove_ros_args
@@ -20,11 +20,6 @@ from soro_ros.process.parameter_files import read_file
 ARGUMENT_ERRORS = (rclpy_implementation.RCLError, rclpy_implementation.UnknownROSArgsError)
 
 _ROS = "[--ros-args [-p NAME:=VALUE]... [--params-file FILE]... [-r __ns:=/NAMESPACE]]"
-
-
-class _Described(Protocol):
-    node_name: str
-    config_model: type[Strict]
 
 
 class Program(NamedTuple):
@@ -45,11 +40,11 @@ class Program(NamedTuple):
     help: str
 
 
-def of_node(node: _Described) -> Program:
+def of_node(name: str, model: type[Strict]) -> Program:
     """Return the program of one node, which lists its parameters."""
-    described = parameters.described(node.config_model)
-    lines = [f"  {name} [{default!r}]: {text}" for name, default, text in described]
-    return Program(node.node_name, f"soro_{node.node_name}", "\n".join(["parameters:", *lines]))
+    described = parameters.described(model)
+    lines = [f"  {key} [{default!r}]: {text}" for key, default, text in described]
+    return Program(name, f"soro_{name}", "\n".join(["parameters:", *lines]))
 
 
 def asks_for_help(given: Sequence[str]) -> bool:

@@ -7,8 +7,11 @@ import os
 
 def compiled() -> int:
     """Number of compiled kernels in the cache."""
-    from soro_core._jit import numba_config  # imported late, so that the first processes start earlier
+    # Imported late, so that the first processes start earlier; `_jit` names the folder.
+    from numba import config
+
+    import soro_core._jit  # noqa: F401
 
     # A start calls this twenty times a second; `Path.rglob` takes five times as long.
-    folders = os.walk(numba_config.CACHE_DIR)
+    folders = os.walk(config.CACHE_DIR)
     return sum(name.endswith(".nbc") for _, _, names in folders for name in names)

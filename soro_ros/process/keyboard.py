@@ -9,6 +9,7 @@ import termios
 import threading
 import tty
 from collections.abc import Callable
+from typing import Any
 
 _NAMES = {"\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left", " ": "space"}
 _POLL_S = 0.1
@@ -27,7 +28,8 @@ class Keyboard:
 
     def __init__(self, on_key: Callable[[str], None]) -> None:
         self._on_key, self._ended = on_key, threading.Event()
-        self._fd, self._before, self._thread = -1, None, None
+        self._fd, self._before = -1, list[Any]()
+        self._thread: threading.Thread | None = None
         try:
             self._fd = sys.stdin.fileno()
             if not os.isatty(self._fd) or not self._in_foreground():

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 import traceback
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -24,6 +25,7 @@ from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from soro_ros.topics.handover import NodeWithHandover
 
 Config = TypeVar("Config", bound=Strict)
+Interface = TypeVar("Interface")
 
 
 class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Config]):
@@ -34,7 +36,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     the process ends, whatever the state: it must not raise and must not need ROS.
     """
 
-    config_model: ClassVar[type[Strict]]
+    config_model: type[Config]
     # Parameters, or beginnings of their names, that `take` takes over while the node is configured.
     live: ClassVar[tuple[str, ...]] = ()
     node_name: ClassVar[str]
@@ -58,7 +60,8 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         self.stopping: list[int] = []  # signals that interrupt the start
         self._timers_active: list[Timer] = []
         self._configured = False
-        self._kept: set[int] = set()  # interfaces that exist before `setup`; a cleanup destroys all others
+        # Interfaces that exist before `setup`, all others are its own; None before the first `setup`.
+        self._kept: set[int] | None = None
 
     @property
     def priority(self) -> int:
@@ -131,6 +134,13 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         self.get_logger().error(str(error))
         self.diagnostics.update(ERROR, str(error))
 
+    def note_failure(self, error: Exception) -> SoroError:
+        """Keep an error that is being handled as the failure of the node, log it, and return the failure."""
+        known = error if isinstance(error, SoroError) else None
+        self.failure = failure = known or SoroError(f"{type(error).__name__}: {error}")
+        self.get_logger().error(str(failure) if known else traceback.format_exc())
+        return failure
+
     # Lifecycle -----------------------------------------------------------------------------------
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         def configure() -> None:
@@ -176,11 +186,16 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.make_safe()
         self._stop_timers()
-        return self._transition(self.teardown, "finalized")
+        self._configured, self._used = False, None
+        result = self._transition(self.teardown, "finalized")
+        self._destroy_interfaces(with_publishers=False)
+        return result
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         self.make_safe()
         self._stop_timers()
+        self._configured, self._used = False, None
+        self._destroy_interfaces()
         return TransitionCallbackReturn.SUCCESS
 
     def _transition(self, action: Callable[[], None], name: str) -> TransitionCallbackReturn:
@@ -190,10 +205,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
             if self.stopping:  # an interrupt in a callback of the compiler becomes another error
                 raise KeyboardInterrupt from None
             # rclpy would only log the error and leave the transition out.
-            known = isinstance(error, SoroError)
-            self.failure = error if known else SoroError(f"{type(error).__name__}: {error}")
-            self.get_logger().error(str(error) if known else traceback.format_exc())
-            self.diagnostics.update(ERROR, str(self.failure))
+            self.diagnostics.update(ERROR, str(self.note_failure(error)))
             return TransitionCallbackReturn.FAILURE
         said, failure = self.diagnostics, self.failure
         self.failure = None
@@ -229,18 +241,18 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
                 self.event_log.note("parameter", f"{name}: {then!r} -> {value!r}")
 
     def create_subscription(
-        self, kind: type[Any], topic: str, callback: Callable[..., None], *arguments: Any, **options: Any
+        self, msg_type: type[Any], topic: str, callback: Callable[..., None], *arguments: Any, **options: Any
     ) -> Subscription:
         """Create a subscription; rclpy itself subscribes to /clock with it.
 
         Parameters
         ----------
-        kind, topic, callback, *arguments, **options : Any
+        msg_type, topic, callback, *arguments, **options : Any
             As in rclpy.
         """
-        if kind is ClockMessage and not options.get("raw"):
+        if msg_type is ClockMessage and not options.get("raw"):
             callback = with_possible_time(self, callback)
-        return super().create_subscription(kind, topic, callback, *arguments, **options)
+        return super().create_subscription(msg_type, topic, callback, *arguments, **options)
 
     def destroy_node(self) -> None:
         """Write the last events, and destroy the node."""
@@ -252,17 +264,20 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         owned = (self.publishers, self.subscriptions, self.services, self.clients, self.timers)
         return {id(item) for items in owned for item in items}
 
-    def _destroy_interfaces(self) -> None:
-        """Destroy the interfaces that `setup` created; a second configuration must not duplicate them."""
-        for items, destroy in (
-            (self.publishers, self.destroy_publisher),
-            (self.subscriptions, self.destroy_subscription),
-            (self.services, self.destroy_service),
-            (self.clients, self.destroy_client),
-            (self.timers, self.destroy_timer),
-        ):
-            for item in [item for item in items if id(item) not in self._kept]:
-                destroy(item)
+    def _destroy_interfaces(self, with_publishers: bool = True) -> None:
+        """Destroy the interfaces that `setup` created; a second configuration must not duplicate them.
+
+        A node that has ended must not be called through them; its last messages may still be on their way.
+        """
+        kept = self._kept
+        if kept is None:
+            return
+        if with_publishers:
+            _destroy_others(kept, self.publishers, self.destroy_publisher)
+        _destroy_others(kept, self.subscriptions, self.destroy_subscription)
+        _destroy_others(kept, self.services, self.destroy_service)
+        _destroy_others(kept, self.clients, self.destroy_client)
+        _destroy_others(kept, self.timers, self.destroy_timer)
 
     def _stop_timers(self) -> None:
         for timer in self._timers_active:
@@ -275,3 +290,11 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         if self._configured and self.failure is None:
             self.diagnose()
         self.diagnostics.publish()
+
+
+def _destroy_others(
+    kept: Container[int], items: Iterable[Interface], destroy: Callable[[Interface], object]
+) -> None:
+    """Destroy interfaces other than those with these identities."""
+    for item in [item for item in items if id(item) not in kept]:
+        destroy(item)

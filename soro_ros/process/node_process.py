@@ -9,10 +9,10 @@ import traceback
 from collections.abc import Sequence
 from typing import Any
 
-import rclpy
 from rclpy.exceptions import InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.utilities import try_shutdown
 
 from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals, timing
@@ -34,7 +34,7 @@ LEAVE_S = 10
 
 def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) -> None:
     """Run one node as a process, see `run_nodes`."""
-    run_nodes([node_class], command_line.of_node(node_class), args)
+    run_nodes([node_class], command_line.of_node(node_class.node_name, node_class.config_model), args)
 
 
 def run_nodes(
@@ -115,7 +115,7 @@ def run_until_end(
             node.diagnostics.publish()
             middleware.deliver(node)
             node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
         claims.close()
     return status
 

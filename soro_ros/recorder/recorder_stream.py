@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
@@ -17,6 +18,8 @@ class Stream:
     Attributes
     ----------
     type_name : str
+    kind : type
+        Class of its messages.
     subscription : Subscription
     qos : tuple
         Reliability and durability that are asked for, see `essence`.
@@ -27,6 +30,7 @@ class Stream:
     """
 
     type_name: str
+    kind: type[Any]
     subscription: Subscription
     qos: tuple[object, object]
     known_to_bag: bool = False

@@ -99,8 +99,8 @@ class TopicDifferences:
     def _lonely(self, stamp_ns: int, is_now: bool) -> None:
         if self._ignored(""):
             return
-        there = ("", None, "message") if is_now else ("", "message", None)
-        self._note(Difference(stamp_ns, self.topic, *there, math.inf))
+        recorded, now = (None, "message") if is_now else ("message", None)
+        self._note(Difference(stamp_ns, self.topic, "", recorded, now, math.inf))
 
     def _note(self, difference: Difference) -> None:
         self.differing += 1

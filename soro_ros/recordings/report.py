@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from soro_core.control.pressures import actuation
 from soro_lab.scene import Scene
 from soro_ros.recordings import shadow_report
 from soro_ros.recordings.events import Event
@@ -99,8 +100,7 @@ def summarise(recording: Recording, scene: Scene) -> Summary | None:
 def pressure_bounds(scene: Scene) -> tuple[float, float]:
     """Return the lowest and highest set point [Pa gauge] of the controller of a scene."""
     pressures, _ = scene.controller_node().known_pressures(scene.loaded_platform)
-    low, high = scene.loaded_robot.pressure_range_pa
-    return max(pressures.minimum_pa, low), min(pressures.maximum_pa, high)
+    return actuation.pressure_bounds(pressures, scene.loaded_robot)
 
 
 def read_run(bag: Path, scene: Scene) -> Recording:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +51,7 @@ def rows(found: Differences | None) -> list[tuple[str, str]]:
     ]
 
 
-def draw(axes: object, series: Series, tolerance_m: float) -> None:
+def draw(axes: Sequence[Any], series: Series, tolerance_m: float) -> None:
     """Draw distance and bending over time.
 
     Parameters

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.utilities import try_shutdown
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -76,7 +76,7 @@ class Supervisor:
     def __exit__(self, *error: object) -> None:
         self._executor.shutdown()  # it keeps publishers of its nodes alive
         self.node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
     def add_node(self, node: Node) -> None:
         """Also receive the messages of another node."""

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64MultiArray, Header
 from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.adaptation import Learned
-from soro_core.control import Reference
+from soro_core.control import ControllerState, Reference
 from soro_core.control.laws import Certainty
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.reach import check_reach
@@ -90,6 +90,7 @@ class ControllerTicks:
         self.enabled = config.enabled
         self._trouble, self._refused, self.refusals = "", "", 0
         self._covariance_refused = False
+        self.state: ControllerState
         self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s

@@ -130,8 +130,8 @@ class EnableCheck:
         if kind == "pose":
             position, quaternion = messages.pose_arrays(message.pose)
             return Seen(topic, s, position, quaternion)
-        _, force, quaternion = messages.imu_arrays(message)
-        return Seen(topic, s, None, quaternion, force)
+        _, force, orientation = messages.imu_arrays(message)
+        return Seen(topic, s, None, orientation, force)
 
     def _on_sample(self, topic: str, sample: bytes) -> None:
         self._arrived[topic], self._raw[topic] = time.monotonic(), sample

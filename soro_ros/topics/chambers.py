@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -82,11 +84,10 @@ class ChamberInterface:
             (Float64MultiArray, "chambers/commands", qos.array(lockstep), _no_name, self._on_array),
         )
         self._topics = [CommandTopic(node, *topic, on_publishers) for topic in topics]
-        self._launcher = None if lockstep else pulse.listener()
-        if self._launcher is not None:
-            node.create_timer(
-                pulse.PERIOD_S, self._check_launcher, clock=Clock(clock_type=ClockType.STEADY_TIME)
-            )
+        launcher = None if lockstep else pulse.listener()
+        if launcher is not None:
+            check = partial(self._check_launcher, launcher)
+            node.create_timer(pulse.PERIOD_S, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
         node.create_service(Trigger, "~/enable", self._on_enable)
         node.create_service(Trigger, "~/vent", self._on_vent)
         node.create_service(Trigger, "~/reset", self._on_reset)
@@ -132,9 +133,9 @@ class ChamberInterface:
         """Publish readings on chambers/state."""
         self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
 
-    def _check_launcher(self) -> None:
+    def _check_launcher(self, launcher: pulse.Listener) -> None:
         """Vent while the program that runs the arm gives no sign of life."""
-        trouble = self._launcher.trouble()
+        trouble = launcher.trouble()
         if trouble is not None and self._limiter.cause is None:
             self._limiter.vent(trouble)
             self.report_latch()

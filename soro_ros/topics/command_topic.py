@@ -6,7 +6,8 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -92,7 +93,9 @@ class CommandTopic:
         self._take(message, self._doubt(name))
 
     # rclpy passes the information if the signature has this parameter.
-    _on_message.__signature__ = inspect.signature(lambda self, message, information: None)
+    _on_message.__signature__ = inspect.signature(  # type: ignore[attr-defined]  # mypy knows no such attribute
+        lambda self, message, information: None
+    )
 
     def _count(self) -> int | None:
         """Return the number of publishers; None if the node was cleaned up meanwhile."""

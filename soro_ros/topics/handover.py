@@ -123,7 +123,7 @@ class Handover:
                 self.failure = node, error
 
 
-class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
+class NodeWithHandover(Node):
     """A node whose messages need not all pass the middleware."""
 
     handover: Handover | None = None
@@ -158,7 +158,7 @@ class NodeWithHandover(Node):  # type: ignore[misc]  # rclpy is not typed
         return bool(super().destroy_subscription(subscription))
 
 
-class HandingPublisher(Publisher):  # type: ignore[misc]  # rclpy is not typed
+class HandingPublisher(Publisher):
     """A publisher that hands over what need not pass the middleware.
 
     Parameters

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import PoseStamped
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.utilities import try_shutdown
 from rclpy.validate_topic_name import validate_topic_name
 
 from soro_core.errors import ConfigError, SoroError
@@ -55,7 +55,7 @@ class PoseSource:
     def __exit__(self, *error: object) -> None:
         self._executor.shutdown()
         self._node.destroy_node()
-        rclpy.try_shutdown()
+        try_shutdown()
 
     def newest(self) -> np.ndarray | None:
         """Newest position (3,) [m], without waiting."""

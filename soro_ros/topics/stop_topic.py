@@ -6,9 +6,9 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 
-import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.utilities import ok, try_shutdown
 from std_msgs.msg import Bool
 
 from soro_core.safety import StopState, hear, why_stopped
@@ -67,7 +67,7 @@ def reading_stop(platform: PlatformBase) -> Iterator[Callable[[], str | None]]:
     platform : PlatformBase
         Platform with a `stop_topic`.
     """
-    if not (was_running := rclpy.ok()):
+    if not (was_running := ok()):
         middleware.init()
     node = Node("stop_reader")
     executor = SingleThreadedExecutor()
@@ -85,4 +85,4 @@ def reading_stop(platform: PlatformBase) -> Iterator[Callable[[], str | None]]:
         executor.shutdown()
         node.destroy_node()
         if not was_running:
-            rclpy.try_shutdown()
+            try_shutdown()

@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from soro_ros.conversion import learning, messages
+
+Array = NDArray[np.float64]
 
 
 class TickInput(NamedTuple):
@@ -28,7 +31,7 @@ class TickInput(NamedTuple):
 
     state: JointState
     stamp_ns: int
-    pressure_pa: np.ndarray
+    pressure_pa: Array
     covariance: Float64MultiArray | None
 
 
@@ -51,11 +54,11 @@ class TickInputs:
     def __init__(self, lockstep: bool, n_u: int, with_covariance: bool, covariance_age_s: float) -> None:
         self._lockstep, self._n_u = lockstep, n_u
         self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
-        self._readings: deque[tuple[int, np.ndarray]] = deque(maxlen=50)
+        self._readings: deque[tuple[int, Array]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
         self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
 
-    def add_reading(self, stamp_ns: int, pressure_pa: np.ndarray) -> None:
+    def add_reading(self, stamp_ns: int, pressure_pa: Array) -> None:
         """Add measured pressures (n_u,) [Pa gauge] of a time [ns]."""
         self._readings.append((stamp_ns, pressure_pa))
 
@@ -86,7 +89,7 @@ class TickInputs:
             return None
         return TickInput(self._states.popleft(), stamp_ns, reading, covariance)
 
-    def _reading_at(self, stamp_ns: int) -> np.ndarray | None:
+    def _reading_at(self, stamp_ns: int) -> Array | None:
         for stamp, pressure in reversed(self._readings):
             if stamp == stamp_ns or not self._lockstep:
                 return pressure

@@ -99,7 +99,8 @@ def chambers(robot: Robot) -> list[Chamber]:
         for k, chamber in enumerate(link.chambers):
             away = chamber.offset_m
             if away is None:
-                away = chamber.alpha_kappa / chamber.alpha_eps if chamber.alpha_eps else 0.6 * link.radius
+                on_elongation, on_curvature = chamber.gains(1.0, 1.0)
+                away = on_curvature / on_elongation if on_elongation else 0.6 * link.radius
             # Gains that were fitted may give an offset outside the section, or none.
             away = 0.0 if n == 1 else min(max(away, 0.3 * link.radius), 0.7 * link.radius)
             radius = 0.95 * min(link.radius - away, away * sin(pi / n) if n > 1 else link.radius)

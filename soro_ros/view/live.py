@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Literal
+
 import viser
 from rclpy.node import Node
 
 from soro_core.robot import Robot
 from soro_ros.view.buttons import BUTTONS, Buttons
-from soro_ros.view.page import Page
+from soro_ros.view.page import Page, set_value
 
-_COLOURS = {"enable": "green", "vent": "red", "reset": "gray"}
+_COLOURS: dict[str, Literal["green", "red", "gray"]] = {"enable": "green", "vent": "red", "reset": "gray"}
 
 
 class LivePage(Page):
@@ -28,12 +31,14 @@ class LivePage(Page):
         self.buttons = Buttons(node, self._tell)
         self._answers: list[str] = []
         for name in BUTTONS:
-            server.gui.add_button(name, color=_COLOURS[name]).on_click(
-                lambda event, name=name: self.buttons.press(name)
-            )
+            button = server.gui.add_button(name, color=_COLOURS[name])
+            button.on_click(partial(self._press, name))
         self._answer = server.gui.add_text("answers", "", multiline=True, disabled=True)
         super().__init__(server, robot, payload_kg)
 
+    def _press(self, name: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        self.buttons.press(name)
+
     def _tell(self, line: str) -> None:
         self._answers = [*self._answers[-2:], line]
-        self._answer.value = "\n".join(self._answers)
+        set_value(self._answer, "\n".join(self._answers))

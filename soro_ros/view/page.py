@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import viser
@@ -17,6 +17,7 @@ from soro_ros.view.plots import Plots
 from soro_ros.view.skin import Skin
 
 Array = NDArray[np.float64]
+Value = TypeVar("Value")
 
 _REFERENCE, _TIP, _CONTACT, _OBSTACLE = (140, 146, 156), (193, 18, 31), (255, 120, 0), (150, 160, 175)
 _NOTHING = np.zeros((1, 2, 3))
@@ -66,16 +67,16 @@ class Page:
             self.plots.show(past, at_once)
 
     def _say(self, now: Moment) -> None:
-        self._valves.value = now.valves
-        self._state.value = _state(now)
-        self._faults.value = "\n".join(now.faults) or "none"
+        set_value(self._valves, now.valves)
+        set_value(self._state, _state(now))
+        set_value(self._faults, "\n".join(now.faults) or "none")
         head = "soro: vented" if now.latched else "soro"
         if head != self._head:
             self._head = head
             self._server.gui.set_panel_label(head)
 
     def _make_arm(self, length: float, radius: float) -> None:
-        scene, axes = self._server.scene, {"axes_length": 0.12 * length, "axes_radius": 0.003 * length}
+        scene = self._server.scene
         straight = np.tile(np.eye(4), (2, 1, 1))
         straight[1, 2, 3] = length
         colours = self._skin.colours({})
@@ -85,7 +86,10 @@ class Page:
                 self._skin.names, self._skin.triangles, self._skin.vertices(straight), colours, strict=True
             )
         ]
-        self._frames = [scene.add_frame(f"/{name}", visible=False, **axes) for name in ("base", "tip")]
+        self._frames = [
+            scene.add_frame(f"/{name}", visible=False, axes_length=0.12 * length, axes_radius=0.003 * length)
+            for name in ("base", "tip")
+        ]
         self._wanted = scene.add_icosphere("/wanted", 0.15 * radius, color=_REFERENCE, visible=False)
         self._touching = (
             [
@@ -116,11 +120,15 @@ class Page:
                 opacity=0.5,
                 dimensions=(2 * length, 2 * length, 1e-3 * length),
                 wxyz=turned_to(plane.normal),
-                position=plane.point,
+                position=np.asarray(plane.point),
             )
         for k, sphere in enumerate(contacts.spheres if contacts else ()):
             scene.add_icosphere(
-                f"/obstacle/sphere{k}", sphere.radius, color=_OBSTACLE, opacity=0.5, position=sphere.centre
+                f"/obstacle/sphere{k}",
+                sphere.radius,
+                color=_OBSTACLE,
+                opacity=0.5,
+                position=np.asarray(sphere.centre),
             )
 
     def _show_arm(self, now: Moment) -> None:
@@ -141,7 +149,7 @@ class Page:
         ):
             self._vertices = vertices
             for mesh, new in zip(self._meshes, vertices, strict=True):
-                mesh.vertices = new
+                mesh.vertices = new.astype(np.float32)
             for frame, pose in zip(self._frames, (poses[0], poses[-1]), strict=True):
                 x, y, z, w = quaternion_from_matrix(pose[:3, :3])
                 frame.wxyz, frame.position = (w, x, y, z), pose[:3, 3]
@@ -157,6 +165,11 @@ def _state(now: Moment) -> str:
         return f"{now.t_s:.1f} s: no estimate of its shape"
     error = "" if np.isnan(now.error_m) else f", tip {now.error_m * 1e3:.1f} mm from its reference"
     return f"{now.t_s:.1f} s{error}"
+
+
+def set_value(handle: viser.GuiInputHandle[Value], value: Value) -> None:
+    """Show a value in the panel."""
+    handle.value = value  # type: ignore[misc]  # mypy does not see viser's setter: it is not next to its getter
 
 
 def _draw(line: Any, points: list[Array | None]) -> None:

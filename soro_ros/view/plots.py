@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import viser
+from viser.uplot import Scale, Series
 
 from soro_ros.view.arm_shape import COLOURS
 from soro_ros.view.moment import Moment
@@ -31,10 +31,10 @@ class Plots:
     def __init__(self, gui: viser.GuiApi, chambers: Sequence[str], most_pa: float) -> None:
         self._chambers, self._shown_s = chambers, 0.0
         colours = [COLOURS[k % len(COLOURS)] for k in range(len(chambers))]
-        lines = [{"label": name, "stroke": c, "width": 2} for name, c in zip(chambers, colours, strict=True)]
-        self._pressure = _plot(gui, "pressure [kPa]", lines, {"range": (0.0, most_pa / 1e3)})
-        error = [{"label": "distance", "stroke": "#c1121f", "width": 2}]
-        self._error = _plot(gui, "tip to reference [mm]", error, {})
+        lines = [Series(label=name, stroke=c, width=2) for name, c in zip(chambers, colours, strict=True)]
+        self._pressure = _plot(gui, "pressure [kPa]", lines, Scale(auto=True, range=(0.0, most_pa / 1e3)))
+        error = [Series(label="distance", stroke="#c1121f", width=2)]
+        self._error = _plot(gui, "tip to reference [mm]", error, Scale(auto=True))
 
     def show(self, past: Sequence[Moment], at_once: bool = False) -> None:
         """Draw moments; only now and then, unless `at_once`."""
@@ -48,11 +48,11 @@ class Plots:
         self._error.data = (t, np.array([one.error_m for one in past]) * 1e3)
 
 
-def _plot(gui: viser.GuiApi, title: str, lines: Sequence[Any], y: Any) -> Any:
+def _plot(gui: viser.GuiApi, title: str, lines: Sequence[Series], y: Scale) -> viser.GuiUplotHandle:
     return gui.add_uplot(
         data=tuple(np.zeros(1) for _ in range(len(lines) + 1)),
-        series=({"label": "t [s]"}, *lines),
-        scales={"x": {"time": False}, "y": {"auto": True, **y}},
+        series=(Series(label="t [s]"), *lines),
+        scales={"x": Scale(time=False), "y": y},
         title=title,
         aspect=1.7,
     )

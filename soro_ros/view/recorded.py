@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from soro_core.errors import BagError
-from soro_core.robot import Robot
+from soro_core.robot import Discretisation, Robot
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion.decoding import Messages
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
-from soro_ros.view.page import Page
+from soro_ros.view.page import Page, set_value
 
 Array = NDArray[np.float64]
 Shape = Callable[[Array], Array]
@@ -160,7 +160,7 @@ class RecordedPage:
             if self._t_s >= self._times[-1]:
                 self._t_s, self._playing, self._moved = self._times[-1], False, True
                 self._button.label = "play"
-            self._slider.value = self._t_s
+            set_value(self._slider, self._t_s)
         if self._playing or self._moved:
             at_once, self._moved = self._moved, False
             self._page.show(self.shown(), at_once)
@@ -181,12 +181,12 @@ class RecordedPage:
         self._playing = not self._playing
         self._button.label = "pause" if self._playing else "play"
 
-    def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle]) -> None:
+    def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
         if event.client is not None:  # moved in the browser, not by `step`
             self.seek(self._slider.value)
 
 
-def shape_of(robot: Robot, discretisation: object) -> Shape:
+def shape_of(robot: Robot, discretisation: Discretisation) -> Shape:
     """Return the function from coordinates to the backbone of a robot, as the estimator sees it."""
     from soro_core.model.discretised import discretised
 

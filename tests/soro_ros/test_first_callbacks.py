@@ -32,7 +32,7 @@ from rclpy.duration import Duration
 from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from soro_core.control.laws import Certainty
-from soro_ros import learning, messages
+from soro_ros.conversion import learning, messages
 from soro_ros.nodes.controller import ControllerNode
 
 # The counting takes longer than the shipped age of samples.
@@ -110,7 +110,7 @@ ESTIMATOR = """
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Imu
 from soro_core.adaptation import Learned
-from soro_ros import learning, messages
+from soro_ros.conversion import learning, messages
 from soro_ros.nodes.estimator import EstimatorNode
 
 rclpy.init()

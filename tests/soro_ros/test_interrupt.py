@@ -172,7 +172,7 @@ def test_a_signal_that_comes_as_the_work_begins_leaves_no_handler(monkeypatch):
 
 INTERRUPTED_IN_TEXT = """
 import signal
-from soro_ros import signals
+from soro_hardware import signals
 seen = []
 try:
     with signals.raised(seen):
@@ -266,7 +266,7 @@ def test_an_end_that_fails_after_ctrl_c_is_reported_and_goes_on(domain, capfd):
             destroyed.append(self.failure)
             super().destroy_node()
 
-    program = command_line.of_node(Full)
+    program = command_line.of_node(Full.node_name, Full.config_model)
     node_process.run_until_end([Full], program, ["--ros-args", "-p", "autostart:=false"], stopping)
     assert ["disk full" in str(failure) for failure in destroyed] == [True]
     assert "disk full" in capfd.readouterr().err

@@ -12,7 +12,7 @@ _NODE = """
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import String
-from soro_ros import middleware
+from soro_ros.host import middleware
 import rclpy, time
 middleware.init()
 node = Node("node", start_parameter_services=False)

@@ -154,7 +154,7 @@ def test_a_node_that_refuses_its_configuration_stays_unless_it_is_to_end(domain,
         made.append(Unready(stopping))
         return made[0]
 
-    program = command_line.of_node(Unready)
+    program = command_line.of_node(Unready.node_name, Unready.config_model)
     status = node_process.run_until_end([noted], program, arguments, stopping)
     said = capfd.readouterr().err
     assert refused_keys(said) == ["key"]
@@ -164,6 +164,17 @@ def test_a_node_that_refuses_its_configuration_stays_unless_it_is_to_end(domain,
     assert status == 0
     assert made[0].seen == [(ERROR, "here: key: got 1; allowed: 2"), (OK, "inactive")]
     assert "ros2 lifecycle set /recorder configure" in said
+
+
+def test_a_node_subscribes_by_the_names_that_rclpy_gives_its_parameters(domain):
+    rclpy.init()
+    try:
+        node = Recorder()
+        made = node.create_subscription(msg_type=JointState, topic="x", callback=print, qos_profile=1)
+        assert (made.topic_name, made.msg_type) == ("/x", JointState)
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
 
 
 def test_a_node_explains_its_parameters(node_main):

@@ -80,7 +80,10 @@ def test_a_controller_node_checks_its_section_once(domain, tmp_path):
     config = load_scene("track_circle").controller_node()
     line = processes.node_command("controller", config, "scene", tmp_path)
     with counted() as found:
-        command_line.initialise(command_line.of_node(ControllerNode), line[line.index("--ros-args") :])
+        command_line.initialise(
+            command_line.of_node(ControllerNode.node_name, ControllerNode.config_model),
+            line[line.index("--ros-args") :],
+        )
         try:
             node = ControllerNode()
             read = parameters.read(node, ControllerNode.config_model)

@@ -59,7 +59,7 @@ from std_msgs.msg import String
 import rclpy
 name, ours = sys.argv[1], sys.argv[2] == "ours"
 if ours:
-    from soro_ros import middleware
+    from soro_ros.host import middleware
     middleware.init()
 else:
     rclpy.init()

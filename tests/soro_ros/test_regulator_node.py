@@ -249,6 +249,21 @@ def test_the_latch_outlasts_the_lifecycle(real_time_bench):
 
 
 @pytest.mark.real_time
+def test_a_driver_that_was_shut_down_is_safe_and_serves_no_request(real_time_bench):
+    bench = real_time_bench
+    bench.send([30e3] * 3, 0.3)
+    bench.change(Transition.TRANSITION_ACTIVE_SHUTDOWN, "finalized")
+    bench.wait_empty()
+    for name in ("vent", "reset"):
+        with pytest.raises(SoroError, match=f"regulator/{name}"):
+            bench.supervisor.call(f"regulator/{name}", 0.5)
+    bench.send([30e3] * 3, 0.3)
+    assert bench.true_pressure().max() < 2e3
+    assert bench.regulator.poll() is None
+    assert bench.supervisor.status["regulator"].message == "finalized"
+
+
+@pytest.mark.real_time
 def test_a_latch_outlasts_its_process_and_a_driver_that_was_killed_leaves_one(real_time_bench):
     """Whatever starts it again, and with a source that never stops: no pressure before a reset."""
     bench = real_time_bench

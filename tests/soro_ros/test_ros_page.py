@@ -99,7 +99,9 @@ def quality(profile: QoSProfile) -> str:
 
 @pytest.fixture
 def offered(domain, tmp_path, monkeypatch):
-    """Configure a node with its defaults; returns what it publishes, takes and serves."""
+    """Configure a node with its defaults and shut it down; returns what it published, took and served,
+    and how much it takes and serves after its end.
+    """
     monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: Answering())
     monkeypatch.setattr(faults, "ControlClient", lambda path: None)
     stopped = {**load_platform("emulated_canopen").model_dump(mode="json"), "stop_topic": "safety/stop"}
@@ -109,7 +111,7 @@ def offered(domain, tmp_path, monkeypatch):
         writer.add_topic(Topic("/numbers", "std_msgs/msg/UInt64"))
         writer.write("/numbers", bytes(12), 1)
 
-    def offer(name: str, mode: str) -> tuple[set[Any], set[Any], set[str]]:
+    def offer(name: str, mode: str) -> tuple[set[Any], set[Any], set[str], int]:
         needed = {
             "regulator": ["device:=x", f"platform:={platform}"],
             "player": [f"bag:={tmp_path / 'bag'}"],
@@ -131,11 +133,13 @@ def offered(domain, tmp_path, monkeypatch):
                     if not (topic := relative(one.topic_name)).endswith(NOT_OURS)
                 }
 
-            services = {
-                one.srv_name.replace(f"/{name}/", "~/") for one in node.services if one.srv_type is Trigger
-            }
-            result = found(list(node.publishers)), found(list(node.subscriptions)), services
+            def served() -> set[str]:
+                triggers = (one for one in node.services if one.srv_type is Trigger)
+                return {one.srv_name.replace(f"/{name}/", "~/") for one in triggers}
+
+            offers = found(node.publishers), found(node.subscriptions), served()
             node.trigger_shutdown()
+            result = *offers, len(found(node.subscriptions) | served())
             node.destroy_node()
         finally:
             rclpy.shutdown()
@@ -145,12 +149,13 @@ def offered(domain, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_topics_and_services_are_those_of_the_nodes(offered, name):
-    published, taken, services = offered(name, "real_time")
+def test_topics_and_services_are_those_of_the_nodes_until_their_end(offered, name):
+    published, taken, services, left = offered(name, "real_time")
     assert published == topics("Published", name, lockstep=False)
     assert taken == topics("Taken", name, lockstep=False)
     stated = [one for row in table("Services") if of_node(row, "node", name) for one in named(row["service"])]
     assert services == set(stated)
+    assert left == 0
 
 
 def test_every_row_is_of_nodes_that_are_checked():
@@ -163,7 +168,7 @@ def test_every_row_is_of_nodes_that_are_checked():
 
 @pytest.mark.parametrize("name", ["twin", "regulator"])
 def test_in_lockstep_the_topics_of_the_loop_are_latched_and_there_is_a_clock(offered, name):
-    published, taken, _ = offered(name, "lockstep")
+    published, taken, _, _ = offered(name, "lockstep")
     clock = ("/clock", "rosgraph_msgs/msg/Clock", "latched 1000")
     assert clock in topics("Published" if name == "twin" else "Taken", name, lockstep=True)
     assert clock in (published if name == "twin" else taken)

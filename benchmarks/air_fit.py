@@ -14,7 +14,7 @@ from benchmarks import air_picture
 from benchmarks.air_picture import Pumped
 from benchmarks.options import Options
 from benchmarks.report import figure, table
-from soro_lab.identification import air
+from soro_lab.identification import regulator_fit as air
 from soro_lab.identification.pump import (
     FULL,
     InnerPI,

@@ -9,9 +9,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from soro_lab.identification.air import AirFit
 from soro_lab.identification.air_picture import DOT, responses, times
 from soro_lab.identification.pump import PumpModel, PumpRun, pump_response
+from soro_lab.identification.regulator_fit import AirFit
 from soro_lab.identification.steps import FoundSteps
 from soro_lab.identification.valves import grid
 

@@ -12,7 +12,7 @@ import yaml
 
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.twin import Twin
 from soro_design.parts.file import PartFile, load_part
 from soro_design.parts.geometry import RodGeometry
@@ -100,8 +100,8 @@ def _row(name: str, options: Options) -> list[str]:
 def _coarse(file: PartFile) -> PartFile:
     geometry = file.geometry
     assert isinstance(geometry, RodGeometry)
-    sweeps = tuple(changed(sweep, states=min(sweep.states, 2)) for sweep in file.sweeps)
-    return changed(file, geometry=changed(geometry, around=2, across=1, along=6), sweeps=sweeps)
+    sweeps = tuple(with_changes(sweep, states=min(sweep.states, 2)) for sweep in file.sweeps)
+    return with_changes(file, geometry=with_changes(geometry, around=2, across=1, along=6), sweeps=sweeps)
 
 
 def _states(file: PartFile, specimen: RodSpecimen, say: Callable[[str], None]) -> list[Backbone]:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_design.topology import (
+    OptimiserState,
     Reanalysis,
     Shape,
-    State,
     Task,
     load_task,
     make_domain,
@@ -34,7 +34,7 @@ MOTION_MM, GRIDS_AGREE, GREYNESS, OWN_MESH_AGREES, STROKE_MM = 2.4, 0.02, 0.08, 
 class Found:
     """A run with its final part."""
 
-    state: State
+    state: OptimiserState
     part: Shape
     moved: Reanalysis
     processor_s: float
@@ -52,7 +52,7 @@ def topology(options: Options) -> tuple[str, str]:
     bellows = {}
     for one in options.pick(tuple(BELLOW_MIN), ()):
         name = f"bellow, {one[0]} x {one[1]}"
-        bellows[one] = _optimised(changed(load_task("bellow"), cells=one), name, options)
+        bellows[one] = _optimised(with_changes(load_task("bellow"), cells=one), name, options)
         rows += _rows(name, bellows[one], BELLOW_MIN[one])
     if bellows:
         few, many = (found.motion_mm for found in bellows.values())
@@ -75,10 +75,10 @@ def _arch(cells: tuple[int, int], own: tuple[int, int], options: Options) -> lis
     task = load_task("arch")
     # The same number of elements on each grid.
     finer = task.cells[0] / cells[0]
-    air = changed(task.air, depth_m=task.air.depth_m * finer)
-    task = changed(task, cells=cells, filter_radius_m=task.filter_radius_m * finer, air=air)
+    air = with_changes(task.air, depth_m=task.air.depth_m * finer)
+    task = with_changes(task, cells=cells, filter_radius_m=task.filter_radius_m * finer, air=air)
     if options.quick:
-        task = changed(task, schedule=changed(task.schedule, iterations=3, ramp=0))
+        task = with_changes(task, schedule=with_changes(task.schedule, iterations=3, ramp=0))
     start = time.process_time()
     rows = optimise(task).rows
     spent = time.process_time() - start

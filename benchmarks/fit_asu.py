@@ -34,7 +34,7 @@ from benchmarks.identified_asu import (
 from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.numbers import Number, numbers_of, with_numbers
+from soro_lab.identification.arm.cases.parameters import ArmParameter, numbers_of, with_numbers
 from soro_lab.identification.recording import Recording, read_csv
 
 Array: TypeAlias = NDArray[np.float64]
@@ -60,7 +60,7 @@ def damped(robot: Robot) -> Robot:
     return with_numbers(robot, values)
 
 
-def changed(robot: Robot, numbers: Sequence[Number], x: Array) -> Robot:
+def changed(robot: Robot, numbers: Sequence[ArmParameter], x: Array) -> Robot:
     """Return the robot whose numbers are off by `x` (n,), in doubts."""
     step = DOUBT * x
     values = {
@@ -76,7 +76,7 @@ def errors(arm: SoftArm, recording: Recording) -> Array:
     return np.concatenate([(off / size).ravel() / np.sqrt(len(off)) for off, size in parts])
 
 
-def fit(robot: Robot, numbers: Sequence[Number], runs: Sequence[Recording]) -> OptimizeResult:
+def fit(robot: Robot, numbers: Sequence[ArmParameter], runs: Sequence[Recording]) -> OptimizeResult:
     """Return the result of least squares; its `x` (n,) is what `changed` takes."""
     size = sum(errors(SoftArm(damped(robot)), run).size for run in runs)
 
@@ -99,7 +99,7 @@ def session(name: str) -> str:
     return re.match(r"2023_([a-z]+_?\d+)_", name)[1]  # type: ignore[index]
 
 
-def by_session(robot: Robot, numbers: Sequence[Number], runs: Sequence[Recording]) -> None:
+def by_session(robot: Robot, numbers: Sequence[ArmParameter], runs: Sequence[Recording]) -> None:
     """Print the error of each session by a fit to all others, and that of all of them."""
     found: list[Array] = []
     for day in dict.fromkeys(session(run.name) for run in runs):

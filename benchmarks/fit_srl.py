@@ -33,7 +33,7 @@ from soro_core import SoftArm, load_robot
 from soro_core.errors import SoroError
 from soro_core.robot import Robot
 from soro_core.robot.parts import fields
-from soro_lab.identification.arm.cases.numbers import with_numbers
+from soro_lab.identification.arm.cases.parameters import with_numbers
 
 GUESS = Path("examples/srl_guess.yaml")
 MAPS = {"step_A": "srl_step_a", "step_C": "srl_step_c"}

@@ -22,8 +22,8 @@ from soro_lab.identification import (
     release_bend,
 )
 from soro_lab.identification.arm.cases.case import Whole
-from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
-from soro_lab.identification.arm.cases.starts import start_numbers
+from soro_lab.identification.arm.cases.initial_conditions import start_numbers
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 from soro_lab.identification.arm.frames import frame_numbers
 from soro_lab.identification.arm.search.problem import Problem, modelled
 from soro_lab.identification.arm.search.solve import solve

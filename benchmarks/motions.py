@@ -14,9 +14,9 @@ from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.control import Reference
 from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.tip_path import corners
-from soro_core.control.reference.following import reference_ahead
+from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.loop import Loop, LoopState
 from soro_core.twin import Twin
 from soro_lab.scene import Scene, load_scene
@@ -161,10 +161,10 @@ def error(law: str, path: np.ndarray, seed: int, learning_s: float) -> tuple[flo
     return float(np.sqrt(np.mean(off**2))), float(off.max()), motion.factor
 
 
-def follow(scene: Scene, path: np.ndarray, learning_s: float) -> tuple[Motion, np.ndarray]:
+def follow(scene: Scene, path: np.ndarray, learning_s: float) -> tuple[PiecewiseMotion, np.ndarray]:
     """The motion, and distances [m] of the true tip from its reference at the ticks of the path."""
     twin, loop = Twin(scene.loaded_robot, scene.twin_node()), loop_of(scene)
-    planned: list[Motion] = []
+    planned: list[PiecewiseMotion] = []
 
     def reference(t: float, state: LoopState) -> Reference | None:
         if t >= learning_s and not planned:
@@ -184,7 +184,9 @@ def follow(scene: Scene, path: np.ndarray, learning_s: float) -> tuple[Motion, n
     return planned[0], np.linalg.norm(np.array(off), axis=1)
 
 
-def motion_from(loop: Loop, state: LoopState, path: Sequence[np.ndarray], t: float, dt: float) -> Motion:
+def motion_from(
+    loop: Loop, state: LoopState, path: Sequence[np.ndarray], t: float, dt: float
+) -> PiecewiseMotion:
     """The motion that begins at the last tick before `t` [s], planned at once."""
     controller, following = loop.controller, state.controller.following
     begin = reference_ahead(controller.bounds, following, 0.0)

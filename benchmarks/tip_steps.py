@@ -24,7 +24,7 @@ from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Path
 from soro_lab.identification.recording import Columns, read_csv
-from soro_lab.identification.recording.sources.stated import stated_pressure
+from soro_lab.identification.recording.sources.assumed_pressure import stated_pressure
 
 Array: TypeAlias = NDArray[np.float64]
 

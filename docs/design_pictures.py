@@ -19,7 +19,7 @@ from soro_design.fem import Contact, Mesh, bellows_mesh, make_part, no_loads, so
 from soro_design.parts.picture import section_faces
 from soro_design.topology import (
     Domain,
-    State,
+    OptimiserState,
     load_state,
     load_task,
     make_domain,
@@ -109,7 +109,7 @@ def picture_of_fold(path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def run_of(name: str, runs: Path) -> tuple[Domain, State]:
+def run_of(name: str, runs: Path) -> tuple[Domain, OptimiserState]:
     """Return a shipped task with its last state, of a run that is there or of one made now."""
     task, folder = load_task(name), runs / f"{name}_design"
     domain = make_domain(task)
@@ -121,14 +121,14 @@ def run_of(name: str, runs: Path) -> tuple[Domain, State]:
     return domain, state
 
 
-def picture_of_task(domain: Domain, state: State, path: Path) -> None:
+def picture_of_task(domain: Domain, state: OptimiserState, path: Path) -> None:
     """What `soro design run` draws."""
     found = shape(domain, state)
     moved = reanalyse(domain, found) if isinstance(domain.task.goal, Farthest) else None
     picture(domain, state, found, moved, path)
 
 
-def picture_of_iterations(domain: Domain, state: State, path: Path) -> None:
+def picture_of_iterations(domain: Domain, state: OptimiserState, path: Path) -> None:
     """Densities of some iterations, from the first to the last."""
     figure = Figure(figsize=(9.0, 3.4), layout="constrained")
     last = len(state.frames) - 1

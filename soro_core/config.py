@@ -50,7 +50,7 @@ class Strict(BaseModel):
         try:
             super().__setattr__(name, value)
         except ValidationError:
-            allowed = "no change; make a new one with soro_core.config.changed, a robot with replace"
+            allowed = "no change; make a new one with soro_core.config.with_changes, a robot with replace"
             raise ConfigError(type(self).__name__, name, value, allowed) from None
 
 
@@ -152,7 +152,7 @@ def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
         raise _first(error, model, where) from None
 
 
-def changed(model: Model, /, **values: Any) -> Model:
+def with_changes(model: Model, /, **values: Any) -> Model:
     """Return a configuration object with other values, checked like the first one.
 
     Pydantic's `model_copy(update=...)` does not check the new values.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
 Array: TypeAlias = NDArray[np.float64]
 
 
-class Seen(Protocol):
+class PlantObservation(Protocol):
     """What a plant lets the loop see at one tick; `soro_core.twin.Observation` is one."""
 
     @property
@@ -52,7 +52,7 @@ class PlantState(Protocol):
 
 
 S = TypeVar("S", bound=PlantState)
-O = TypeVar("O", bound=Seen, covariant=True)  # noqa: E741 -- the observation
+O = TypeVar("O", bound=PlantObservation, covariant=True)  # noqa: E741 -- the observation
 
 
 class Plant(Protocol[S, O]):

@@ -19,7 +19,7 @@ import numpy as np
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.safety import Limits, check_rating, for_regulators
 from soro_hardware.families import find_family, open_regulator
-from soro_hardware.finding import Finding, examined, graded
+from soro_hardware.finding import Finding, grade, run_check
 from soro_hardware.platform import IN_TURN, PlatformBase
 from soro_hardware.port import FAULT_CODES, Array, Regulator
 from soro_hardware.supervisor import SILENCE_S
@@ -100,7 +100,7 @@ def check_update(platform: PlatformBase, update_hz: float) -> Finding:
     """Check the rate [Hz] of the updates of one chamber against the rate of the cycles."""
     found = f"{platform.cycle_hz:g} exchanges/s, each chamber served {update_hz:.3g} times a second"
     advice = "the line is slower than the loop, which extrapolates readings: plan slower motions"
-    return graded("rate", found, (update_hz < IN_TURN * platform.cycle_hz, "warn", advice))
+    return grade("rate", found, (update_hz < IN_TURN * platform.cycle_hz, "warn", advice))
 
 
 def check_age(update_hz: float, reading_age_s: float) -> Finding:
@@ -113,7 +113,7 @@ def check_age(update_hz: float, reading_age_s: float) -> Finding:
         return Finding(name, "fail", found, error.allowed)
     found = f"a chamber without a reading for {age_s * 1e3:.0f} ms vents the arm"
     advice = f"a fast bus needs {least_s * 1e3:.0f} ms; these devices find a fault later"
-    return graded(name, found, (age_s > least_s, "warn", advice))
+    return grade(name, found, (age_s > least_s, "warn", advice))
 
 
 def check_watchdog(platform: PlatformBase, in_the_devices: bool) -> Finding:
@@ -212,7 +212,7 @@ def check_offsets(names: tuple[str, ...], pressure_pa: Array, noise_pa: Array) -
             "vent the chamber and repeat the check; if the offset stays, correct the sensor or its scaling"
         )
         findings.append(
-            graded(
+            grade(
                 what,
                 found if is_read else "no reading",
                 (not is_read, "fail", "check the sensor and the mapping of the reading"),
@@ -245,7 +245,7 @@ def hold_at_zero(
         yield Finding(START_UP, "fail", str(error), platform.start_advice)
         return
     yield Finding(START_UP, "ok", f"{regulator.n_chambers} regulators hold 0 Pa")
-    yield from examined("exchange", "check adapter and cable", _exchange(platform, regulator, run_s, clock))
+    yield from run_check("exchange", "check adapter and cable", _exchange(platform, regulator, run_s, clock))
 
 
 def _exchange(
@@ -285,7 +285,7 @@ def check_run(cycles: int, took_s: float, cycle_hz: float, lost: int) -> Finding
     found = f"{rate_hz:.0f} of {cycle_hz:g} cycles/s, {lost} answers lost in {cycles} cycles"
     cable = "check the cable (CAN: both terminators), and which other programs load this machine"
     slow = "this machine or bus does not keep up: lower cycle_hz"
-    return graded("exchange", found, (lost > 0, "warn", cable), (rate_hz < IN_TURN * cycle_hz, "warn", slow))
+    return grade("exchange", found, (lost > 0, "warn", cable), (rate_hz < IN_TURN * cycle_hz, "warn", slow))
 
 
 def _group(number: int) -> str:

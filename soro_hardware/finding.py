@@ -31,7 +31,7 @@ class Finding(NamedTuple):
     do: str = ""
 
 
-def graded(name: str, found: str, *grades: tuple[bool, Level, str]) -> Finding:
+def grade(name: str, found: str, *grades: tuple[bool, Level, str]) -> Finding:
     """Return the finding of the first grade that applies, or ``ok``.
 
     Parameters
@@ -49,7 +49,7 @@ def graded(name: str, found: str, *grades: tuple[bool, Level, str]) -> Finding:
     return Finding(name, level, found, do)
 
 
-def examined(
+def run_check(
     name: str, advice: str, findings: Iterable[Finding], close: Callable[[], None] = lambda: None
 ) -> Iterator[Finding]:
     """Yield findings, and a failure if a check raises a `HardwareError`.

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, changed, parse
+from soro_core.config import Strict, parse, with_changes
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import Limits, Rating, for_regulators
 from soro_hardware.port import Regulator
@@ -214,7 +214,7 @@ def in_loop(response: RegulatorModel, update_hz: float, rate_hz: float) -> Regul
     """
     if update_hz >= IN_TURN * rate_hz:
         return response
-    return changed(response, delay_s=response.delay_s + 1.0 / update_hz)
+    return with_changes(response, delay_s=response.delay_s + 1.0 / update_hz)
 
 
 def watched(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 from soro_hardware.supervisor import SIGN, SILENCE_S
 
 SCRIPT = Path(__file__).with_name("supervisor.py")

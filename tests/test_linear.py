@@ -16,7 +16,7 @@ from soro_core.adaptation import Learner
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
-from soro_core.control.uneven import Uneven
+from soro_core.control.nonuniform_strain import Uneven
 from soro_core.errors import ModelError
 from soro_core.model.links.articulated import cholesky
 from soro_core.model.links.linear import cholesky_solve, lu_factor

@@ -22,7 +22,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kernel.information import gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.uneven import UnevenForce
+from soro_core.adaptation.nonuniform_force import UnevenForce
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
 from soro_core.model.checks import fault

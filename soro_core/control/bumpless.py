@@ -16,7 +16,7 @@ FADE_S = 0.3
 
 
 @dataclass(frozen=True)
-class Transfer:
+class BumplessTransfer:
     """From one law to the next.
 
     Attributes
@@ -33,12 +33,12 @@ class Transfer:
     difference: Array | None = None
     begins: bool = False
 
-    def begun(self) -> Transfer:
+    def begun(self) -> BumplessTransfer:
         """Return the transfer to another law, from the force of the last tick."""
         return replace(self, begins=self.asked is not None)
 
 
-def transferred(before: Transfer, wished: Array, dt: float) -> tuple[Transfer, Array]:
+def apply_transfer(before: BumplessTransfer, wished: Array, dt: float) -> tuple[BumplessTransfer, Array]:
     """Return the transfer after a tick, and the force (n_q,) to ask for.
 
     Parameters
@@ -54,9 +54,9 @@ def transferred(before: Transfer, wished: Array, dt: float) -> tuple[Transfer, A
     if before.begins and before.asked is not None:
         difference = before.asked - wished
     if difference is None:
-        return Transfer(wished), wished
+        return BumplessTransfer(wished), wished
     difference = math.exp(-dt / FADE_S) * difference
     # Below 1e-3 of the force it is no step.
     kept = difference if np.linalg.norm(difference) > 1e-3 * np.linalg.norm(wished) else None
     asked = np.asarray(wished + difference)
-    return Transfer(asked, kept), asked
+    return BumplessTransfer(asked, kept), asked

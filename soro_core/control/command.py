@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.regulators import RegulatorState
-from soro_core.control.bumpless import Transfer
+from soro_core.control.bumpless import BumplessTransfer
+from soro_core.control.control_monitor import WatchState
 from soro_core.control.laws.protocol import Terms
-from soro_core.control.reference.following import Following
+from soro_core.control.reference.active_reference import Following
 from soro_core.control.reference.trajectory import Hold, Point
-from soro_core.control.reference.undriven import Shape
-from soro_core.control.watch import WatchState
+from soro_core.control.reference.underactuation import UnderactuatedState
 from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]
@@ -58,12 +58,12 @@ class ControllerState:
     model_pa: Array
     wish_pa: Array
     creep: Array
-    shape: Shape
+    shape: UnderactuatedState
     saturated: NDArray[np.bool_]
     regulators: RegulatorState | None = None
     watch: WatchState = field(default_factory=WatchState)
     following: Following | None = None
-    transfer: Transfer = field(default_factory=Transfer)
+    transfer: BumplessTransfer = field(default_factory=BumplessTransfer)
     point: Point | None = None
 
 

@@ -11,26 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.regulators import RegulatorObserver
-from soro_core.control.bumpless import transferred
+from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
+from soro_core.control.control_monitor import WatchState, update_monitor
 from soro_core.control.creep import advance_creep
+from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
-from soro_core.control.given import GivenReferences
 from soro_core.control.laws.call import call_law
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
-from soro_core.control.motions.demand import supply_of
 from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.obstacles import obstacles_of
+from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
 from soro_core.control.pressures.setpoints import SetpointMaker
-from soro_core.control.reference.following import follow, reference_ahead
+from soro_core.control.reference.active_reference import follow, reference_ahead
 from soro_core.control.reference.trajectory import Point, Reference
-from soro_core.control.reference.undriven import Shape, Undriven
+from soro_core.control.reference.underactuation import UnderactuatedReference, UnderactuatedState
 from soro_core.control.trial import refuse_lost_arm
-from soro_core.control.watch import WatchState, watched
 from soro_core.errors import SoroError
 from soro_core.frozen import replaced
 from soro_core.model.discretised import discretised
@@ -89,7 +89,7 @@ class Controller(GivenReferences):
         self.configured = configured_reference(self.arm, self.bounds, config, self.pressures)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
-        self.undriven = Undriven(self.arm, self.fields, self.limit, model.links)
+        self.undriven = UnderactuatedReference(self.arm, self.fields, self.limit, model.links)
         self.law = law(
             Setting(
                 self.arm,
@@ -218,7 +218,7 @@ class Controller(GivenReferences):
             None if state.regulators is None else self.observer.observe(state.regulators, measured, dt)
         )
         inner, wished, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
-        transfer, wished = transferred(state.transfer, wished, dt)
+        transfer, wished = apply_transfer(state.transfer, wished, dt)
         actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
         believed = self.law.actuation(inner, actuation)
         wish = self.setpoints.allocate(believed, wished, state.wish_pa)
@@ -259,7 +259,7 @@ class Controller(GivenReferences):
             status=ControllerStatus(True, "", after.watch.note),
         )
 
-    def _with_undriven(self, state: ControllerState, given: Preview) -> tuple[Shape, Preview]:
+    def _with_undriven(self, state: ControllerState, given: Preview) -> tuple[UnderactuatedState, Preview]:
         """Return the reference with the shape of what no chamber moves."""
         now, future = given.now, given.ahead
 
@@ -285,7 +285,7 @@ class Controller(GivenReferences):
         if not self.law.learns:  # its lost arm is the verdict's
             away = 0.0
         start_s = self.config.reference.start_s
-        return watched(state.watch, away, missing, self._chamber_names, event, start_s, dt)
+        return update_monitor(state.watch, away, missing, self._chamber_names, event, start_s, dt)
 
     def _vented(self, state: ControllerState, dt: float) -> tuple[ControllerState, Command]:
         """Vent an arm that has fallen over."""
@@ -302,5 +302,5 @@ class Controller(GivenReferences):
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
         lookout = partial(self.lookout, state.law)
-        supply = supply_of(self.law, state.law, state.creep, self.setpoints)
+        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
         return Planner(supply, self.bounds, self.config, dt, lookout)

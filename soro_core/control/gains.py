@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from soro_core.adaptation.modes import first_mode, losses
 from soro_core.control.config import Gains
 from soro_core.control.passivity.adaptive import FeedbackGains
-from soro_core.control.reference.spread import gain_matrix, per_coordinate
+from soro_core.control.reference.coordinate_values import gain_matrix, per_coordinate
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import StrainFields
 

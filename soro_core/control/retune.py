@@ -22,9 +22,9 @@ from soro_core.control.laws.registry import options_of
 from soro_core.control.motions.references import check_configured, configured_reference
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
 from soro_core.control.pressures.setpoints import SetpointMaker
-from soro_core.control.reach import check_reach
-from soro_core.control.reference.following import reference_ahead
+from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.control.reference.trajectory import Hold, Reference
+from soro_core.control.reference_feasibility import check_reach
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
 # Keys of the reference in force, without its limits: under a passage that is under way those do not change.
@@ -84,7 +84,7 @@ def retune(
     t : float
         Time of the last tick [s].
     reach : float
-        As of `soro_core.control.reach.check_reach`, for another motion; 0 for no check.
+        As of `soro_core.control.reference_feasibility.check_reach`, for another motion; 0 for no check.
     pressures : CompletePressures, optional
         As of `Controller`.
 

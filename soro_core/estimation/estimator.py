@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
-from soro_core.estimation.admission import admit
 from soro_core.estimation.config import EstimatorConfig
-from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
-from soro_core.estimation.known import updated
+from soro_core.estimation.learned_input import update_learned_input
+from soro_core.estimation.noise_scaling import scaled_noise
 from soro_core.estimation.replay import replay
-from soro_core.estimation.scaled import scaled_noise
+from soro_core.estimation.sample_validity import admit
 from soro_core.estimation.sensors.monitor import note_of, watched
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
-from soro_core.estimation.unseen import unseen_covariance
+from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 
@@ -150,7 +150,9 @@ class Estimator:
             draft.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        draft.known = updated(draft.known, learned, draft.dt, placed, self.filter.uneven is not None)
+        draft.known = update_learned_input(
+            draft.known, learned, draft.dt, placed, self.filter.uneven is not None
+        )
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
@@ -160,7 +162,7 @@ class Estimator:
             for one, _ in state.sensors.values()
             if t_s - one.stamp_s <= late_s and isinstance(one, PoseSample)
         ]
-        return unseen_covariance(self.filter, state.belief.q, places, self._units)
+        return unmeasured_covariance(self.filter, state.belief.q, places, self._units)
 
     def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
         belief, n = state.belief, self.arm.n_q

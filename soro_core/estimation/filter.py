@@ -27,10 +27,10 @@ from soro_core.estimation.kernel.parts import (
     POSE,
     Settings,
 )
-from soro_core.estimation.known import Known
+from soro_core.estimation.learned_input import LearnedInput
+from soro_core.estimation.mean_strain import uneven_of
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.settings import settings_of
-from soro_core.estimation.uneven import uneven_of
 from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.model.checks import flat_wrench, refuse_underivable
@@ -117,7 +117,7 @@ class Filter:
         belief: Belief,
         pressure_pa: Array,
         dt: float,
-        known: Known = Known(),  # noqa: B008 -- frozen
+        known: LearnedInput = LearnedInput(),  # noqa: B008 -- frozen
     ) -> tuple[Belief, bool]:
         """Return the belief after `dt` with the pressures held.
 
@@ -151,7 +151,7 @@ class Filter:
         belief: Belief,
         pressure_pa: Array,
         dt: float,
-        known: Known,
+        known: LearnedInput,
         sample: Sample,
         record: Array | None = None,
         is_new: bool = True,
@@ -206,7 +206,7 @@ class Filter:
         )
         return Advanced(Belief(*new, self.n), code == GOOD, outcome, record, nis, position_nis)
 
-    def _load(self, known: Known) -> tuple[Array, float]:
+    def _load(self, known: LearnedInput) -> tuple[Array, float]:
         """Return the learned model in force and its share."""
         return (self._nothing, 0.0) if known.learned is None else (known.learned.theta, known.share)
 

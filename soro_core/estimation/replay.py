@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from operator import attrgetter
 
-from soro_core.estimation.draft import Draft
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import FOUND, FROZEN, MISSED, SAME_S
 from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.sensors.monitor import Innovation
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.state import Segment, Sensor
+from soro_core.estimation.tick_state import Draft
 
 _STAMP = attrgetter("stamp_s")
 # Counts by what becomes of a new sample.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.belief import Belief
-from soro_core.estimation.known import Known
+from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import SensorMonitor
 from soro_core.estimation.sensors.samples import Sample
 from soro_core.estimation.status import Counts
@@ -43,7 +43,7 @@ class Segment(NamedTuple):
     pressure_pa: Array
     belief: Belief
     samples: tuple[Sample, ...] = ()
-    known: Known = Known()
+    known: LearnedInput = LearnedInput()
 
 
 class Sensor(NamedTuple):
@@ -101,6 +101,6 @@ class EstimatorState(NamedTuple):
     last_s: float = -math.inf
     position_s: float = -math.inf
     sensors: Mapping[str, Sensor] = _NONE
-    known: Known = Known()
+    known: LearnedInput = LearnedInput()
     monitors: Mapping[str, SensorMonitor] = _NONE
     counts: Counts = Counts()

@@ -12,7 +12,7 @@ from soro_core.model.forces.external import add_external_forces, add_external_ta
 from soro_core.model.links.articulated import complete_rigid, factor, inertia_to_parent, solve
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.links.place import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.links.link_kinematics import along_constant, along_varying, begin_varying, step_varying
 from soro_core.model.links.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import (

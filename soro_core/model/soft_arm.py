@@ -13,8 +13,8 @@ from soro_core.model import entries
 from soro_core.model.arm_base import DEFAULT_STEPS, default_nodes
 from soro_core.model.build import build_tables, find_site
 from soro_core.model.checks import dimensions, finite, flat_wrench, number, refuse_unsupported, shaped
+from soro_core.model.forces.external_forces import ExternalForces
 from soro_core.model.forces.motion import MotionForces
-from soro_core.model.forces.surroundings import ExternalForces
 from soro_core.model.forward import ForwardDynamics
 from soro_core.model.tables import Site
 from soro_core.robot import Robot

@@ -134,7 +134,7 @@ class Polynomial(Basis):
         return field.order == 0
 
 
-class Modes(Basis):
+class SampledModes(Basis):
     """Modes given by samples at equal distances along the whole link, with cubic splines between (POD)."""
 
     keys = frozenset({"modes", "samples", "file"})
@@ -173,7 +173,7 @@ BASES: dict[str, Basis] = {
     "constant": Constant(),
     "legendre": Polynomial(np.polynomial.legendre.legvander, orthogonal=True),
     "chebyshev": Polynomial(np.polynomial.chebyshev.chebvander),
-    "pod": Modes(),
+    "pod": SampledModes(),
 }
 
 

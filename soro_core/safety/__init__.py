@@ -25,8 +25,8 @@ from soro_core.safety.limits import (
     for_regulators,
     narrowed,
 )
+from soro_core.safety.monitor_state import MonitorState
 from soro_core.safety.names import Names, note_message
-from soro_core.safety.remembered import MonitorState
 from soro_core.safety.state import SafetyState, initial_state
 from soro_core.safety.stateful import Limiter
 from soro_core.safety.stop import StopState, hear, why_stopped

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.safety.emptying import watch_vent
 from soro_core.safety.limits import Limits
+from soro_core.safety.monitor_state import Array, Flags, chamber
 from soro_core.safety.monitors import broken_wire, watch
 from soro_core.safety.refusal import why_refused
-from soro_core.safety.remembered import Array, Flags, chamber
-from soro_core.safety.state import MUST_BE_ZERO, SafetyState, counted, initial_state
+from soro_core.safety.state import MUST_BE_ZERO, SafetyState, count_refusal, initial_state
+from soro_core.safety.vent_check import watch_vent
 
 # Response of regulators whose platform states none.
 TYPICAL = RegulatorModel()
@@ -47,7 +47,7 @@ def offer(
     """
     refusal = why_refused(limits, state, command_pa, stamp_ns, now_ns, source)
     if refusal is not None:
-        return counted(state, refusal), refusal
+        return count_refusal(state, refusal), refusal
     taken = np.array(command_pa, dtype=np.float64)
     # A clock that runs ahead must not lengthen the watchdog: a command is never younger than now.
     made_ns = min(stamp_ns, now_ns)
@@ -75,7 +75,7 @@ def doubt(state: SafetyState, reason: str, source: str) -> SafetyState:
     -------
     SafetyState
     """
-    state = counted(state, reason)
+    state = count_refusal(state, reason)
     in_force = source == state.command_source and not state.vented
     return state._replace(command_pa=state.setpoint_pa) if in_force else state
 

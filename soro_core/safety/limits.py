@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from soro_core.config import Strict, changed
+from soro_core.config import Strict, with_changes
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
 # Rating of the three-bellow platform, below 0.1 MPa gauge; that of every platform which states no other.
@@ -139,7 +139,7 @@ def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") ->
         side = ("at least " if is_least else "at most ") if name in NARROWED else ""
         allowed = f"{side}{now}, as configured; another value {NEXT_CONFIGURE}"
         raise ConfigError(where, f"{key}.{name}", later, allowed)
-    return changed(limits, **{name: getattr(wanted, name) for name in NARROWED})
+    return with_changes(limits, **{name: getattr(wanted, name) for name in NARROWED})
 
 
 def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where: str) -> Limits:
@@ -169,7 +169,7 @@ def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where
         allowed = f"at least {SLOWEST_HZ:g}: fewer devices a line, or a higher baud rate"
         raise ConfigError(where, "readings of a chamber a second", f"{update_hz:.2g}", allowed)
     age_s = max(limits.reading_age_s, min(reading_age_s, OLDEST_READING_S))
-    return changed(limits, reading_age_s=age_s)
+    return with_changes(limits, reading_age_s=age_s)
 
 
 def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits") -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel, step
 from soro_core.safety.limits import Monitors
-from soro_core.safety.remembered import NEVER, Array, Flags, MonitorState, Sample, Times, chamber
+from soro_core.safety.monitor_state import NEVER, Array, Flags, MonitorState, Sample, Times, chamber
 
 # A set point counts as settled after this time and this number of lags (e^-8 of full scale is 30 Pa).
 SETTLED_S, SETTLED_LAGS = 0.5, 8.0

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from soro_core.safety.limits import Limits
-from soro_core.safety.remembered import Array, chamber
+from soro_core.safety.monitor_state import Array, chamber
 from soro_core.safety.state import SafetyState
 
 

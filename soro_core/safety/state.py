@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soro_core.safety.emptying import Emptying, not_begun
-from soro_core.safety.remembered import Array, MonitorState, Times, initial_monitors
+from soro_core.safety.monitor_state import Array, MonitorState, Times, initial_monitors
+from soro_core.safety.vent_check import Emptying, not_begun
 
 # End of the refusal of a reset after a command that was not zero.
 MUST_BE_ZERO = "the command must be zero"
@@ -83,7 +83,7 @@ def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
     return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n), {})
 
 
-def counted(state: SafetyState, refusal: str) -> SafetyState:
+def count_refusal(state: SafetyState, refusal: str) -> SafetyState:
     """Count one more refusal; the text before the colon is its kind."""
     kind = refusal.split(":", 1)[0]
     return state._replace(rejected={**state.rejected, kind: state.rejected.get(kind, 0) + 1})

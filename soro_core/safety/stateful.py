@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import limiter
 from soro_core.safety.limits import NARROWED, Limits
-from soro_core.safety.remembered import Array, Flags
+from soro_core.safety.monitor_state import Array, Flags
 from soro_core.safety.state import initial_state
 
 
@@ -74,7 +74,7 @@ class Limiter:
         limits : Limits
             From `soro_core.safety.limits.narrowed`.
         """
-        self._range = changed(self.limits, **{name: getattr(limits, name) for name in NARROWED})
+        self._range = with_changes(self.limits, **{name: getattr(limits, name) for name in NARROWED})
 
     def doubt(self, reason: str, source: str) -> None:
         """Refuse a command of a name that two publishers may use, and hold the set points."""

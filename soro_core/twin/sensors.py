@@ -120,7 +120,7 @@ def measure_pose(
 
 
 @dataclass(frozen=True)
-class Motion:
+class SectionMotion:
     """Motion of one cross-section: pose (4, 4), body twist (6,) (angular, linear), body acceleration (6,)."""
 
     transform: Array
@@ -129,7 +129,12 @@ class Motion:
 
 
 def measure_imu(
-    config: SensorConfig, motion: Motion, gravity: Array, stamp_s: float, s: float, rng: np.random.Generator
+    config: SensorConfig,
+    motion: SectionMotion,
+    gravity: Array,
+    stamp_s: float,
+    s: float,
+    rng: np.random.Generator,
 ) -> ImuSample:
     """Measure angular velocity, specific force and orientation with an IMU whose axes are the local frame's.
 

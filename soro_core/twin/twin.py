@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core import pneumatics
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ModelError
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
@@ -21,8 +21,8 @@ from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
 from soro_core.twin.plant import Plant
 from soro_core.twin.sensors import (
-    Motion,
     Sample,
+    SectionMotion,
     SensorClock,
     SensorState,
     measure_imu,
@@ -87,7 +87,7 @@ class Twin:
         self.plant = Plant(robot, config)
         """The arm at the begin."""
         later = config.payload_changes.payload_kg
-        self._plants = (self.plant, *(Plant(robot, changed(config, payload_kg=mass)) for mass in later))
+        self._plants = (self.plant, *(Plant(robot, with_changes(config, payload_kg=mass)) for mass in later))
         self.config = config
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
@@ -223,7 +223,7 @@ class Twin:
         air = replace(air, pressure_pa=self.plant.pressures(arm))
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
-    def _motion(self, state: TwinState, s: float) -> Motion:
+    def _motion(self, state: TwinState, s: float) -> SectionMotion:
         """Pose, twist and acceleration of the cross-section at `s`."""
         arm, q, qd = self._plant(state).arm, state.arm.q, state.arm.qd
         # Behind the states of creep and hysteresis there may be those of the air.
@@ -233,7 +233,7 @@ class Twin:
         # d/dt (J qd) = J qdd + Jdot qd, the second by a central difference along qd.
         h = 1e-6
         drift = (arm.jacobian(q + h * qd, s) - arm.jacobian(q - h * qd, s)) @ qd / (2 * h)
-        return Motion(arm.pose(q, s), jacobian @ qd, jacobian @ qdd + drift)
+        return SectionMotion(arm.pose(q, s), jacobian @ qd, jacobian @ qdd + drift)
 
 
 def _generators(seed: np.random.SeedSequence, places: int) -> list[np.random.Generator]:

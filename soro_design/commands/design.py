@@ -10,7 +10,7 @@ import typer
 from soro_core.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
-    from soro_design.topology import Reanalysis, Shape, State
+    from soro_design.topology import OptimiserState, Reanalysis, Shape
     from soro_design.topology.domain import Domain
 
 app = typer.Typer(no_args_is_help=True)
@@ -55,7 +55,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     write_task(loaded, folder / TASK_FILE)
 
-    def keep(now: State) -> None:
+    def keep(now: OptimiserState) -> None:
         nonlocal state
         state = now
         save(now, folder)
@@ -153,7 +153,7 @@ def export(
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
 
 
-def _line(state: State) -> str:
+def _line(state: OptimiserState) -> str:
     row = state.rows[-1]
     back = "  pressure lowered: no equilibrium above" if row.eased < 1.0 else ""
     return (
@@ -162,7 +162,7 @@ def _line(state: State) -> str:
     )
 
 
-def _write_rows(state: State, path: Path) -> None:
+def _write_rows(state: OptimiserState, path: Path) -> None:
     from dataclasses import asdict
 
     rows = [asdict(row) for row in state.rows]
@@ -170,7 +170,7 @@ def _write_rows(state: State, path: Path) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _loaded(folder: Path) -> tuple[Domain, State]:
+def _loaded(folder: Path) -> tuple[Domain, OptimiserState]:
     from soro_design.topology import load_state, load_task
     from soro_design.topology.domain import make_domain
 
@@ -181,7 +181,7 @@ def _loaded(folder: Path) -> tuple[Domain, State]:
     return domain, state
 
 
-def _tell_unfinished(domain: Domain, state: State) -> None:
+def _tell_unfinished(domain: Domain, state: OptimiserState) -> None:
     row, count = state.rows[-1], domain.task.schedule.iterations
     if row.iteration < count:
         grey = f"greyness {row.greyness:.2f}: no final part"
@@ -190,7 +190,7 @@ def _tell_unfinished(domain: Domain, state: State) -> None:
         )
 
 
-def _draw_unfinished(domain: Domain, state: State | None, folder: Path) -> None:
+def _draw_unfinished(domain: Domain, state: OptimiserState | None, folder: Path) -> None:
     """Draw a run that stops early, as far as it came."""
     from soro_design.topology import shape
     from soro_design.topology.pictures import film, picture
@@ -206,7 +206,7 @@ def _draw_unfinished(domain: Domain, state: State | None, folder: Path) -> None:
     typer.echo(f"written: {folder / FILM}, {folder / PICTURE}")
 
 
-def _report(domain: Domain, state: State, folder: Path) -> None:
+def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
     """Print what the final part is, draw it, and end with status 1 where it is of no use."""
     from rich.console import Console
     from rich.table import Table
@@ -237,7 +237,9 @@ def _report(domain: Domain, state: State, folder: Path) -> None:
         raise typer.Exit(1)
 
 
-def _numbers(domain: Domain, state: State, found: Shape, moved: Reanalysis | None) -> list[tuple[str, str]]:
+def _numbers(
+    domain: Domain, state: OptimiserState, found: Shape, moved: Reanalysis | None
+) -> list[tuple[str, str]]:
     row = state.rows[-1]
     x, y = 1e3 * found.wall_at
     share = found.volume_m3 / domain.grid.volumes.sum()

@@ -24,8 +24,8 @@ from soro_design.fem.meshes.surface import extruded, revolved, solid_surface
 from soro_design.fem.meshes.vtu import write_vtu
 from soro_design.fem.part import Balance, Part, make_part
 from soro_design.fem.solve.arc import follow
-from soro_design.fem.solve.dynamics import Motion, Moving, march
-from soro_design.fem.solve.mass import Modes, modes
+from soro_design.fem.solve.dynamics import DynamicsResult, Moving, march
+from soro_design.fem.solve.mass import VibrationModes, modes
 from soro_design.fem.solve.newton import solve
 from soro_design.fem.solve.states import Settings, Solution, State
 from soro_design.fem.stress import Strained, strained
@@ -34,13 +34,12 @@ __all__ = [
     "Balance",
     "Bellows",
     "Contact",
+    "DynamicsResult",
     "Fibres",
     "Hyperelastic",
     "Loads",
     "Mesh",
     "MeshFile",
-    "Modes",
-    "Motion",
     "Moving",
     "Obstacle",
     "Part",
@@ -53,6 +52,7 @@ __all__ = [
     "Solution",
     "State",
     "Strained",
+    "VibrationModes",
     "bellows_mesh",
     "block",
     "drucker_modulus",

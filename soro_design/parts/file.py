@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from soro_core.config import Strict, changed, find_config, parse, read_yaml
+from soro_core.config import Strict, find_config, parse, read_yaml, with_changes
 from soro_core.robot.vectors import Quaternion
 from soro_design.fem.elements.material import Material, load_material
 from soro_design.parts.checks import check_part
@@ -97,7 +97,7 @@ def load_part(name_or_path: str | Path) -> PartFile:
     part = parse({"name": path.stem, **read_yaml(path)}, PartFile, where)
     if isinstance(part.geometry, MeshGeometry):
         beside = path.parent / part.geometry.file
-        part = changed(part, geometry=changed(part.geometry, file=str(beside.resolve())))
+        part = with_changes(part, geometry=with_changes(part.geometry, file=str(beside.resolve())))
     check_part(part, where)
     return part
 
@@ -108,4 +108,4 @@ def material_of(part: PartFile) -> Material:
     if part.bulk_over_shear is None:
         return material
     ratio = part.bulk_over_shear
-    return changed(material, poisson_ratio=(3.0 * ratio - 2.0) / (2.0 * (3.0 * ratio + 1.0)))
+    return with_changes(material, poisson_ratio=(3.0 * ratio - 2.0) / (2.0 * (3.0 * ratio + 1.0)))

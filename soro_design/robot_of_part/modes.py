@@ -18,7 +18,7 @@ SAMPLES = 61
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class PodModes:
     """Shapes of the strains along a rod, the strongest first, each of mean square 1.
 
     Attributes
@@ -31,7 +31,7 @@ class Modes:
     bending: Array
 
 
-def modes(data: Snapshots, states: Sequence[Backbone], n: int) -> Modes:
+def modes(data: Snapshots, states: Sequence[Backbone], n: int) -> PodModes:
     """Return `n` modes of each strain: those that leave the least mean square of the strains of the states.
 
     Parameters
@@ -50,7 +50,7 @@ def modes(data: Snapshots, states: Sequence[Backbone], n: int) -> Modes:
         _, _, shapes = np.linalg.svd(rows * root, full_matrices=False)
         each = (shapes[:n] / root).T
         found.append(each * np.where(each.mean(axis=0) < 0.0, -1.0, 1.0))
-    return Modes(*found)
+    return PodModes(*found)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Kept:
     tip_most: float
 
 
-def kept(data: Snapshots, states: Sequence[Backbone], found: Modes | None, n: int = 0) -> Kept:
+def kept(data: Snapshots, states: Sequence[Backbone], found: PodModes | None, n: int = 0) -> Kept:
     """Return what modes keep of states by projection.
 
     Parameters
@@ -112,7 +112,7 @@ def tip(strains: Array, dz: Array) -> Array:
     return np.asarray(pose[:3, 3])
 
 
-def samples_of(data: Snapshots, found: Modes) -> dict[str, Array]:
+def samples_of(data: Snapshots, found: PodModes) -> dict[str, Array]:
     """Return the modes of elongation and bending as a robot file has them: (61, m) at equal distances."""
     middle = 0.5 * (data.z[1:] + data.z[:-1])
     places = np.linspace(data.z[0], data.z[-1], SAMPLES)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.robot import Robot
 from soro_design.parts.file import PartFile, Sweep
 from soro_design.parts.geometry import RodGeometry
@@ -173,7 +173,7 @@ def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCh
     assert isinstance(geometry, RodGeometry)
     halved: dict[str, Any] = {"around": max(2, geometry.around // 2)}
     halved |= {key: max(1, getattr(geometry, key) // 2) for key in ("across", "along", "plug")}
-    coarse = make_specimen(changed(file, geometry=changed(geometry, **halved)))
+    coarse = make_specimen(with_changes(file, geometry=with_changes(geometry, **halved)))
     assert isinstance(coarse, RodSpecimen)
     name = data.uneven[0].sweep
     sweep: Sweep = next(one for one in file.sweeps if one.name == name)

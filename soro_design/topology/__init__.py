@@ -2,15 +2,15 @@
 
 from soro_design.topology.check import Reanalysis, Shape, reanalyse, shape
 from soro_design.topology.domain import Domain, make_domain
-from soro_design.topology.optimise import Row, State, load_state, optimise, save
+from soro_design.topology.optimise import IterationRow, OptimiserState, load_state, optimise, save
 from soro_design.topology.task import Task, load_task, task_from_dict
 
 __all__ = [
     "Domain",
+    "IterationRow",
+    "OptimiserState",
     "Reanalysis",
-    "Row",
     "Shape",
-    "State",
     "Task",
     "load_state",
     "load_task",

@@ -12,7 +12,7 @@ from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.elements.solid import tables
 from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
-from soro_design.topology.optimise import State
+from soro_design.topology.optimise import OptimiserState
 from soro_design.topology.shape import Contour, contour, solid_mesh
 from soro_design.topology.task import Farthest
 
@@ -84,7 +84,7 @@ class Shape:
         return ""
 
 
-def shape(domain: Domain, state: State) -> Shape:
+def shape(domain: Domain, state: OptimiserState) -> Shape:
     """Return the final part of a run."""
     cut = contour(domain, state.filtered)
     mesh = solid_mesh(domain, cut)

@@ -32,7 +32,7 @@ TONES = 255
 
 
 @dataclass(frozen=True)
-class Row:
+class IterationRow:
     """One iteration in numbers.
 
     Attributes
@@ -70,7 +70,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class OptimiserState:
     """All that an iteration needs from those before it.
 
     Attributes
@@ -98,24 +98,24 @@ class State:
     filtered: Array
     pressure: Array
     frames: Any
-    rows: tuple[Row, ...]
+    rows: tuple[IterationRow, ...]
 
 
-def first_state(domain: Domain) -> State:
+def first_state(domain: Domain) -> OptimiserState:
     """Return the state before the first iteration."""
     x = domain.start()
     n, none = len(domain.is_open), np.empty(0)
     frames = np.empty((0, len(x)), dtype=np.uint8)
-    return State(x, no_moves(), np.zeros((n, 2)), none, none, none, frames, ())
+    return OptimiserState(x, no_moves(), np.zeros((n, 2)), none, none, none, frames, ())
 
 
 def optimise(
     task: Task,
-    state: State | None = None,
-    progress: Callable[[State], None] | None = None,
+    state: OptimiserState | None = None,
+    progress: Callable[[OptimiserState], None] | None = None,
     where: str = "task",
     until: int | None = None,
-) -> State:
+) -> OptimiserState:
     """Return the state after the last iteration.
 
     Parameters
@@ -191,7 +191,9 @@ def _evaluated(
     return found.evaluate(density, penalty, pressure_pa, guess)
 
 
-def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: State, k: int) -> State:
+def _iterate(
+    domain: Domain, found: Stroke | Compliance, weights: Any, state: OptimiserState, k: int
+) -> OptimiserState:
     task = domain.task
     x = state.x
     scheduled, penalty, sharpness = task.schedule.at(k)
@@ -221,7 +223,7 @@ def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: St
     following, moves = mma_step(
         x, weights.T @ (at.gradient * slope), volume / limit - 1.0, by_volume, (least, most), state.moves
     )
-    row = Row(
+    row = IterationRow(
         k + 1,
         at.objective,
         at.motion_m,
@@ -234,7 +236,7 @@ def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: St
         eased,
     )
     frame = np.round(TONES * density).astype(np.uint8)
-    return State(
+    return OptimiserState(
         following,
         moves,
         at.u,
@@ -246,7 +248,7 @@ def _iterate(domain: Domain, found: Stroke | Compliance, weights: Any, state: St
     )
 
 
-def save(state: State, folder: Path) -> None:
+def save(state: OptimiserState, folder: Path) -> None:
     """Write a state into a folder; a run that is interrupted meanwhile leaves the one before."""
     arrays = {f"moves_{one.name}": getattr(state.moves, one.name) for one in fields(Moves)}
     for name in ("x", "u", "density", "filtered", "pressure", "frames"):
@@ -257,7 +259,7 @@ def save(state: State, folder: Path) -> None:
     beside.replace(folder / STATE)
 
 
-def load_state(folder: Path, domain: Domain) -> State:
+def load_state(folder: Path, domain: Domain) -> OptimiserState:
     """Return the state that a folder holds.
 
     Raises
@@ -269,9 +271,9 @@ def load_state(folder: Path, domain: Domain) -> State:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             arrays = {name: kept[name] for name in kept.files}
-        rows = tuple(Row(**row) for row in json.loads(str(arrays.pop("rows"))))
+        rows = tuple(IterationRow(**row) for row in json.loads(str(arrays.pop("rows"))))
         moves = Moves(**{one.name: arrays.pop(f"moves_{one.name}") for one in fields(Moves)})
-        state = State(moves=moves, rows=rows, **arrays)
+        state = OptimiserState(moves=moves, rows=rows, **arrays)
     except FileNotFoundError:
         raise ConfigError(str(path), "", "no such file", "the folder of a run of `soro design`") from None
     except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:

@@ -13,7 +13,7 @@ from PIL import Image
 from soro_design.fem.elements.response import Array
 from soro_design.topology.check import Reanalysis, Shape
 from soro_design.topology.domain import Domain
-from soro_design.topology.optimise import TONES, State
+from soro_design.topology.optimise import TONES, OptimiserState
 
 WIDTH_PIXELS = 480
 GREYS = 32
@@ -30,7 +30,7 @@ def whole(domain: Domain, values: Array) -> Array:
     return rows[::-1]
 
 
-def film(domain: Domain, state: State, path: Path) -> None:
+def film(domain: Domain, state: OptimiserState, path: Path) -> None:
     """Write the densities of all iterations as a GIF.
 
     Parameters
@@ -55,7 +55,9 @@ def film(domain: Domain, state: State, path: Path) -> None:
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=lasts, loop=0)
 
 
-def picture(domain: Domain, state: State, found: Shape | None, moved: Reanalysis | None, path: Path) -> None:
+def picture(
+    domain: Domain, state: OptimiserState, found: Shape | None, moved: Reanalysis | None, path: Path
+) -> None:
     """Draw densities, pressures, the course of the goal, and the final part at rest and under pressure.
 
     Parameters

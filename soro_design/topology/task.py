@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import yaml
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, changed, find_config, parse, read_yaml
+from soro_core.config import Strict, find_config, parse, read_yaml, with_changes
 from soro_core.errors import ConfigError
 from soro_design.fem.elements.material import Material, load_material, material_from_dict
 
@@ -108,7 +108,7 @@ class Farthest(Strict):
 
     def with_keys_of_material(self, where: str) -> Farthest:
         """Return the goal with the keys of its material in place of a name or file."""
-        return changed(self, material=self._material(where).model_dump(mode="json"))
+        return with_changes(self, material=self._material(where).model_dump(mode="json"))
 
 
 class Air(Strict):
@@ -225,7 +225,7 @@ def resolved(task: Task, where: str = "task") -> Task:
     """Return a task that needs no other file: the keys of its material stand in it."""
     if isinstance(task.goal, Stiffest):
         return task
-    return changed(task, goal=task.goal.with_keys_of_material(where))
+    return with_changes(task, goal=task.goal.with_keys_of_material(where))
 
 
 def write_task(task: Task, path: Path) -> None:

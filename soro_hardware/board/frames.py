@@ -7,7 +7,7 @@ bytes     type  meaning
 ========  ====  ==========================================================
 2               magic ``sB``
 1         u8    version of this format, 2
-1         u8    kind, see `Kind`
+1         u8    kind, see `FrameType`
 2         u16   length of the payload
 4         u32   sequence number
 8         u64   number that the board drew for this connection and told in WELCOME; 0 in HELLO
@@ -34,7 +34,7 @@ _VERSION_AT = len(MAGIC)
 _CRC = struct.Struct("<I")
 
 
-class Kind(enum.IntEnum):
+class FrameType(enum.IntEnum):
     """Kind of a frame; kinds sent by the board have the highest bit set."""
 
     HELLO = 0x01
@@ -50,7 +50,7 @@ class Kind(enum.IntEnum):
 class BoardFrame:
     """One frame with the right CRC."""
 
-    kind: Kind
+    kind: FrameType
     sequence: int
     payload: bytes = b""
     number: int = 0
@@ -83,7 +83,7 @@ class BoardFrameDecoder:
         Version of the newest frame of another version, which is dropped.
     """
 
-    def __init__(self, lengths: Mapping[Kind, int]) -> None:
+    def __init__(self, lengths: Mapping[FrameType, int]) -> None:
         self._lengths = {int(kind): length for kind, length in lengths.items()}
         self._buffer = bytearray()
         self._in_garbage = False
@@ -119,7 +119,7 @@ class BoardFrameDecoder:
                 self._drop(2)
                 continue
             payload = bytes(self._buffer[_HEADER.size : end])
-            found.append(BoardFrame(Kind(kind), sequence, payload, number))
+            found.append(BoardFrame(FrameType(kind), sequence, payload, number))
             del self._buffer[: end + _CRC.size]
             self._in_garbage = False
         return found

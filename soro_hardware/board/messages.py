@@ -26,7 +26,7 @@ import enum
 import struct
 from dataclasses import dataclass
 
-from soro_hardware.board.frames import Kind
+from soro_hardware.board.frames import FrameType
 
 NEVER_MS = 0xFFFF
 _STATE = struct.Struct("<QBBH")
@@ -104,16 +104,16 @@ class Welcome:
     limits_pa: tuple[tuple[int, int], ...]
 
 
-def lengths(ports: int) -> dict[Kind, int]:
+def lengths(ports: int) -> dict[FrameType, int]:
     """Return the length of the payload of each kind of frame, for a number of ports."""
     return {
-        Kind.HELLO: 2,
-        Kind.SET: 4 * ports,
-        Kind.RESET: 0,
-        Kind.BYE: 0,
-        Kind.WELCOME: _WELCOME.size + _LIMITS.size * ports,
-        Kind.STATE: _STATE.size + _PORT.size * ports,
-        Kind.REFUSED: _REFUSED.size,
+        FrameType.HELLO: 2,
+        FrameType.SET: 4 * ports,
+        FrameType.RESET: 0,
+        FrameType.BYE: 0,
+        FrameType.WELCOME: _WELCOME.size + _LIMITS.size * ports,
+        FrameType.STATE: _STATE.size + _PORT.size * ports,
+        FrameType.REFUSED: _REFUSED.size,
     }
 
 

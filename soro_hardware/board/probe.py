@@ -8,7 +8,7 @@ from soro_hardware.board import frames, texts
 from soro_hardware.board.config import BoardPlatform
 from soro_hardware.board.messages import Cause
 from soro_hardware.board.session import Session
-from soro_hardware.finding import Finding, examined
+from soro_hardware.finding import Finding, run_check
 
 
 def examine(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:
@@ -24,7 +24,7 @@ def examine(platform: BoardPlatform, session: Session, clock: Callable[[], float
         Returns a monotonic time [s].
     """
     advice = "start `soro board` on the Pi; check address, port and cable"
-    return examined("board", advice, _greet(platform, session, clock), session.link.close)
+    return run_check("board", advice, _greet(platform, session, clock), session.link.close)
 
 
 def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from soro_core.errors import HardwareError
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Refusal, StateMessage, Welcome
 from soro_hardware.transport.tcp import ByteLink, drain
 
@@ -58,34 +58,34 @@ class Session:
         self._decoder.reset()
         self.welcome = self.state = self.refusal = None
         self.answered, self._number = -1, 0
-        self._send(BoardFrame(Kind.HELLO, 0, messages.pack_hello(self._ports)))
+        self._send(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(self._ports)))
 
     def reset(self) -> None:
         """Send RESET, and restart the sequence."""
         self.sequence, self.answered = 1, -1
-        self._send(BoardFrame(Kind.RESET, self.sequence))
+        self._send(BoardFrame(FrameType.RESET, self.sequence))
 
     def set(self, values: list[int]) -> None:
         """Send SET with one set point for every port [Pa gauge]; nothing before the board's WELCOME."""
         if self.welcome is None:
             return
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
-        self._send(BoardFrame(Kind.SET, self.sequence, messages.pack_set(values)))
+        self._send(BoardFrame(FrameType.SET, self.sequence, messages.pack_set(values)))
 
     def bye(self) -> None:
         """Send BYE."""
-        self._send(BoardFrame(Kind.BYE, self.sequence))
+        self._send(BoardFrame(FrameType.BYE, self.sequence))
 
     def receive(self, timeout_s: float) -> bool:
         """Receive frames, waiting at most `timeout_s` [s]; return whether any bytes arrived."""
         chunk = self.link.receive(timeout_s)
         for frame in self._decoder.feed(chunk):
             self.received += 1
-            if frame.kind is Kind.STATE:
+            if frame.kind is FrameType.STATE:
                 self._on_state(frame)
-            elif frame.kind is Kind.WELCOME:
+            elif frame.kind is FrameType.WELCOME:
                 self.welcome, self._number = messages.unpack_welcome(frame.payload), frame.number
-            elif frame.kind is Kind.REFUSED:
+            elif frame.kind is FrameType.REFUSED:
                 self.refused += 1
                 refusal = messages.unpack_refused(frame.payload)
                 if refusal[0] != Refusal.OLD:  # a duplicated or late frame does no harm

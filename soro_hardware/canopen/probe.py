@@ -14,8 +14,8 @@ from soro_hardware.canopen.config import SYNC_LATE_PERIODS, CanopenOptions, Cano
 from soro_hardware.canopen.device import Device
 from soro_hardware.canopen.frames import NmtCommand, NmtState
 from soro_hardware.canopen.sdo_client import SdoClient
-from soro_hardware.finding import Finding, examined, graded
-from soro_hardware.reason import IN_USE
+from soro_hardware.error_text import IN_USE
+from soro_hardware.finding import Finding, grade, run_check
 from soro_hardware.transport.config import SlcanTransport, SocketcanTransport
 from soro_hardware.transport.link import CanLink
 from soro_hardware.transport.slcan import SlcanBus
@@ -74,7 +74,7 @@ def probe(
         yield Finding("adapter", "fail", str(error), advice)
         return
     found = _examine_bus(platform, device, link, clients, clock)
-    yield from examined("adapter", "check the adapter and its cable", found, link.close)
+    yield from run_check("adapter", "check the adapter and its cable", found, link.close)
 
 
 def _examine_bus(
@@ -114,7 +114,7 @@ def check_budget(bits: int, highest_hz: float, cycle_hz: float, bitrate: int) ->
     usable_hz = USABLE * highest_hz
     more = f"lower cycle_hz to {usable_hz:.0f}, or use nodes of several channels"
     close = f"leave {100 * (1 - USABLE):.0f} % for other frames: lower cycle_hz to {usable_hz:.0f}"
-    return graded("bus budget", found, (share > 1, "fail", more), (share > USABLE, "warn", close))
+    return grade("bus budget", found, (share > 1, "fail", more), (share > USABLE, "warn", close))
 
 
 def check_serial(device: str, platform: CanopenPlatform) -> Iterator[Finding]:
@@ -127,7 +127,7 @@ def check_serial(device: str, platform: CanopenPlatform) -> Iterator[Finding]:
     highest_hz = serial_rate_hz(platform, baud)
     found = f"{baud} baud carry {highest_hz:.0f} cycles/s, the platform has {platform.cycle_hz:g}"
     advice = "use an adapter with native USB, or a higher transport.serial_baud"
-    yield graded("serial line", found, (highest_hz < platform.cycle_hz, "fail", advice))
+    yield grade("serial line", found, (highest_hz < platform.cycle_hz, "fail", advice))
 
 
 def check_queue(length: int, platform: CanopenPlatform, device: Device) -> Finding:
@@ -146,7 +146,7 @@ def check_queue(length: int, platform: CanopenPlatform, device: Device) -> Findi
     burst = len(platform.nodes) * len(device.rpdos) + 2  # heartbeat and SYNC
     found = f"{length} frames; a cycle sends {burst} at once"
     advice = f"`sudo ip link set {platform.transport.channel} txqueuelen {max(2 * burst, 64)}`"
-    return graded("transmit queue", found, (length < burst, "warn", advice))
+    return grade("transmit queue", found, (length < burst, "warn", advice))
 
 
 def check_watchdogs(device: Device, times: CanopenOptions) -> Finding:
@@ -160,7 +160,7 @@ def check_watchdogs(device: Device, times: CanopenOptions) -> Finding:
     have = [f"{name} {after_s * 1e3:g} ms" for name, (there, after_s) in known.items() if there]
     advice = "give the maker's EDS as canopen.mapping.eds if the device has one"
     found = " and ".join(have) or "none in the EDS"
-    return graded("watchdogs of the device", found, (not have, "warn", advice))
+    return grade("watchdogs of the device", found, (not have, "warn", advice))
 
 
 def check_acknowledgement(acknowledges: bool) -> Finding:
@@ -214,7 +214,7 @@ def check_adapter(link: CanLink) -> Finding:
     advice, has_errors = "check bit rate, wiring and terminators", bool(counts["errors"] or counts["garbled"])
     if link.is_bus_off:
         return Finding("adapter", "fail", f"{found}, off the bus", advice)
-    return graded("adapter", found, (has_errors, "warn", advice))
+    return grade("adapter", found, (has_errors, "warn", advice))
 
 
 def _listen(platform: CanopenPlatform, link: CanLink, clock: Callable[[], float]) -> Iterator[Finding]:

@@ -59,7 +59,7 @@ def emulate(
     """
     # Imported here so that `soro --help` stays quick.
     from soro_hardware import timing
-    from soro_hardware.emulation.faults.vocabulary import read_injection
+    from soro_hardware.emulation.faults.fault_types import read_injection
     from soro_hardware.emulation.process import serve
     from soro_hardware.families import load_platform
 

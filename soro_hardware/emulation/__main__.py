@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from soro_core.errors import ConfigError, SoroError
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.emulation.process import serve
 from soro_hardware.families import load_platform
 

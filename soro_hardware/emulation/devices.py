@@ -10,9 +10,9 @@ import numpy as np
 
 from soro_core.pneumatics.valve_condition import ValveAction
 from soro_hardware.emulation.air import Air
+from soro_hardware.emulation.faults.fault_types import OF_THE_AIR, Injection
 from soro_hardware.emulation.faults.line_faults import ON_BYTES, LineFaults
 from soro_hardware.emulation.faults.schedule import Faults
-from soro_hardware.emulation.faults.vocabulary import OF_THE_AIR, Injection
 from soro_hardware.emulation.line import Line
 from soro_hardware.platform import PlatformBase
 from soro_hardware.port import Array

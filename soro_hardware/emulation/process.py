@@ -14,12 +14,12 @@ from soro_core.private_folder import make_private
 from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.endpoints import ENDPOINTS, PtyEndpoint, TcpEndpoint
 from soro_hardware.emulation.families import emulate
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.emulation.sockets.control import ControlServer
 from soro_hardware.emulation.sockets.plant_server import PlantLinkServer
+from soro_hardware.error_text import reason
 from soro_hardware.event_loop import ended_by_signals
 from soro_hardware.platform import PlatformBase
-from soro_hardware.reason import reason
 
 
 class Emulator:

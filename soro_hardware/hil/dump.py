@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from soro_core import safety
-from soro_core.config import Strict, changed
+from soro_core.config import Strict, with_changes
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware.finding import Finding, Level
 from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
@@ -47,7 +47,7 @@ def dump_limits(platform: PlatformBase, config: DumpConfig) -> safety.Limits:
         allowed = f"a pressure up to the platform's {platform.range.maximum_pa:g} Pa"
         raise ConfigError("dump valve", "pressure_pa", config.pressure_pa, allowed)
     limits = small_limits(platform, config.pressure_pa, _RISE_PA_S)
-    return changed(limits, monitors=changed(limits.monitors, **_WIDE))
+    return with_changes(limits, monitors=with_changes(limits.monitors, **_WIDE))
 
 
 def prove(

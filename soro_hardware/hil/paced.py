@@ -10,7 +10,7 @@ import numpy as np
 
 from soro_core import safety
 from soro_core.safety.limits import BURST, OVER_PRESSURE
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.platform import PlatformBase
 from soro_hardware.port import Array, Flags, Regulator
 

@@ -6,7 +6,7 @@ import select
 from collections.abc import Callable, Iterator, Sequence
 
 from soro_core.errors import HardwareError
-from soro_hardware.finding import Finding, examined
+from soro_hardware.finding import Finding, run_check
 from soro_hardware.serial_line.config import SerialPlatform
 from soro_hardware.serial_line.line.engine import LineEngine
 from soro_hardware.serial_line.line.port import BytePort
@@ -63,7 +63,7 @@ def examine(
             port.close()
 
     found = _ask(platform, make_lines(ports), stop_streaming, clock)
-    yield from examined("line", "check the adapter and its cable", found, close)
+    yield from run_check("line", "check the adapter and its cable", found, close)
 
 
 def _ask(

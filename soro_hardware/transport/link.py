@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import can
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 from soro_hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
 from soro_hardware.transport.frame import Frame
 

@@ -7,7 +7,7 @@ import re
 
 import can
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import HardwareError
 from soro_hardware.transport.config import (
     CanTransport,
@@ -76,10 +76,10 @@ def _replaced(transport: CanTransport, endpoint: str) -> CanTransport:
             open_timeout_s=timeout_s,
         )
     if isinstance(transport, SlcanTransport):
-        return changed(transport, device=endpoint)
+        return with_changes(transport, device=endpoint)
     if "/" in endpoint:
         return SlcanTransport(kind="slcan", device=endpoint, bitrate=bitrate, open_timeout_s=timeout_s)
-    return changed(transport, channel=endpoint)
+    return with_changes(transport, channel=endpoint)
 
 
 def _python_can(

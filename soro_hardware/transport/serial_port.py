@@ -8,7 +8,7 @@ import termios
 import serial
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 
 
 def open_serial(path: str, baud: int) -> serial.Serial:

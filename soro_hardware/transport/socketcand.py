@@ -16,7 +16,7 @@ from collections import deque
 import can
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 from soro_hardware.transport.config import SocketcandTransport
 from soro_hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
 from soro_hardware.transport.frame import Frame

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 import can
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import from_message, to_message
 

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from soro_core.config import Strict
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 
 _CHUNK = 65536
 _LAST_PORT = 65535

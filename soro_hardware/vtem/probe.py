@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from soro_hardware.finding import Finding, examined, graded
+from soro_hardware.finding import Finding, grade, run_check
 from soro_hardware.transport.tcp import ByteLink
 from soro_hardware.vtem.config import VtemPlatform
 from soro_hardware.vtem.registers import SlotState
@@ -30,7 +30,7 @@ def examine(
         Returns a monotonic time [s].
     """
     advice = "check address, port and cable of the bus node, and that it is set to Modbus TCP"
-    return examined("motion terminal", advice, _read(platform, link, terminal, clock), link.close)
+    return run_check("motion terminal", advice, _read(platform, link, terminal, clock), link.close)
 
 
 def _read(
@@ -51,7 +51,7 @@ def _read(
 
 def _slots(terminal: Terminal) -> Iterator[Finding]:
     for slot, status in terminal.statuses.items():
-        yield graded(
+        yield grade(
             terminal.chambers_of(slot),
             str(status),
             (status.is_idle, "ok", ""),
@@ -85,4 +85,4 @@ def check_speed(platform: VtemPlatform, took_s: Sequence[float]) -> Finding:
         f"a cycle has {budget_s * 1e3:.1f} ms for {each}"
     )
     advice = "lower cycle_hz and the scene's rate, raise cycle_budget_s, or use a separate cable"
-    return graded("speed", found, (each * worst_s > budget_s, "warn", advice))
+    return grade("speed", found, (each * worst_s > budget_s, "warn", advice))

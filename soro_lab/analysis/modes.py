@@ -26,7 +26,7 @@ _OSCILLATES = 1e-9
 
 
 @dataclass(frozen=True)
-class Modes:
+class LinearisedModes:
     """Modes of small motions about a rest, the slowest first.
 
     Attributes
@@ -59,7 +59,7 @@ class Modes:
         return sorted(order[:count])
 
 
-def modes(arm: SoftArm, q: Array, stiffness: Array) -> Modes:
+def modes(arm: SoftArm, q: Array, stiffness: Array) -> LinearisedModes:
     """Return the modes about an equilibrium.
 
     Parameters
@@ -85,7 +85,7 @@ def modes(arm: SoftArm, q: Array, stiffness: Array) -> Modes:
     tip = tip_jacobian(arm, q) @ shapes
     softness = np.sum(tip**2, axis=0) / squares
     damped_hz, ratio = _damped(arm, q, stiffness, inertia, shapes)
-    return Modes(
+    return LinearisedModes(
         np.sqrt(squares) / (2.0 * np.pi),
         damped_hz,
         ratio,

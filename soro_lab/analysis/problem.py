@@ -9,13 +9,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.config import changed, parse
+from soro_core.config import parse, with_changes
 from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError
 from soro_core.estimation import Estimator
 from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
-from soro_lab.analysis.excursions import excursions, slowest_period
+from soro_lab.analysis.default_trajectory import excursions, slowest_period
 from soro_lab.analysis.gramian import gramian, windows
 from soro_lab.analysis.placement import Information, best, greedy
 from soro_lab.analysis.sensors import Candidate, SensorNoise, kinds_of, noise_of
@@ -106,7 +106,7 @@ def place_sensors(
     if not 1 <= count <= len(kinds) * places * len(robot.links):
         most = len(kinds) * places * len(robot.links)
         raise ConfigError(WHERE, "--count", count, f"1 to {most}, the number of candidates")
-    model = changed(scene.discretisation, links=pieces) if pieces else scene.discretisation
+    model = with_changes(scene.discretisation, links=pieces) if pieces else scene.discretisation
     dt = 1.0 / scene.rate_hz
     estimator = Estimator(robot, scene.estimator, dt, model)
     arm = discretised(robot.replace(tip_mass=robot.tip_mass + scene.twin.payload_kg), model)

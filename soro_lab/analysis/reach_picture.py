@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from soro_core.control.reachable import Reachable, shape
+from soro_core.control.reachable_workspace import Reachable, shape
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
-from soro_lab.analysis.modes import Modes
-from soro_lab.analysis.ways import Place, Way
+from soro_lab.analysis.equilibrium_paths import Place, Way
+from soro_lab.analysis.modes import LinearisedModes
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -184,7 +184,7 @@ def _caption(arm: SoftArm, rest: Place, k: int) -> str:
     return "\n".join(lines)
 
 
-def frequency(modes: Modes, k: int) -> str:
+def frequency(modes: LinearisedModes, k: int) -> str:
     """Return a frequency [Hz] in three digits, 0 where the arm is free to turn."""
     free = modes.frequency_hz[k] < FREE * modes.frequency_hz.max()
     return "0" if free else f"{modes.frequency_hz[k]:.3g}"

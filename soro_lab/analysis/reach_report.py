@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.control.reachable import Reachable
+from soro_core.control.reachable_workspace import Reachable
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
+from soro_lab.analysis.equilibrium_paths import Place, Way
 from soro_lab.analysis.reach_picture import frequency, strain_shares
-from soro_lab.analysis.ways import Place, Way
 
 
 def place_rows(ways: Sequence[Way], count: int) -> list[tuple[str, ...]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from soro_core.control.reachable import shape
+from soro_core.control.reachable_workspace import shape
 from soro_lab.analysis.problem import Placement
 from soro_lab.analysis.sensor_report import steps
 

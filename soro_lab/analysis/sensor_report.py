@@ -14,7 +14,7 @@ from soro_lab.analysis.sensors import Candidate
 
 
 @dataclass(frozen=True)
-class Step:
+class PlacementStep:
     """What the sensors up to one of them give.
 
     Attributes
@@ -41,7 +41,7 @@ class Step:
     worst_std: float
 
 
-def steps(placement: Placement) -> list[Step]:
+def steps(placement: Placement) -> list[PlacementStep]:
     """Return what no sensor gives, the first one, the first two, and so on."""
     names, n = placement.arm.robot.coordinate_names, placement.arm.n_q
     information, found = placement.information, []
@@ -53,7 +53,7 @@ def steps(placement: Placement) -> list[Step]:
         sensor = placement.candidates[chosen[-1]] if chosen else None
         value = information.value(chosen) if chosen else 0.0
         smallest = information.smallest(chosen) if chosen else 0.0
-        found.append(Step(sensor, value, smallest, tip_m, names[worst], float(deviation[worst])))
+        found.append(PlacementStep(sensor, value, smallest, tip_m, names[worst], float(deviation[worst])))
     return found
 
 

@@ -57,7 +57,7 @@ def noise_of(twin: TwinSection, filter_: EstimatorConfig) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Kind:
+class SensorType:
     """A kind of sensor.
 
     Attributes
@@ -81,14 +81,14 @@ class Kind:
 class Candidate:
     """A kind of sensor at a place [m of undeformed length from the base]."""
 
-    kind: Kind
+    kind: SensorType
     s: float
 
 
 KINDS = ("pose", "marker", "imu", "bend")
 
 
-def kinds_of(names: tuple[str, ...], noise: SensorNoise, twin: TwinSection) -> list[Kind]:
+def kinds_of(names: tuple[str, ...], noise: SensorNoise, twin: TwinSection) -> list[SensorType]:
     """Return the kinds with these names.
 
     Parameters
@@ -107,7 +107,7 @@ def kinds_of(names: tuple[str, ...], noise: SensorNoise, twin: TwinSection) -> l
         "imu": (_imu, imu, twin.imu.rate_hz),
         "bend": (_bend, [noise.bend_rad] * 2, twin.pose.rate_hz),
     }
-    return [Kind(name, known[name][0], np.array(known[name][1]), known[name][2]) for name in names]
+    return [SensorType(name, known[name][0], np.array(known[name][1]), known[name][2]) for name in names]
 
 
 def _at_rest(rows: Array) -> Array:

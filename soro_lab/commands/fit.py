@@ -38,7 +38,7 @@ def pressures(
     from rich.console import Console
 
     from soro_lab.commands.identify_air import print_regulators
-    from soro_lab.identification import air
+    from soro_lab.identification import regulator_fit as air
     from soro_lab.identification.regulators.stages import AirOptions, find_regulators
     from soro_lab.identification.steps import StepLimits, read_pressures
 

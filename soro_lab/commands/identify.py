@@ -127,9 +127,9 @@ def identify(
     from soro_lab.identification.arm.cases.physical import check_described
     from soro_lab.identification.arm.laws import LAWS, NAMED
     from soro_lab.identification.arm.report.verdict import is_accepted, sentence
+    from soro_lab.identification.arm.robot_yaml import impossible, number_table, robot_text
     from soro_lab.identification.arm.stages import Options
     from soro_lab.identification.arm.stages import identify as search
-    from soro_lab.identification.arm.written import impossible, number_table, robot_text
     from soro_lab.identification.recording import check_motion, summary
 
     if out.exists() and not force:

@@ -35,7 +35,7 @@ def print_regulators(found: FoundRegulators) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from soro_lab.identification import air
+    from soro_lab.identification import regulator_fit as air
 
     typer.echo(str(found.steps))
     table = Table(*air.HEADER)

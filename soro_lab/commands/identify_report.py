@@ -39,7 +39,7 @@ class ReportOptions:
         force : bool
             Whether a folder may exist.
         """
-        from soro_lab.identification.arm.cases.numbers import numbers_of
+        from soro_lab.identification.arm.cases.parameters import numbers_of
 
         if self.folder is None:
             if self.profile is not None:
@@ -91,7 +91,7 @@ def write(
 
     from soro_lab.identification.arm.profiles import profiles
     from soro_lab.identification.arm.report import Result, write_report
-    from soro_lab.identification.arm.written import impossible
+    from soro_lab.identification.arm.robot_yaml import impossible
 
     assert options.folder is not None
     names = options.names(found)

@@ -39,12 +39,12 @@ def reach(
     from rich.table import Table
 
     from soro_core.control.config import require_chambers
-    from soro_core.control.reachable import reachable
+    from soro_core.control.reachable_workspace import reachable
     from soro_core.model import SoftArm
     from soro_core.robot import load_robot
+    from soro_lab.analysis.equilibrium_paths import ways
     from soro_lab.analysis.reach_picture import draw
     from soro_lab.analysis.reach_report import as_dict, mode_rows, place_rows
-    from soro_lab.analysis.ways import ways
 
     loaded = load_robot(robot)
     require_chambers(loaded, "soro reach")

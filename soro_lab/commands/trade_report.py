@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich import box
 from rich.table import Table
 
-from soro_lab.trade.late import LOOP_LAST_S, loop_seconds
-from soro_lab.trade.results import Row, Study
+from soro_lab.trade.results import CandidateResult, Study
+from soro_lab.trade.slow_metrics import LOOP_LAST_S, loop_seconds
 
 SHOWN = 40  # rows of the table; the JSON has them all
 
@@ -41,7 +41,7 @@ def table(study: Study) -> Table:
     return shown
 
 
-def _shown(study: Study) -> list[Row]:
+def _shown(study: Study) -> list[CandidateResult]:
     """The front, the chosen one, and the others from the most accurate on, in order of cost."""
     front = study.front
     others = [row for row in study.rows if row.complete and row not in front]
@@ -51,7 +51,7 @@ def _shown(study: Study) -> list[Row]:
     return [row for row in study.rows if row in keep or row is chosen]
 
 
-def _loop_cells(row: Row) -> list[str]:
+def _loop_cells(row: CandidateResult) -> list[str]:
     if row.loop is None:
         return ["", ""]
     if row.loop.tracking_mm is None:

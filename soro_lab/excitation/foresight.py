@@ -10,7 +10,7 @@ from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_lab.excitation.plan import Plan
-from soro_lab.excitation.section import Array, Section
+from soro_lab.excitation.section import Array, ExcitationSegment
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def foresee(arm: SoftArm, plan: Plan) -> Warned | None:
     return None
 
 
-def _extremes(section: Section) -> list[Array]:
+def _extremes(section: ExcitationSegment) -> list[Array]:
     """Return the pressures (n_u,) [Pa gauge] between which a section moves."""
     level = section.level_pa
     if section.sweep is None:

@@ -27,7 +27,7 @@ SPREAD, STILL_PART, STILL_RAD_S = 1.5, 5e-4, 5e-3
 
 
 @dataclass(frozen=True)
-class Motion:
+class MotionCriteria:
     """What a motion is judged by.
 
     Attributes
@@ -78,7 +78,7 @@ def at_rest(samples: Sequence[Sample]) -> AtRest:
     return AtRest(None, turn, up, spread)
 
 
-def beyond(motion: Motion, rest: AtRest, sample: Sample, outermost: bool) -> str:
+def beyond(motion: MotionCriteria, rest: AtRest, sample: Sample, outermost: bool) -> str:
     """Return which limit a sample is beyond, as one line; empty within all of them.
 
     Parameters
@@ -107,7 +107,7 @@ def beyond(motion: Motion, rest: AtRest, sample: Sample, outermost: bool) -> str
     return ""
 
 
-def box_of(motion: Motion, rest_m: Array) -> tuple[Array, Array]:
+def box_of(motion: MotionCriteria, rest_m: Array) -> tuple[Array, Array]:
     """Return the lowest and the highest corner (3,) [m] of the box of a sensor that rests at `rest_m`."""
     box = motion.config.box_m
     if len(box) == 6:
@@ -130,7 +130,10 @@ def turned(rest: AtRest, sample: Sample) -> float:
 
 
 def is_still(
-    motion: Motion, rest: Mapping[str, AtRest], samples: Mapping[str, Sequence[Sample]], window_s: float
+    motion: MotionCriteria,
+    rest: Mapping[str, AtRest],
+    samples: Mapping[str, Sequence[Sample]],
+    window_s: float,
 ) -> bool:
     """Return whether no sensor has moved over the last `window_s`, more than it does at rest.
 
@@ -164,6 +167,6 @@ def _spread(samples: Sequence[Sample]) -> float:
     return float(values.std(axis=0).max())
 
 
-def _place(motion: Motion, sample: Sample) -> str:
+def _place(motion: MotionCriteria, sample: Sample) -> str:
     kind = "pose" if isinstance(sample, PoseSample) else "IMU"
     return f"the {kind} at {sample.s / motion.length:.0%} of the length"

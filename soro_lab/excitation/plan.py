@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_lab.excitation.config import ExciteConfig
-from soro_lab.excitation.section import Section
+from soro_lab.excitation.section import ExcitationSegment
 from soro_lab.excitation.stages import STAGES, Maker, release, rest
 from soro_lab.excitation.supply import Supply
 
@@ -29,7 +29,7 @@ class Plan:
     """
 
     names: tuple[str, ...]
-    sections: tuple[Section, ...]
+    sections: tuple[ExcitationSegment, ...]
 
     @property
     def longest_s(self) -> float:
@@ -104,7 +104,7 @@ def _sections(supply: Supply, config: ExciteConfig) -> Plan:
 def _scaled(config: ExciteConfig, factor: float) -> ExciteConfig:
     times = {name: factor * getattr(config, name) for name in _SCALED}
     shortest = min(config.shortest_hold_s, times["hold_s"])
-    return changed(config, **times, shortest_hold_s=shortest)
+    return with_changes(config, **times, shortest_hold_s=shortest)
 
 
 def _list(config: ExciteConfig) -> str:

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from soro_lab.excitation.foresight import Warned
-from soro_lab.excitation.motion import IN_A_ROW, AtRest, Motion, Sample, at_rest, beyond, is_still
+from soro_lab.excitation.motion import IN_A_ROW, AtRest, MotionCriteria, Sample, at_rest, beyond, is_still
 from soro_lab.excitation.plan import Plan
 from soro_lab.excitation.section import Array
 
@@ -42,7 +42,7 @@ class Excitation:
     """
 
     plan: Plan
-    motion: Motion
+    motion: MotionCriteria
     warned: Warned | None
     outermost: str
 

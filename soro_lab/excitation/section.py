@@ -56,7 +56,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Section:
+class ExcitationSegment:
     """Set points from the end of the section before to a level, and there.
 
     Attributes

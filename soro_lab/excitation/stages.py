@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from soro_lab.excitation.config import ExciteConfig, Stage
-from soro_lab.excitation.section import Array, Section, Sweep
+from soro_lab.excitation.section import Array, ExcitationSegment, Sweep
 from soro_lab.excitation.supply import Supply
 
 # Levels are this power of even ones: an arm bends most at the first pressures.
@@ -50,7 +50,7 @@ class Maker:
             level[chamber] = part * (self.supply.high_pa if part >= 0.0 else -self.supply.low_pa)
         return level
 
-    def hold(self, stage: str, name: str, level_pa: Array) -> Section:
+    def hold(self, stage: str, name: str, level_pa: Array) -> ExcitationSegment:
         """Return a level that lasts until the arm is still.
 
         Parameters
@@ -62,9 +62,11 @@ class Maker:
         """
         config = self.config
         ramp_s = max(self._ramp_s(level_pa), config.ramp_s)
-        return self._made(Section(stage, name, level_pa, ramp_s, config.hold_s, config.shortest_hold_s))
+        return self._made(
+            ExcitationSegment(stage, name, level_pa, ramp_s, config.hold_s, config.shortest_hold_s)
+        )
 
-    def last(self, stage: str, name: str, level_pa: Array, time_s: float) -> Section:
+    def last(self, stage: str, name: str, level_pa: Array, time_s: float) -> ExcitationSegment:
         """Return a level that is approached as fast as the limits allow, and lasts for a time.
 
         Parameters
@@ -76,9 +78,9 @@ class Maker:
         time_s : float
             Time at the level [s].
         """
-        return self._made(Section(stage, name, level_pa, self._ramp_s(level_pa), time_s, time_s))
+        return self._made(ExcitationSegment(stage, name, level_pa, self._ramp_s(level_pa), time_s, time_s))
 
-    def sweep(self, stage: str, name: str, chambers: Sequence[int]) -> Section:
+    def sweep(self, stage: str, name: str, chambers: Sequence[int]) -> ExcitationSegment:
         """Return a sweep of some chambers together about a level where the arm is already.
 
         Parameters
@@ -93,7 +95,9 @@ class Maker:
         amplitude[list(chambers)] = config.sweep_part * supply.high_pa
         rate = min(supply.rise_pa_s, supply.fall_pa_s)
         sweep = Sweep(amplitude, supply.sweep_low_hz, supply.sweep_high_hz, rate)
-        return self._made(Section(stage, name, self._at, 0.0, config.sweep_s, config.sweep_s, sweep))
+        return self._made(
+            ExcitationSegment(stage, name, self._at, 0.0, config.sweep_s, config.sweep_s, sweep)
+        )
 
     def _ramp_s(self, level_pa: Array) -> float:
         """Return the shortest time of a change to a level [s]."""
@@ -101,17 +105,17 @@ class Maker:
         times = np.where(change > 0.0, change / self.supply.rise_pa_s, -change / self.supply.fall_pa_s)
         return float(times.max())
 
-    def _made(self, section: Section) -> Section:
+    def _made(self, section: ExcitationSegment) -> ExcitationSegment:
         self._at = section.level_pa
         return section
 
 
-def rest(maker: Maker) -> Iterator[Section]:
+def rest(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield the arm without pressure, from which its motion is measured."""
     yield maker.last(REST, "empty", maker.levels({}), maker.config.rest_s)
 
 
-def singles(maker: Maker) -> Iterator[Section]:
+def singles(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield the levels of one chamber at a time, up, down, and below zero where the range has that."""
     n, supply = maker.config.levels, maker.supply
     up = [((k + 1) / n) ** SPACING for k in range(n)]
@@ -125,7 +129,7 @@ def singles(maker: Maker) -> Iterator[Section]:
             yield maker.hold("singles", f"{name} back 0%", maker.levels({}))
 
 
-def pairs(maker: Maker) -> Iterator[Section]:
+def pairs(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield the levels of each two chambers."""
     names = maker.supply.names
     for one, two in combinations(range(len(names)), 2):
@@ -135,7 +139,7 @@ def pairs(maker: Maker) -> Iterator[Section]:
             yield maker.hold("pairs", name, maker.levels({one: a, two: b}))
 
 
-def together(maker: Maker) -> Iterator[Section]:
+def together(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield the levels of all chambers of a link, and of the arm."""
     for chambers, name in groups(maker.supply):
         if len(chambers) < 3:  # a pair, or a single one
@@ -146,7 +150,7 @@ def together(maker: Maker) -> Iterator[Section]:
             yield maker.hold("together", f"{name} {way} {part:.0%}", level)
 
 
-def creep(maker: Maker) -> Iterator[Section]:
+def creep(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield one chamber of each link at the highest level for long, and empty for as long."""
     for chambers in maker.supply.links:
         name = maker.supply.names[chambers[0]]
@@ -155,7 +159,7 @@ def creep(maker: Maker) -> Iterator[Section]:
             yield maker.last("creep", f"{name} {part:.0%}", level, maker.config.creep_s)
 
 
-def steps(maker: Maker) -> Iterator[Section]:
+def steps(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield fast steps of each chamber and each group, after which the arm rings."""
     for chambers, name in _alone_and_groups(maker.supply):
         for part in STEPS:
@@ -163,7 +167,7 @@ def steps(maker: Maker) -> Iterator[Section]:
             yield maker.last("steps", f"{name} {part:.0%}", level, maker.config.step_s)
 
 
-def sweeps(maker: Maker) -> Iterator[Section]:
+def sweeps(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield sweeps of each chamber and each group."""
     for chambers, name in _alone_and_groups(maker.supply):
         yield maker.hold("sweeps", f"{name} before", maker.levels(dict.fromkeys(chambers, CENTRE)))
@@ -171,14 +175,14 @@ def sweeps(maker: Maker) -> Iterator[Section]:
         yield maker.hold("sweeps", f"{name} after", maker.levels({}))
 
 
-def release(maker: Maker) -> Iterator[Section]:
+def release(maker: Maker) -> Iterator[ExcitationSegment]:
     """Yield the empty arm while a person bends it and lets it go."""
     wait_s = maker.config.release_s
     ask = "bend the arm by hand and let it go; when it is at rest again, press Enter"
-    yield Section(RELEASE, "by hand", maker.levels({}), 0.0, wait_s, wait_s, asks=ask)
+    yield ExcitationSegment(RELEASE, "by hand", maker.levels({}), 0.0, wait_s, wait_s, asks=ask)
 
 
-STAGES: dict[Stage, Callable[[Maker], Iterator[Section]]] = {
+STAGES: dict[Stage, Callable[[Maker], Iterator[ExcitationSegment]]] = {
     "singles": singles,
     "pairs": pairs,
     "together": together,

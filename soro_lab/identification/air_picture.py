@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
 
-from soro_lab.identification.air import GOOD, AirFit
+from soro_lab.identification.regulator_fit import GOOD, AirFit
 from soro_lab.identification.steps import Step
 from soro_lab.identification.valves import Array, grid
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from soro_core.errors import ModelError
 from soro_lab.identification.candidates import Values, residuals_or_none
-from soro_lab.identification.search import LOSSES, Found, Loss, Search, Settings
+from soro_lab.identification.search import LOSSES, Loss, Search, SearchResult, Settings
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ def fit(
     )
 
 
-def _deviations(found: Found, loss: Loss, unit: Array) -> list[float]:
+def _deviations(found: SearchResult, loss: Loss, unit: Array) -> list[float]:
     """Return standard deviations from the Gauss-Newton Hessian of the (robustly weighted) cost."""
     z, (_, first, second) = found.residuals**2, LOSSES[loss]
     weight = np.maximum(first(z) + 2.0 * z * second(z), np.finfo(float).eps)

@@ -72,7 +72,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """Where a search ended.
 
     Attributes
@@ -129,7 +129,7 @@ class Search:
         self._known: tuple[Array, Array, Array] | None = None  # parameters, residuals, derivatives
         self._best = self.cost(first), start
 
-    def run(self) -> Found:
+    def run(self) -> SearchResult:
         """Return the candidate with the least cost."""
         try:
             with searching():
@@ -146,7 +146,7 @@ class Search:
         ended = bool(found.success and found.status > 0)
         return self._found(np.asarray(found.x), ended, False, str(found.message))
 
-    def here(self) -> Found:
+    def here(self) -> SearchResult:
         """Return the start as it is."""
         return self._found(self._best[1], True, False, "not searched")
 
@@ -154,10 +154,10 @@ class Search:
         """Return half the sum of the losses."""
         return 0.5 * float(self._losses(residuals**2, 0).sum())
 
-    def _found(self, x: Array, converged: bool, interrupted: bool, message: str) -> Found:
+    def _found(self, x: Array, converged: bool, interrupted: bool, message: str) -> SearchResult:
         residuals = self._residuals(x)
         matrix = self._slopes(x, residuals)
-        return Found(x, residuals, matrix, self.cost(residuals), converged, interrupted, message)
+        return SearchResult(x, residuals, matrix, self.cost(residuals), converged, interrupted, message)
 
     def _from(self, x: Array) -> Any:
         s = self._settings

@@ -3,9 +3,9 @@
 Every number of the files has its unit and where it comes from: given, estimated, or a guess.
 """
 
+from soro_lab.scaffold.annotated import Noted
 from soro_lab.scaffold.arm import Geometry, NewArm, NewLink, new_arm
 from soro_lab.scaffold.files import write_arm
-from soro_lab.scaffold.noted import Noted
 from soro_lab.scaffold.options import Options
 
 __all__ = ["Geometry", "NewArm", "NewLink", "Noted", "Options", "new_arm", "write_arm"]

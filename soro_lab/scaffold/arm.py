@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
 from soro_lab.scaffold import estimate
-from soro_lab.scaffold.noted import GUESS, Noted, given, rounded
+from soro_lab.scaffold.annotated import GUESS, Noted, given, rounded
 from soro_lab.scaffold.options import (
     MOUNTINGS,
     WHERE,

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from soro_lab.scaffold.noted import Noted
+from soro_lab.scaffold.annotated import Noted
 
 WIDTH = 118
 

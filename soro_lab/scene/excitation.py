@@ -7,7 +7,7 @@ from soro_core.model.discretised import discretised
 from soro_core.robot import Robot
 from soro_hardware import PlatformBase
 from soro_lab.excitation.foresight import foresee
-from soro_lab.excitation.motion import Motion
+from soro_lab.excitation.motion import MotionCriteria
 from soro_lab.excitation.plan import make_plan
 from soro_lab.excitation.procedure import Excitation
 from soro_lab.excitation.supply import supply_of
@@ -52,4 +52,4 @@ def excitation_of(
     warned = foresee(discretised(robot, config.model), plan)
     kind, places = ("pose", poses) if poses else ("imu", imus)
     outermost = f"{kind}{max(range(len(places)), key=lambda k: places[k])}"
-    return Excitation(plan, Motion(wanted.motion, robot.length, bool(poses)), warned, outermost)
+    return Excitation(plan, MotionCriteria(wanted.motion, robot.length, bool(poses)), warned, outermost)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.safety import Limits, Rating
 from soro_lab.scene.scene import Scene
@@ -42,7 +42,7 @@ def default_limits(scene: Scene, where: str) -> Limits:
     found = {name: value for name, value in wanted.items() if name not in stated}
     if found.get("maximum_pa", 1.0) <= 0.0:  # vacuum alone: 0 Pa is always allowed, to vent
         del found["maximum_pa"]
-    return changed(limits, **found)
+    return with_changes(limits, **found)
 
 
 def unused_range(scene: Scene) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.loop import Loop
 
 if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
@@ -76,6 +76,6 @@ def loop_of(scene: Scene, model: Discretisation | None = None) -> Loop:
     """
     estimator, controller = scene.estimator_node(), scene.controller_node()
     if model is not None:
-        estimator, controller = changed(estimator, model=model), changed(controller, model=model)
+        estimator, controller = with_changes(estimator, model=model), with_changes(controller, model=model)
     robot = scene.loaded_robot
     return Loop(estimator_of(estimator, robot), controller_of(controller, robot, scene.loaded_platform))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, contradictions
 from soro_core.estimation.config import EstimatorConfig
@@ -87,7 +87,7 @@ class RegulatedKeys(LimitKeys):
         allowed = platform.range
         low = max(self.limits.minimum_pa, allowed.minimum_pa)
         high = min(self.limits.maximum_pa, allowed.maximum_pa)
-        return changed(self.limits, minimum_pa=low, maximum_pa=high), platform.response_at(rate_hz)
+        return with_changes(self.limits, minimum_pa=low, maximum_pa=high), platform.response_at(rate_hz)
 
 
 class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, changed
+from soro_core.config import Strict, with_changes
 from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError
@@ -19,7 +19,7 @@ from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKey
 from soro_core.safety import Limits
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 from soro_hardware import PlatformBase, load_platform
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from soro_lab.excitation.config import ExciteConfig
 from soro_lab.scene.model import ModelSection
 from soro_lab.scene.nodes import (
@@ -153,7 +153,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         return self._with(limits=limits)
 
     def _with(self, **values: Any) -> Scene:
-        other = changed(self, **values)
+        other = with_changes(self, **values)
         vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
         return other
 

@@ -10,13 +10,13 @@ if TYPE_CHECKING:
     from soro_lab.trade.candidate import Candidate
     from soro_lab.trade.case import Case, bare_case, scene_case
     from soro_lab.trade.choice import with_chosen_model
-    from soro_lab.trade.results import Row, Study
+    from soro_lab.trade.results import CandidateResult, Study
     from soro_lab.trade.study import Stopped, run_study
 
 __all__ = [
     "Candidate",
+    "CandidateResult",
     "Case",
-    "Row",
     "Stopped",
     "Study",
     "bare_case",
@@ -30,7 +30,7 @@ __getattr__ = lazy(
     {
         "Candidate": "soro_lab.trade.candidate",
         "Case": "soro_lab.trade.case",
-        "Row": "soro_lab.trade.results",
+        "CandidateResult": "soro_lab.trade.results",
         "Stopped": "soro_lab.trade.study",
         "Study": "soro_lab.trade.results",
         "bare_case": "soro_lab.trade.case",

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.robot import Discretisation
 from soro_core.twin import Twin, TwinConfig
 from soro_lab.scene import Scene
@@ -72,7 +72,7 @@ def drive(scene: Scene, model: Discretisation, seconds: float, plant: TwinConfig
     changes: dict[str, object] = {"pressures": "regulators", "plant_link": ""}
     if scene.loaded_platform:
         changes["regulator"] = scene.loaded_platform.emulation.regulator
-    twin = Twin(scene.loaded_robot, changed(plant or scene.twin_node(), **changes))
+    twin = Twin(scene.loaded_robot, with_changes(plant or scene.twin_node(), **changes))
     n = round(seconds * scene.rate_hz)
     t, spent, distance = np.zeros(n), np.zeros(n), np.full(n, np.nan)
     pressure = np.empty((n, twin.plant.arm.n_u))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product, zip_longest
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot
 from soro_lab.trade.candidate import Candidate, describe
@@ -125,9 +125,9 @@ def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, st
 def quadratures(grid: Grid, space: Discretisation) -> Iterator[Discretisation]:
     """Yield all methods with their numbers of nodes or steps for the shape functions of `space`."""
     for nodes in grid.nodes:
-        yield changed(space, method="exact", nodes=nodes, steps=0)
+        yield with_changes(space, method="exact", nodes=nodes, steps=0)
     for steps in grid.steps:
-        yield changed(space, method="mde", nodes=0, steps=steps)
+        yield with_changes(space, method="mde", nodes=0, steps=steps)
 
 
 def size(grid: Grid, n_spaces: int, n_steppers: int) -> int:
@@ -164,7 +164,7 @@ def coarse(grid: Grid, found: Sequence[Discretisation], steppers: Sequence[str])
     list of Candidate
     """
     middle = grid.steps[len(grid.steps) // 2]
-    mde = [changed(space, method="mde", steps=middle) for space in found]
+    mde = [with_changes(space, method="mde", steps=middle) for space in found]
     return [
         *(Candidate(*one) for one in product(found, steppers, grid.coarse_dt_s)),
         *(Candidate(*one) for one in product(mde, steppers, grid.coarse_dt_s[:1])),

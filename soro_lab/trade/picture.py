@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from soro_lab.trade.results import Row, Study
+from soro_lab.trade.results import CandidateResult, Study
 
 _FLOOR = 1e-6  # % of the length: nothing is shown below
 _STYLES = {"exact": "o", "mde": "^"}
@@ -37,10 +37,10 @@ def picture(study: Study) -> Figure | None:
     axes = figure.subplots()
     by_tick = not study.requirement.error
 
-    def cost(row: Row) -> float:
+    def cost(row: CandidateResult) -> float:
         return row.tick_us if by_tick else 1e3 * row.cpu
 
-    def line(shown: list[Row], style: str, **more: Any) -> Line2D:
+    def line(shown: list[CandidateResult], style: str, **more: Any) -> Line2D:
         return axes.plot([cost(r) for r in shown], [max(r.tip, _FLOOR) for r in shown], style, **more)[0]
 
     colours = _colours(list(dict.fromkeys(row.candidate.space for row in rows)))

@@ -10,14 +10,14 @@ from soro_lab.scene import Requirement
 from soro_lab.trade.candidate import Candidate
 from soro_lab.trade.case import Case
 from soro_lab.trade.cost import Cost
-from soro_lab.trade.front import pareto
-from soro_lab.trade.late import LoopError
+from soro_lab.trade.pareto import pareto
 from soro_lab.trade.reference import Reference
+from soro_lab.trade.slow_metrics import LoopError
 from soro_lab.trade.trace import Errors
 
 
 @dataclass(frozen=True)
-class Row:
+class CandidateResult:
     """Results of one candidate."""
 
     candidate: Candidate
@@ -60,7 +60,7 @@ class Study:
     case: Case
     requirement: Requirement
     reference: Reference
-    rows: tuple[Row, ...]
+    rows: tuple[CandidateResult, ...]
     combinations: int
     """All combinations of the grid."""
     refused: dict[str, str] = field(default_factory=dict)
@@ -68,19 +68,19 @@ class Study:
     stopped: bool = False
 
     @property
-    def front(self) -> list[Row]:
+    def front(self) -> list[CandidateResult]:
         """Pareto front of tip error and cost, cheapest first."""
         complete = [row for row in self.rows if row.complete]
         return pareto(complete, lambda r: r.price(self.requirement), lambda r: r.tip)
 
-    def meets(self, row: Row) -> bool:
+    def meets(self, row: CandidateResult) -> bool:
         """Whether a row meets the requirement, with the reference's own error added."""
         if self.requirement.error:
             return row.complete and row.tip + self.reference.own.tip <= self.requirement.error_percent
         return row.complete and row.tick_us <= self.requirement.tick_us
 
     @property
-    def choice(self) -> Row | None:
+    def choice(self) -> CandidateResult | None:
         """Cheapest row within the required error, or the most accurate one within the required time."""
         good = [row for row in self.rows if self.meets(row)]
         by_cost = bool(self.requirement.error)
@@ -97,7 +97,7 @@ class Study:
         return note + self.choice.candidate.block
 
     @property
-    def nearest(self) -> Row | None:
+    def nearest(self) -> CandidateResult | None:
         """Row that is nearest to the requirement."""
         done = [row for row in self.rows if row.complete]
         return min(done, key=lambda r: r.tip if self.requirement.error else r.tick_us, default=None)

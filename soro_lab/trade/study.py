@@ -16,11 +16,11 @@ from soro_lab.trade.cache import Cache
 from soro_lab.trade.candidate import Candidate
 from soro_lab.trade.case import Case
 from soro_lab.trade.cost import Cost, measure, warm
-from soro_lab.trade.front import near_front, pareto
 from soro_lab.trade.grid import Grid, around, coarse, size, spaces, within
-from soro_lab.trade.late import LoopError, closed_loop, loop_seconds, measured_error
+from soro_lab.trade.pareto import near_front, pareto
 from soro_lab.trade.reference import Reference, converge
-from soro_lab.trade.results import Row, Study
+from soro_lab.trade.results import CandidateResult, Study
+from soro_lab.trade.slow_metrics import LoopError, closed_loop, loop_seconds, measured_error
 from soro_lab.trade.trace import Errors
 from soro_lab.trade.workers import Outcome, Workers
 
@@ -98,7 +98,7 @@ class _Run:
         self.grid = within(grid, case.longest_step_s)
         self.cache, self.repeats, self.progress, self.stop = cache, repeats, progress, stop
         self.key = keys.case_key(case)
-        self.rows: dict[Candidate, Row] = {}
+        self.rows: dict[Candidate, CandidateResult] = {}
 
     def study(self) -> Study:
         required = self.requirement.error_percent / 20 if self.requirement.error else math.inf
@@ -142,7 +142,7 @@ class _Run:
             self._keep(key, found.as_dict())
         return found
 
-    def _complete(self) -> list[Row]:
+    def _complete(self) -> list[CandidateResult]:
         return [row for row in self.rows.values() if row.complete]
 
     def _errors(self, candidates: list[Candidate], text: str) -> None:
@@ -155,7 +155,7 @@ class _Run:
                 unknown.append(candidate)
             else:
                 errors = None if known["errors"] is None else Errors(**known["errors"])
-                self.rows[candidate] = Row(candidate, errors, known["trouble"])
+                self.rows[candidate] = CandidateResult(candidate, errors, known["trouble"])
         total, done = len(candidates), len(candidates) - len(unknown)
         self.progress(f"errors, {text}", done, total)
         if not unknown or self.stop():
@@ -170,7 +170,7 @@ class _Run:
             self._note(outcome, reference)
 
     def _note(self, outcome: Outcome, reference: str) -> None:
-        self.rows[outcome.candidate] = Row(outcome.candidate, outcome.errors, outcome.trouble)
+        self.rows[outcome.candidate] = CandidateResult(outcome.candidate, outcome.errors, outcome.trouble)
         value = {"errors": outcome.errors and asdict(outcome.errors), "trouble": outcome.trouble}
         self._keep(keys.error_key(self.key, reference, outcome.candidate), value)
 

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CONTEXT = {"ignore_unknown_options": True}
 
 
-class Kind(StrEnum):
+class MotionType(StrEnum):
     """Kinds of motion."""
 
     LINE = "line"
@@ -29,12 +29,17 @@ class Kind(StrEnum):
 
 
 # Fewest and most points of each kind.
-_POINTS = {Kind.LINE: (1, 10_000), Kind.ARC: (2, 2), Kind.SPLINE: (2, 10_000), Kind.TO: (1, 1)}
+_POINTS = {
+    MotionType.LINE: (1, 10_000),
+    MotionType.ARC: (2, 2),
+    MotionType.SPLINE: (2, 10_000),
+    MotionType.TO: (1, 1),
+}
 
 
 def move(
     kind: Annotated[
-        Kind,
+        MotionType,
         typer.Argument(
             help="line: straight to each point in turn, at rest at each. arc: on a circle through the first "
             "of two points to the second. spline: on a smooth curve through all points. to: to one point on "
@@ -76,7 +81,7 @@ def move(
         "control.motion.acceleration_m_s2": acceleration_mm_s2,
     }
     with service_caller() as caller:
-        from soro_ros.run.moving import Mover
+        from soro_ros.run.motion_client import Mover
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         mover = Mover(caller, name, timeout_s, typer.echo)
@@ -86,7 +91,7 @@ def move(
     raise typer.Exit(status)
 
 
-def path(kind: Kind, start: Array, goals: Array) -> Array:
+def path(kind: MotionType, start: Array, goals: Array) -> Array:
     """Return the positions (n, 3) [m] that a motion passes.
 
     Parameters
@@ -102,14 +107,14 @@ def path(kind: Kind, start: Array, goals: Array) -> Array:
     ConfigError
         If three points have no arc.
     """
-    if kind is Kind.TO:
+    if kind is MotionType.TO:
         return goals
-    if kind is Kind.ARC:
+    if kind is MotionType.ARC:
         return arc(start, goals[0], goals[1])
-    return corners([start, *goals]) if kind is Kind.LINE else np.array([start, *goals])
+    return corners([start, *goals]) if kind is MotionType.LINE else np.array([start, *goals])
 
 
-def _goals(kind: Kind, numbers: list[float]) -> Array:
+def _goals(kind: MotionType, numbers: list[float]) -> Array:
     """Points (n, 3) [m] of numbers in mm."""
     n, rest = divmod(len(numbers), 3)
     least, most = _POINTS[kind]

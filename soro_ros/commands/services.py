@@ -178,7 +178,7 @@ def fault(
     """
     if (injection is None) == (not clear):
         raise ConfigError("soro fault", "FAULT", injection, "a fault, or --clear, and not both")
-    from soro_hardware.emulation.faults.vocabulary import CLEAR
+    from soro_hardware.emulation.faults.fault_types import CLEAR
     from soro_hardware.emulation.sockets.control import ControlClient
 
     text = f"fault: {CLEAR}" if injection is None else injection

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 from soro_core.errors import ConfigError
 from soro_core.safety import narrowed
 from soro_hardware import Regulator, load_platform, open_regulator
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.timing import LoopTimer
 from soro_lab.scene import RegulatorNodeConfig
 from soro_ros.conversion import messages, qos

@@ -22,7 +22,7 @@ from soro_ros.host.event_log import EventLog
 from soro_ros.process.clock_watch import ClockWatch, with_possible_time
 from soro_ros.process.parameters import NodeWithParameters, declare, overrides, read
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
-from soro_ros.topics.handover import NodeWithHandover
+from soro_ros.topics.intra_process import NodeWithHandover
 
 Config = TypeVar("Config", bound=Strict)
 Interface = TypeVar("Interface")

@@ -22,7 +22,7 @@ from soro_ros.process import command_line
 from soro_ros.process.command_line import Program
 from soro_ros.process.lifecycle import Config, SoroNode
 from soro_ros.topics.diagnostics import WARN
-from soro_ros.topics.handover import Handover
+from soro_ros.topics.intra_process import Handover
 
 RCLError = rclpy_implementation.RCLError
 

@@ -10,7 +10,7 @@ from soro_core.errors import ConfigError
 from soro_ros.process.keyboard import Keyboard
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.recorder.playback import Playback
-from soro_ros.topics.triggers import create_triggers
+from soro_ros.topics.trigger_services import create_triggers
 
 _SEEK_S = 5.0
 _FASTEST = 1000.0

@@ -14,7 +14,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Protocol
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import BagError, ConfigError
 from soro_lab.bag import BagReader
 from soro_lab.scene import Scene
@@ -46,7 +46,7 @@ def _estimator(scene: Scene, ports: Ports) -> Ticks:
 
 def _controller(scene: Scene, ports: Ports) -> Ticks:
     # `soro run` enables it before the first tick; no bag holds the call of a service.
-    config = changed(scene.controller_node(), enabled=True)
+    config = with_changes(scene.controller_node(), enabled=True)
     return ControllerTicks(config, f"/{scene.name}/controller", ports)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rclpy.node import Node
 
-from soro_core.config import Strict, changed
+from soro_core.config import Strict, with_changes
 from soro_core.errors import SoroError
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_lab.bag.config import RecorderConfig
@@ -330,7 +330,7 @@ class Run:
         supervisor.check_alone(configs)
         self._report(f"starting {', '.join(configs)}")
         for name, config in configs.items():
-            ending = changed(config, end_on_failed_start=True)
+            ending = with_changes(config, end_on_failed_start=True)
             command = processes.node_command(name, ending, self.scene.name, self.folder)
             pipe = self._pulse.pipe if self._pulse is not None and name == self._driver else None
             child = processes.start(name, command, self.folder, pipe=pipe)

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
-from soro_hardware.emulation.faults.vocabulary import CLEAR
+from soro_hardware.emulation.faults.fault_types import CLEAR
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_ros.conversion import qos
 

@@ -17,7 +17,7 @@ from soro_core.adaptation import Learned
 from soro_core.control import ControllerState, Reference
 from soro_core.control.laws import Certainty
 from soro_core.control.motion_config import MotionConfig
-from soro_core.control.reach import check_reach
+from soro_core.control.reference_feasibility import check_reach
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import load_robot

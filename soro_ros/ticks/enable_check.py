@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 
 from soro_core.control import Controller
-from soro_core.control.enabling import Seen, pressure_findings, resting_arm
+from soro_core.control.enable_checks import SensorSample, pressure_findings, resting_arm
 from soro_lab.scene import ControllerNodeConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.topics.frame_check import FrameCheck
@@ -58,7 +58,7 @@ class EnableCheck:
     def warm_up(self) -> None:
         """Run the checks once without effect: imports and compilation take longer than a tick."""
         if self._mode != "off":
-            upside_down = Seen(
+            upside_down = SensorSample(
                 "", self._controller.arm.length, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(3)
             )
             self._rest.findings([upside_down], self._bounds)
@@ -122,16 +122,16 @@ class EnableCheck:
                 lines.append(f"{topic} is not checked: {kind}_locations does not say where it is")
         return lines
 
-    def _seen(self, topic: str, frames: FrameCheck) -> Seen | None:
+    def _seen(self, topic: str, frames: FrameCheck) -> SensorSample | None:
         kind, s = self._places[topic]
         message = deserialize_message(self._raw[topic], _KINDS[kind])
         if not frames.takes_sample(topic, message.header.frame_id):
             return None
         if kind == "pose":
             position, quaternion = messages.pose_arrays(message.pose)
-            return Seen(topic, s, position, quaternion)
+            return SensorSample(topic, s, position, quaternion)
         _, force, orientation = messages.imu_arrays(message)
-        return Seen(topic, s, None, orientation, force)
+        return SensorSample(topic, s, None, orientation, force)
 
     def _on_sample(self, topic: str, sample: bytes) -> None:
         self._arrived[topic], self._raw[topic] = time.monotonic(), sample

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from soro_core import safety
-from soro_ros.topics.handover import HANDED_OVER
+from soro_ros.topics.intra_process import HANDED_OVER
 
 # Time between two queries of the graph [s]; a query takes some 50 us.
 QUERY_S = 0.2

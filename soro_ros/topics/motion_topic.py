@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from nav_msgs.msg import Path
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.path_coordinates import Planning
-from soro_core.control.reference.following import STREAM_S, Following, at_rest, reference_ahead
+from soro_core.control.reference.active_reference import STREAM_S, Following, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
 from soro_core.frames import Frames
@@ -42,8 +42,8 @@ _AHEAD_S, _LONGEST_S = 0.5, 8.0
 class _Path(Job):
     """A motion along a path."""
 
-    steps: Planning[Motion] | None = None
-    motion: Motion | None = None
+    steps: Planning[PiecewiseMotion] | None = None
+    motion: PiecewiseMotion | None = None
 
     def times(self, t: float) -> dict[str, object]:
         if self.motion is None:
@@ -217,11 +217,11 @@ class MotionTopic:
 
     def _steps(
         self, config: MotionConfig, positions: np.ndarray, orientations: np.ndarray | None
-    ) -> Planning[Motion]:
+    ) -> Planning[PiecewiseMotion]:
         """Plan the path, then the way to it from the reference at the time of the motion's begin."""
         controller, (state, _, following) = self._controller, self._reached()
         planner = controller.planner(state, self._period_s)
-        planner = replace(planner, config=changed(planner.config, motion=config))
+        planner = replace(planner, config=with_changes(planner.config, motion=config))
         near = reference_ahead(controller.bounds, following, 0.0).q
         route = yield from planner.route(near, positions, orientations)
         ahead_s = _AHEAD_S

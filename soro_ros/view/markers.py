@@ -37,7 +37,7 @@ _WHITE, _NONE = (1.0, 1.0, 1.0, 1.0), np.zeros((0, 3))
 _AXES = ((0.85, 0.15, 0.15), (0.15, 0.65, 0.2), (0.15, 0.35, 0.85))
 
 
-class Part(NamedTuple):
+class MarkerPart(NamedTuple):
     """A marker before it is one: name, number and type, its size [m], colour, points and text."""
 
     name: str
@@ -133,25 +133,27 @@ class ArmMarkers:
         colours, points = [part.colour for part in parts], [part.points for part in parts]
         return self._written[1].of(backbone.header.stamp, colours, points)
 
-    def _meshes(self, poses: Array) -> Iterator[Part]:
+    def _meshes(self, poses: Array) -> Iterator[MarkerPart]:
         shares = {name: value / self._full_pa for name, value in self._pressure.items()}
         colours, vertices = self._skin.colours(shares), self._skin.vertices(poses)
         for k, faces in enumerate(self._skin.triangles):
-            yield Part("skin", k, Marker.TRIANGLE_LIST, 1.0, (*colours[k], 1.0), vertices[k][faces.ravel()])
+            yield MarkerPart(
+                "skin", k, Marker.TRIANGLE_LIST, 1.0, (*colours[k], 1.0), vertices[k][faces.ravel()]
+            )
 
-    def _others(self, poses: Array) -> Iterator[Part]:
+    def _others(self, poses: Array) -> Iterator[MarkerPart]:
         thin = 0.06 * self._radius
         at = between(np.linspace(0.0, 1.0, len(poses)), poses, self._ends)
-        yield Part("frames", 0, Marker.LINE_LIST, thin, _WHITE, _axes_of(at, 2.0 * self._radius))
+        yield MarkerPart("frames", 0, Marker.LINE_LIST, thin, _WHITE, _axes_of(at, 2.0 * self._radius))
         if len(self._wanted):
             axes = _axes_of(self._wanted, 1.2 * self._radius)
-            yield Part("frames", 1, Marker.LINE_LIST, thin, _WHITE, axes)
+            yield MarkerPart("frames", 1, Marker.LINE_LIST, thin, _WHITE, axes)
         for name, trail, colour in (("tip", self._tip, _RED), ("reference", self._reference, _GREY)):
             if len(points := trail.points()):
-                yield Part(name, 0, Marker.LINE_STRIP, 2 * thin, colour, points)
+                yield MarkerPart(name, 0, Marker.LINE_STRIP, 2 * thin, colour, points)
         if self._vented:
             above = 1.15 * self._length
-            yield Part(
+            yield MarkerPart(
                 "latch", 0, Marker.TEXT_VIEW_FACING, 0.6 * self._radius, _AMBER, _NONE, self._vented, above
             )
 

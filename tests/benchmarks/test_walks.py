@@ -21,7 +21,7 @@ def test_a_tick_calls_no_more_functions_than_stated(walks, name):
 
 def test_a_walk_has_each_named_function_of_the_project_once_in_its_order():
     from soro_core.pneumatics.lag import follow
-    from soro_core.safety.remembered import chamber
+    from soro_core.safety.monitor_state import chamber
 
     walk = Walk(chamber.__code__)
     with walk.taken():

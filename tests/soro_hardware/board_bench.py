@@ -15,7 +15,7 @@ from soro_hardware import Exchange
 from soro_hardware.board import frames, messages
 from soro_hardware.board.config import BoardPlatform
 from soro_hardware.board.driver import BoardRegulator
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.emulation.board.board import EmulatedBoard
 from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.veab import EmulatedVeabServer
@@ -98,11 +98,11 @@ def file_of(folder: Path, base: dict[str, Any], **changes: Any) -> str:
 
 def greeted(host: socket.socket, ports: int = 4) -> int:
     """Greet a board over a connection of the test's own; the number of its welcome."""
-    host.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(ports))))
+    host.sendall(frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(ports))))
     decoder, found = frames.BoardFrameDecoder(messages.lengths(ports)), []
     while not found:
         found = decoder.feed(host.recv(4096))
-    assert found[0].kind is Kind.WELCOME
+    assert found[0].kind is FrameType.WELCOME
     return found[0].number
 
 

@@ -12,8 +12,8 @@ from soro_core.errors import HardwareError
 from soro_hardware import BusStatistics, Exchange, PlatformBase, Regulator
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.emulation.air import Air
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.emulation.faults.schedule import Faults
-from soro_hardware.emulation.faults.vocabulary import read_injection
 from soro_hardware.hil.judge import Bending
 from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
 from soro_hardware.hil.plan import FirstPressureConfig, Plan, ProcedureState

@@ -18,7 +18,7 @@ from vtem_bench import VtemBench, vtem_platform
 from docs.line_family import LineDevice, LinePlatform, LineRegulator
 from soro_core.config import parse
 from soro_hardware.emulation.devices import EmulatedDevices
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.emulation.veab import EmulatedVeabServer
 from soro_hardware.port import EMPTY_PA, Exchange, Regulator
 from soro_hardware.testing.line_link import LineLink

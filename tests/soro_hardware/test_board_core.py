@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from soro_core.errors import ConfigError
 from soro_hardware import load_platform
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Cause, PortFlag, Refusal
 from soro_hardware.board.pi import core
 from soro_hardware.board.pi.ports import BoardPort
@@ -36,11 +36,11 @@ def take(state, kind, payload=b"", sequence=1, now_ns=0, number=NUMBER):
 
 
 def greeted():
-    return take(core.initial_state(RULES), Kind.HELLO, messages.pack_hello(4))[0]
+    return take(core.initial_state(RULES), FrameType.HELLO, messages.pack_hello(4))[0]
 
 
 def armed(now_ns=0):
-    return take(greeted(), Kind.SET, messages.pack_set(HALF), now_ns=now_ns)[0]
+    return take(greeted(), FrameType.SET, messages.pack_set(HALF), now_ns=now_ns)[0]
 
 
 def test_a_set_point_arms_the_watchdog():
@@ -60,11 +60,11 @@ def test_watchdog_to_the_nanosecond():
 def test_only_a_good_set_feeds_the_watchdog():
     state = armed()
     for kind, payload, sequence in [
-        (Kind.SET, messages.pack_set(HALF), 1),  # again the same
-        (Kind.SET, messages.pack_set(HALF), 0x80000001),  # older
-        (Kind.SET, messages.pack_set((0, 0, 0, 90_001)), 2),
-        (Kind.SET, messages.pack_set((0, 0, 0, -1)), 3),
-        (Kind.WELCOME, b"", 4),
+        (FrameType.SET, messages.pack_set(HALF), 1),  # again the same
+        (FrameType.SET, messages.pack_set(HALF), 0x80000001),  # older
+        (FrameType.SET, messages.pack_set((0, 0, 0, 90_001)), 2),
+        (FrameType.SET, messages.pack_set((0, 0, 0, -1)), 3),
+        (FrameType.WELCOME, b"", 4),
     ]:
         state, why = take(state, kind, payload, sequence, 90 * MS)
         assert why is not None
@@ -77,7 +77,7 @@ def test_only_a_good_set_feeds_the_watchdog():
 @pytest.mark.parametrize("value", [90_001, -1, 2**31 - 1, -(2**31)])
 def test_a_set_point_out_of_range_is_refused_whole(value):
     state, why, port = core.receive(
-        RULES, greeted(), BoardFrame(Kind.SET, 1, messages.pack_set((5, 6, value, 7)), NUMBER), 0, 1
+        RULES, greeted(), BoardFrame(FrameType.SET, 1, messages.pack_set((5, 6, value, 7)), NUMBER), 0, 1
     )
     assert (why, port, state.setpoint_pa) == (Refusal.RANGE, 2, GOOD)
 
@@ -85,21 +85,21 @@ def test_a_set_point_out_of_range_is_refused_whole(value):
 def test_sequence_numbers_wrap():
     state = greeted()
     for sequence in (0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF, 0, 5):
-        state, why = take(state, Kind.SET, messages.pack_set(HALF), sequence)
+        state, why = take(state, FrameType.SET, messages.pack_set(HALF), sequence)
         assert why is None, sequence
 
 
 def test_nothing_without_hello():
-    for kind in (Kind.SET, Kind.RESET, Kind.BYE):
+    for kind in (FrameType.SET, FrameType.RESET, FrameType.BYE):
         state, why = take(core.initial_state(RULES), kind, messages.pack_set(HALF))
         assert why is Refusal.NO_HELLO
         assert state.setpoint_pa == GOOD
-    assert take(core.initial_state(RULES), Kind.HELLO, messages.pack_hello(3))[1] is Refusal.PORTS
+    assert take(core.initial_state(RULES), FrameType.HELLO, messages.pack_hello(3))[1] is Refusal.PORTS
 
 
 @pytest.mark.parametrize("number", [0, NUMBER - 1, NUMBER + 2**32])
 def test_nothing_without_the_number_of_the_welcome(number):
-    for kind in (Kind.SET, Kind.RESET, Kind.BYE):
+    for kind in (FrameType.SET, FrameType.RESET, FrameType.BYE):
         state, why = take(greeted(), kind, messages.pack_set(HALF), number=number)
         assert (why, state.setpoint_pa, state.refused) == (Refusal.NUMBER, GOOD, 1)
         assert core.parts(why)
@@ -121,14 +121,14 @@ TRIPS = {
 def test_latched_until_reset(trip, cause):
     state = trip(armed())
     assert (state.cause, state.setpoint_pa) == (cause, GOOD)
-    state, _ = take(state, Kind.HELLO, messages.pack_hello(4))
-    state, why = take(state, Kind.SET, messages.pack_set(HALF), 5)
+    state, _ = take(state, FrameType.HELLO, messages.pack_hello(4))
+    state, why = take(state, FrameType.SET, messages.pack_set(HALF), 5)
     assert (why, state.setpoint_pa, state.cause) == (None, GOOD, cause), "the answer names the cause"
-    state, _ = take(state, Kind.RESET, sequence=6)
+    state, _ = take(state, FrameType.RESET, sequence=6)
     assert (state.cause, state.setpoint_pa) == (cause, GOOD), "not before the self-test"
     assert core.tested(state, False).cause is Cause.SELF_TEST
     state = core.tested(state, True)
-    state, _ = take(state, Kind.SET, messages.pack_set(HALF), 7)
+    state, _ = take(state, FrameType.SET, messages.pack_set(HALF), 7)
     assert (state.cause, state.setpoint_pa) == (Cause.NONE, HALF)
 
 
@@ -145,7 +145,7 @@ def test_a_chip_may_fail_for_less_than_three_cycles():
 
 
 def test_bye_and_an_unarmed_host_that_leaves_latch_nothing():
-    state, _ = take(armed(), Kind.BYE)
+    state, _ = take(armed(), FrameType.BYE)
     assert (state.setpoint_pa, state.cause, state.greeted, state.fed_ns) == (GOOD, Cause.NONE, False, None)
     assert core.host_gone(greeted()).cause is Cause.NONE
 
@@ -159,7 +159,9 @@ VALUES = st.integers(-(2**31), 2**31 - 1) | st.integers(-10, 90_010)
 
 @SETTINGS
 @given(
-    st.lists(st.tuples(st.sampled_from(list(Kind)), st.lists(VALUES, min_size=4, max_size=4)), max_size=30)
+    st.lists(
+        st.tuples(st.sampled_from(list(FrameType)), st.lists(VALUES, min_size=4, max_size=4)), max_size=30
+    )
 )
 def test_codes_are_within_range_for_any_frames(sequence):
     devices = EmulatedBoard(PLATFORM, lockstep=True)
@@ -168,7 +170,7 @@ def test_codes_are_within_range_for_any_frames(sequence):
     lowest, highest = port.code(0.0), port.code(90e3)
     for dac in devices.dacs:
         dac.log.clear()
-    devices.line.feed(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4))))
+    devices.line.feed(frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(4))))
     for number, (kind, values) in enumerate(sequence):
         length = messages.lengths(4)[kind]
         payload = (messages.pack_set(values) * 8)[:length].ljust(length, b"\0")
@@ -282,4 +284,4 @@ def test_bad_platform(change, found, tmp_path):
 
 
 def test_set_points_are_32_bits():
-    assert struct.calcsize("<4i") == messages.lengths(4)[Kind.SET]
+    assert struct.calcsize("<4i") == messages.lengths(4)[FrameType.SET]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from soro_core.errors import HardwareError
 from soro_hardware.board import frames, messages, texts
-from soro_hardware.board.frames import BoardFrame, Kind
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.board.frames import BoardFrame, FrameType
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.port import FAULT_CODES
 from soro_hardware.testing.line_link import LineLink
 from tests.refused import fails
@@ -283,7 +283,9 @@ def test_board_of_another_range():
 def test_board_of_another_size():
     bench = BoardBench(board_platform())
     bench.devices.line.to_devices = lambda chunk: (
-        frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(3))) if chunk[3] == Kind.HELLO else chunk
+        frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(3)))
+        if chunk[3] == FrameType.HELLO
+        else chunk
     )
     with fails(HardwareError, "ports", device="board", step="start-up", code="refused"):
         bench.driver.configure()

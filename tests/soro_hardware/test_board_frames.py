@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Cause, PortFlag, PortState, Refusal, StateMessage, Welcome
 
 N = 4
-SET = BoardFrame(Kind.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]), 0x0102030405060708)
+SET = BoardFrame(FrameType.SET, 7, messages.pack_set([0, 90_000, -1, 12_345]), 0x0102030405060708)
 
 
 def decoder():
@@ -24,16 +24,16 @@ def test_bytes_of_a_set():
 
 
 PAYLOADS = {
-    "HELLO": (Kind.HELLO, messages.pack_hello(N), messages.unpack_hello, N),
-    "SET": (Kind.SET, SET.payload, messages.unpack_set, (0, 90_000, -1, 12_345)),
+    "HELLO": (FrameType.HELLO, messages.pack_hello(N), messages.unpack_hello, N),
+    "SET": (FrameType.SET, SET.payload, messages.unpack_set, (0, 90_000, -1, 12_345)),
     "WELCOME": (
-        Kind.WELCOME,
+        FrameType.WELCOME,
         messages.pack_welcome(Welcome(0xDEADBEEF, 100, ((0, 90_000),) * N)),
         messages.unpack_welcome,
         Welcome(0xDEADBEEF, 100, ((0, 90_000),) * N),
     ),
     "STATE": (
-        Kind.STATE,
+        FrameType.STATE,
         messages.pack_state(
             StateMessage(5, True, Cause.WATCHDOG, 70_000, (PortState(-1, 2, PortFlag(9), 3),) * N)
         ),
@@ -41,7 +41,7 @@ PAYLOADS = {
         StateMessage(5, True, Cause.WATCHDOG, 70_000 % 65_536, (PortState(-1, 2, PortFlag(9), 3),) * N),
     ),
     "REFUSED": (
-        Kind.REFUSED,
+        FrameType.REFUSED,
         messages.pack_refused(Refusal.RANGE, 3),
         messages.unpack_refused,
         (Refusal.RANGE, 3),
@@ -81,7 +81,7 @@ def test_a_greeting_of_version_1_is_told_apart_and_its_refusal_is_one_of_version
     assert taken.feed(body + zlib.crc32(body).to_bytes(4, "little")) == []
     assert (taken.garbled, taken.other_version) == (1, 1)
     body = bytes.fromhex("73 42 01 83 04 00 00 00 00 00 09 00 00 00")
-    refused = BoardFrame(Kind.REFUSED, 0, messages.pack_refused(Refusal.VERSION))
+    refused = BoardFrame(FrameType.REFUSED, 0, messages.pack_refused(Refusal.VERSION))
     assert frames.encode(refused, 1) == body + zlib.crc32(body).to_bytes(4, "little")
 
 
@@ -98,7 +98,7 @@ def test_fuzz():
     rng = np.random.default_rng(11)
     taken, made, good, bad, found = decoder(), [], set(), 0, []
     for number in range(20_000):
-        kind = Kind(int(rng.choice([int(k) for k in Kind])))
+        kind = FrameType(int(rng.choice([int(k) for k in FrameType])))
         frame = BoardFrame(kind, number, rng.bytes(messages.lengths(N)[kind]))
         piece = bytearray(frames.encode(frame))
         made.append(frame)

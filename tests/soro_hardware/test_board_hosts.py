@@ -15,7 +15,7 @@ from test_board_server import PATIENT, cycles, serving
 from soro_core.errors import HardwareError
 from soro_hardware import open_regulator
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Refusal
 from tests.refused import fails
 
@@ -63,12 +63,12 @@ def board_with(request, tmp_path):
         context.__exit__(None, None, None)
 
 
-HELLO = frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4)))
-REFUSED_VERSION = BoardFrame(Kind.REFUSED, 0, messages.pack_refused(Refusal.VERSION))
+HELLO = frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(4)))
+REFUSED_VERSION = BoardFrame(FrameType.REFUSED, 0, messages.pack_refused(Refusal.VERSION))
 
 
 def refusal(why, sequence=0):
-    return frames.encode(BoardFrame(Kind.REFUSED, sequence, messages.pack_refused(why)))
+    return frames.encode(BoardFrame(FrameType.REFUSED, sequence, messages.pack_refused(why)))
 
 
 def read_to_the_end(host):
@@ -131,12 +131,12 @@ def test_garbage_keeps_no_host_in_and_feeds_no_watchdog(board_with):
     rng = np.random.default_rng(7)
     with board.connect() as babbler:
         number = greeted(babbler)
-        babbler.sendall(frames.encode(BoardFrame(Kind.SET, 1, messages.pack_set([50_000] * 4), number)))
+        babbler.sendall(frames.encode(BoardFrame(FrameType.SET, 1, messages.pack_set([50_000] * 4), number)))
         decoder, states = frames.BoardFrameDecoder(messages.lengths(4)), []
         until_s = time.monotonic() + 1.5
         while time.monotonic() < until_s:
             babbler.sendall(rng.bytes(200))
-            states += [f for f in decoder.feed(babbler.recv(65536)) if f.kind is Kind.STATE]
+            states += [f for f in decoder.feed(babbler.recv(65536)) if f.kind is FrameType.STATE]
             time.sleep(0.01)
         assert messages.unpack_state(states[-1].payload).cause is messages.Cause.WATCHDOG
         driver = board.driver()
@@ -149,8 +149,8 @@ BEGINNINGS = {
     "garbage": b"\r\n",
     "garbage before the greeting": b"s" + HELLO,
     "a greeting whose last bit is damaged": HELLO[:-1] + bytes([HELLO[-1] ^ 1]),
-    "a set point": frames.encode(BoardFrame(Kind.SET, 1, messages.pack_set([50_000] * 4))),
-    "a reset": frames.encode(BoardFrame(Kind.RESET, 1)),
+    "a set point": frames.encode(BoardFrame(FrameType.SET, 1, messages.pack_set([50_000] * 4))),
+    "a reset": frames.encode(BoardFrame(FrameType.RESET, 1)),
 }
 
 
@@ -162,14 +162,14 @@ def test_a_connection_that_does_not_begin_with_a_greeting_is_closed(board_with, 
         assert read_to_the_end(host) in (b"", refusal(Refusal.NO_HELLO, 1))
 
 
-@pytest.mark.parametrize("kind", [Kind.SET, Kind.RESET, Kind.BYE])
+@pytest.mark.parametrize("kind", [FrameType.SET, FrameType.RESET, FrameType.BYE])
 def test_a_frame_without_the_number_of_the_welcome_ends_the_connection_and_vents(board_with, kind):
     board = board_with()
     with board.connect() as host:
         number = greeted(host)
         half = messages.pack_set([50_000] * 4)
-        host.sendall(frames.encode(BoardFrame(Kind.SET, 1, half, number)))
-        payload = half if kind is Kind.SET else b""
+        host.sendall(frames.encode(BoardFrame(FrameType.SET, 1, half, number)))
+        payload = half if kind is FrameType.SET else b""
         host.sendall(frames.encode(BoardFrame(kind, 2, payload, number ^ 1)))
         assert read_to_the_end(host).endswith(refusal(Refusal.NUMBER, 2))
     other = board.driver()

@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware import open_regulator
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.pi.server import run_board
 from soro_hardware.commands.board import board
 from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedMcp4725
@@ -301,7 +301,7 @@ def test_a_host_that_never_reads_does_not_hold_it_up(lasting):
     with socket.create_connection((host, int(port))) as deaf:
         number, half = greeted(deaf), messages.pack_set([50_000] * 4)
         for sequence in range(1, 60_000):  # the answers are 4 MB
-            deaf.sendall(frames.encode(BoardFrame(Kind.SET, sequence, half, number)))
+            deaf.sendall(frames.encode(BoardFrame(FrameType.SET, sequence, half, number)))
         assert wait_for(lambda: lasting.codes()[0] == 3072)
     assert wait_for(lasting.vented_ns)
 

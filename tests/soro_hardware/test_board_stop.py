@@ -17,8 +17,8 @@ from soro_hardware.board.pi import contact
 from soro_hardware.board.pi.contact import GpioLine, StopInput
 from soro_hardware.board.pi.server import run_board
 from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
-from soro_hardware.emulation.faults.vocabulary import read_injection
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.emulation.faults.fault_types import read_injection
+from soro_hardware.limited_regulator import LimitedRegulator
 from tests.refused import fails
 
 MS = 1_000_000

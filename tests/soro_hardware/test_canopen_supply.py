@@ -5,7 +5,7 @@ import pytest
 from hardware_bench import Bench, codes, platform, single
 
 from soro_hardware.canopen.frames import emergency_text
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from tests.apparatus.faults.cells import run
 from tests.apparatus.faults.rows import CHAMBER, Row
 from tests.refused import refused

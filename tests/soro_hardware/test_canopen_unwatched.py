@@ -13,7 +13,7 @@ from soro_core.errors import HardwareError
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.boot import startup
 from soro_hardware.canopen.driver import CanopenRegulator
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from tests.refused import fails
 
 

@@ -16,7 +16,7 @@ NEGLIGIBLE_S = 0.2
 CODECS = {
     "slcan": slcan_codec.SlcanDecoder,
     "socketcand": socketcand_codec.SocketcandDecoder,
-    "board": lambda: frames.BoardFrameDecoder({frames.Kind.STATE: 8}),
+    "board": lambda: frames.BoardFrameDecoder({frames.FrameType.STATE: 8}),
     "modbus": modbus.ModbusDecoder,
     "line": lambda: LineSplitter(b"\r\n"),
 }

@@ -10,7 +10,7 @@ from served_bench import served
 
 from soro_hardware import doctor, load_platform
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.families import FAMILIES
 
 QUICK = {"boot_timeout_s": 0.3, "answer_timeout_s": 0.1, "check_s": 0.1}
@@ -85,7 +85,7 @@ def test_a_board_that_turns_this_host_away_says_what_to_do(options, found, do):
     with served(platform) as (_, address):
         host, port = address.split(":")
         with socket.create_connection((host, int(port))) as other:
-            other.sendall(frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4))))
+            other.sendall(frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(4))))
             other.recv(1)  # it is let in, or told why not
             finding = look(platform, address)["board"]
     assert (finding.level, found in finding.found) == ("fail", True)

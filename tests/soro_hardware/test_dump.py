@@ -11,7 +11,7 @@ from hil_bench import NAMES, OnAir, OnCan, platform
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_hardware.hil.dump import DumpConfig, dump_limits, prove
 from soro_hardware.hil.paced import PacedRegulator

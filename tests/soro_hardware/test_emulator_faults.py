@@ -8,7 +8,7 @@ from hardware_bench import PERIOD_NS, driver, emulator, platform, platform_file
 
 from soro_core.errors import HardwareError
 from soro_hardware.emulation.__main__ import main
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.emulation.sockets.control import ControlClient
 from tests.patience import LIMIT_S
 from tests.refused import fails

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.errors import HardwareError
-from soro_hardware.emulation.faults.vocabulary import KINDS, Injection
+from soro_hardware.emulation.faults.fault_types import KINDS, Injection
 from tests.apparatus.faults import healthy
 from tests.apparatus.faults.cells import command, run
 from tests.apparatus.faults.flow import LEAK, NARROW, behind_a_twin

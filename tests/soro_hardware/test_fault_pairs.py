@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from tests.apparatus.faults.matrix import FOUR, MATRIX
 from tests.apparatus.faults.pairs import HEALTHY, Watched, drawn, run
 from tests.apparatus.faults.rigs import rig_of

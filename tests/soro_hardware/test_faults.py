@@ -10,9 +10,9 @@ from soro_core.errors import ConfigError
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_hardware.emulation.canopen.hub import Hub
 from soro_hardware.emulation.faults.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
+from soro_hardware.emulation.faults.fault_types import KINDS, OF_ALL, Injection, read_injection
 from soro_hardware.emulation.faults.line_faults import ON_BYTES, LineFaults
 from soro_hardware.emulation.faults.schedule import Faults
-from soro_hardware.emulation.faults.vocabulary import KINDS, OF_ALL, Injection, read_injection
 from soro_hardware.emulation.line import Line
 from soro_hardware.emulation.sockets.control import answer_to
 from soro_hardware.transport.frame import Frame

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import load_robot
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.hil import report
 from soro_hardware.hil.first_pressure import advance
 from soro_hardware.hil.judge import Expectation, judge_holds

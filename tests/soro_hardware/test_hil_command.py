@@ -9,7 +9,7 @@ from hardware_bench import ONE_VALVE, emulator, platform_file
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_ros.commands import hil
 

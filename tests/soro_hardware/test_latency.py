@@ -8,7 +8,7 @@ from hil_bench import NAMES, OnAir, OnCan, platform
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.pneumatics import RegulatorModel
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.hil import latency, report
 from soro_hardware.hil.latency import LatencyConfig, compare, evaluate
 from soro_hardware.hil.latency_run import latency_limits, measure

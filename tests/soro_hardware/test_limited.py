@@ -8,8 +8,8 @@ from hardware_bench import platform
 
 from soro_core import safety
 from soro_hardware.canopen.driver import CanopenRegulator
-from soro_hardware.emulation.faults.vocabulary import read_injection
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.emulation.faults.fault_types import read_injection
+from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.port import Exchange
 from soro_hardware.testing.hub_bus import HubBus
 

@@ -6,7 +6,7 @@ import pytest
 from hardware_bench import driver, platform
 from served_bench import served
 
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 
 ADAPTERS = [{"kind": "slcan"}, {"kind": "socketcand"}]
 # A single lost answer that is waited for ends the test.

@@ -8,7 +8,7 @@ from soro_core.config import config_folder
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.safety import Limits, Monitors
 from soro_hardware import load_platform, open_regulator
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.platform import Freshness, watched
 from tests.refused import fails, refused
 

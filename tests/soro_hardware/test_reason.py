@@ -11,7 +11,7 @@ import pytest
 from soro_core.errors import HardwareError
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 from soro_hardware.serial_line.line.port import SerialPort
 from soro_hardware.transport.slcan import SlcanBus
 from soro_hardware.transport.socketcand import SocketcandBus

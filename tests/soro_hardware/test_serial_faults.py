@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from serial_bench import SerialBench, alicat, itv, quiet
 
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 
 MAKE = {
     "itv": lambda: SerialBench(itv(emulation=quiet())),

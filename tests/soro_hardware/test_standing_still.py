@@ -12,7 +12,7 @@ from serial_bench import alicat, itv
 from served_bench import served
 
 from benchmarks.stops import left_after, signalled
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_hardware import load_platform, open_regulator
 from soro_hardware.port import EMPTY_PA
 from soro_hardware.serial_line.driver import SerialRegulator
@@ -173,7 +173,7 @@ def test_a_driver_that_stood_still_within_a_cycle_sends_no_set_point_after_the_v
 
 @families
 def test_a_driver_that_stood_still_in_its_last_ramp_stays_vented(make, monkeypatch):
-    with under_pressure(changed(make(), shutdown_ramp_pa_s=20e3)) as (regulator, devices):
+    with under_pressure(with_changes(make(), shutdown_ramp_pa_s=20e3)) as (regulator, devices):
         pauses_once(regulator, monkeypatch)
         asked = transfers_of(regulator, monkeypatch)
         regulator.close()

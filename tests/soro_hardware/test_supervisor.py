@@ -21,7 +21,7 @@ from served_bench import served
 from soro_core.errors import HardwareError
 from soro_hardware import load_platform, open_regulator, supervisor
 from soro_hardware.doctor import examine
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from soro_hardware.families import FAMILIES
 from soro_hardware.serial_line.line.port import SerialPort

@@ -13,7 +13,7 @@ from soro_core.errors import ConfigError, HardwareError
 from soro_core.safety import Limits
 from soro_hardware import load_platform
 from soro_hardware.emulation.veab import EmulatedVeabServer
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.port import FAULT_CODES
 from soro_hardware.testing.line_link import LineLink
 from soro_hardware.veab import protocol

@@ -13,7 +13,7 @@ from vtem_bench import VtemBench, vtem_platform
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware import supervisor
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.vtem import registers
 from soro_hardware.vtem.driver import VtemRegulator
 from soro_hardware.vtem.modbus import ModbusDecoder, write_request

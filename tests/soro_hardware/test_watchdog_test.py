@@ -10,12 +10,12 @@ from hardware_bench import cycles_in_real_time, platform
 from serial_bench import alicat, itv
 from served_bench import served
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import HardwareError
 from soro_hardware import driver, load_platform, open_regulator, supervisor_client
 from soro_hardware.board.pi import core
 from soro_hardware.emulation.canopen.node import EmulatedNode
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from tests.refused import fails
 
 WATCHED = {"canopen": platform, "board": board_platform}
@@ -86,7 +86,7 @@ def test_a_supervisor_that_does_not_vent_ends_the_start(make, monkeypatch, tmp_p
         expected = "test at 0 Pa: it has not vented 0.4 s after the last message"
         with fails(HardwareError, expected, device="supervisor", code="refused", step="start-up"):
             regulator.configure()
-    with opened(changed(make(), watchdog_test=False)) as (regulator, _):
+    with opened(with_changes(make(), watchdog_test=False)) as (regulator, _):
         regulator.configure()
 
 
@@ -120,7 +120,7 @@ def test_a_board_without_a_watchdog_ends_the_start(monkeypatch):
     expected = "test at 0 Pa: its watchdog has not vented in 0.4 s of silence"
     with opened(described) as (regulator, _), fails(HardwareError, expected, code="refused", step="start-up"):
         regulator.configure()
-    with opened(changed(described, watchdog_test=False)) as (regulator, _):
+    with opened(with_changes(described, watchdog_test=False)) as (regulator, _):
         regulator.configure()
 
 

@@ -15,7 +15,7 @@ from test_board_server import PATIENT, cycles, serving
 from vtem_bench import vtem_platform
 
 from soro_hardware.board import frames, messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.socketcand_codec import encode_send
 from soro_hardware.veab.protocol import SAFE
@@ -76,10 +76,10 @@ def send_blindly(address: str, request: bytes) -> None:
 
 def board_body() -> bytes:
     """A greeting, a reset and 1 s of set points, as the driver sends them."""
-    hello = frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(4)))
-    reset = frames.encode(BoardFrame(Kind.RESET, 1))
+    hello = frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(4)))
+    reset = frames.encode(BoardFrame(FrameType.RESET, 1))
     half = messages.pack_set([50_000] * 4)
-    return hello + reset + b"".join(frames.encode(BoardFrame(Kind.SET, n, half)) for n in range(2, 250))
+    return hello + reset + b"".join(frames.encode(BoardFrame(FrameType.SET, n, half)) for n in range(2, 250))
 
 
 def veab_body() -> bytes:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.loop import certainty_of
 from soro_core.safety import Limiter
 from soro_core.twin import Twin
@@ -39,8 +39,8 @@ def without_valves(scene: Scene) -> Scene:
     platform = scene.loaded_platform
     if platform is None:
         return scene
-    twin = changed(scene.twin, regulator=platform.emulation.regulator)
-    return changed(scene, platform="", twin=twin, faults=())
+    twin = with_changes(scene.twin, regulator=platform.emulation.regulator)
+    return with_changes(scene, platform="", twin=twin, faults=())
 
 
 def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:

@@ -14,7 +14,7 @@ from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.testing.hub_bus import HubBus
 from soro_ros.conversion import messages
 from soro_ros.nodes import regulator
-from soro_ros.topics.handover import HANDED_OVER
+from soro_ros.topics.intra_process import HANDED_OVER
 from soro_ros.topics.stop_topic import StopTopic
 from tests.soro_ros.direct import active, captured, receive, request
 from tests.soro_ros.extremes import extremes

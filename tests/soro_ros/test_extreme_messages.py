@@ -38,7 +38,7 @@ from soro_ros.nodes.shadow import ShadowNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.nodes.viewer import Viewer
 from soro_ros.process import parameters
-from soro_ros.topics.handover import HANDED_OVER
+from soro_ros.topics.intra_process import HANDED_OVER
 from soro_ros.topics.pose_source import PoseSource
 from soro_ros.view.access import Access
 from soro_ros.view.markers import ArmMarkers

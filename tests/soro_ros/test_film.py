@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from soro_core.config import changed, find_config
+from soro_core.config import find_config, with_changes
 from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin.config import PayloadChanges
@@ -48,11 +48,11 @@ def test_a_chamber_has_the_colour_of_its_pressure(shown):
     def colours(pressure):
         return arm_shape.surface(robot, s, straight, pressure, 0.0).colours
 
-    changed = np.any(colours({"link0/chamber1": 1.0}) != colours({}), axis=1)
-    faces = arm_shape.surface(robot, s, straight, {}, 0.0).corners[changed]
+    differs = np.any(colours({"link0/chamber1": 1.0}) != colours({}), axis=1)
+    faces = arm_shape.surface(robot, s, straight, {}, 0.0).corners[differs]
     middle = arm_shape.chambers(robot)[1]
     away = np.linalg.norm(faces[..., :2] - middle.offset, axis=-1)
-    assert changed.any()
+    assert differs.any()
     assert away.max() <= middle.radius + 1e-12
 
 
@@ -101,7 +101,7 @@ def test_what_cannot_be_drawn_is_refused(options, error):
 
 def test_the_load_is_that_of_the_time(shown):
     changes = PayloadChanges(at_s=(1.0,), payload_kg=(0.01,))
-    scene = changed(shown.scene, twin=changed(shown.scene.twin, payload_changes=changes))
+    scene = with_changes(shown.scene, twin=with_changes(shown.scene.twin, payload_changes=changes))
     loads = [replace(shown, scene=scene).payload_kg(k) for k in range(len(shown.t))]
     assert loads == [0.02] * 5 + [0.01] * 6
 

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from soro_ros.conversion import qos
 from soro_ros.host import middleware
 from soro_ros.topics.command_topic import CommandTopic
-from soro_ros.topics.handover import Handover, NodeWithHandover
+from soro_ros.topics.intra_process import Handover, NodeWithHandover
 from tests.soro_ros.running import wait_until
 
 OPEN: list[Process] = []

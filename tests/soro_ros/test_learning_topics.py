@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learner import Learner
 from soro_core.control.laws import Certainty
-from soro_core.control.uneven import Uneven
+from soro_core.control.nonuniform_strain import Uneven
 from soro_core.loop import Loop
 from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion

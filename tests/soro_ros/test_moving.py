@@ -12,7 +12,7 @@ from rclpy.node import Node
 from soro_ros.commands import move
 from soro_ros.conversion import messages
 from soro_ros.host import middleware
-from soro_ros.run import moving
+from soro_ros.run import motion_client as moving
 from tests.refused import refused
 from tests.soro_ros.direct import captured, receive
 

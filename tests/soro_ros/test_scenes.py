@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from soro_core.config import changed
-from soro_core.control.reach import check_reach
+from soro_core.config import with_changes
+from soro_core.control.reference_feasibility import check_reach
 from soro_lab.scene import check_scene, load_scene
 from soro_lab.scene.listing import scenes_in, shipped_folder
 from soro_lab.scene.loop import loop_of
@@ -95,7 +95,7 @@ def test_path_and_load_reach_the_nodes(domain, tmp_path):
     assert scene.twin.payload_changes.at_s == (0.4, 0.8)
     recorded = read(folder / "bag", scene.name)
     steps = list(lockstep(scene, 241))
-    constant = list(lockstep(changed(scene, twin=changed(scene.twin, payload_changes={})), 241))
+    constant = list(lockstep(with_changes(scene, twin=with_changes(scene.twin, payload_changes={})), 241))
     for series, name, first in (
         (recorded.true_tip, "tip", 0),
         (recorded.wanted_tip, "wanted", 1),

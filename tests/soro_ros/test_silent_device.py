@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from soro_hardware import load_platform
 from soro_hardware.canopen.driver import CanopenRegulator
-from soro_hardware.emulation.faults.vocabulary import read_injection
+from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.testing.hub_bus import HubBus
 from soro_ros.conversion import learning, messages, qos
 from soro_ros.nodes import regulator

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core.robot import Robot, load_robot
 from soro_core.robot.parts import fields
-from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 
 SORO = (str(Path(sys.executable).with_name("soro")),)
 # Of the length of the arm: allowed error of the tip under control.

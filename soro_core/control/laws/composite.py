@@ -18,11 +18,11 @@ from pydantic import Field
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner, LearnerState, Sample
-from soro_core.adaptation.uneven import UnevenForce
+from soro_core.adaptation.nonuniform_force import UnevenForce
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
+from soro_core.control.nonuniform_strain import Uneven, UnevenShape, bends_unevenly
 from soro_core.control.reference.trajectory import Point
-from soro_core.control.uneven import Uneven, UnevenShape, bends_unevenly
 from soro_core.frozen import replaced
 
 Array: TypeAlias = NDArray[np.float64]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.control.passivity.adaptive import FeedbackGains
     from soro_core.control.pressures.actuation import CompletePressures
     from soro_core.control.reference.trajectory import Point, Reference
-    from soro_core.control.reference.undriven import DrivenMotions
+    from soro_core.control.reference.underactuation import ActuatedSubspace
     from soro_core.model import SoftArm
     from soro_core.robot.coordinates import StrainFields
 
@@ -87,7 +87,7 @@ class Preview:
     now: Point
     ahead: Point
     ahead_s: float
-    motions: DrivenMotions | None = None
+    motions: ActuatedSubspace | None = None
 
 
 @dataclass(frozen=True)

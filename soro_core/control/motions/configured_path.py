@@ -1,8 +1,8 @@
 """The path of the tip that a configuration states, as a motion in coordinates.
 
 `soro_core.control.motions.motion` plans a path of a running arm against its pressures, and extends its time.
-This one is made before the arm moves: `soro_core.control.reach` checks its pressures at rest, and
-a path that is too fast is refused.
+This one is made before the arm moves: `soro_core.control.reference_feasibility` checks its pressures at
+rest, and a path that is too fast is refused.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_parts import AlongPath, Motion, Part, ToRest
+from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, ToRest
 from soro_core.control.motions.path_coordinates import PathCoordinates
 from soro_core.control.motions.speed_law import speed_law
 from soro_core.control.motions.tip_path import corners, legs_of
-from soro_core.control.reference.passage import Bounds
+from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
@@ -31,7 +31,7 @@ _SAMPLES = 64
 _SHORTEST_S = 1e-3
 
 
-def configured_path(arm: SoftArm, bounds: Bounds, config: ControllerConfig) -> Motion:
+def configured_path(arm: SoftArm, bounds: Bounds, config: ControllerConfig) -> PiecewiseMotion:
     """Return the motion through the points of `reference.path_m`.
 
     It stays at the first point for `reference.start_s`, within which the arm comes there, and at each for
@@ -58,14 +58,14 @@ def configured_path(arm: SoftArm, bounds: Bounds, config: ControllerConfig) -> M
     points = np.array(settings.path_m).reshape(-1, 3)
     kinematics = PathCoordinates(arm, bounds.fields, bounds.strain, config)
     q = finished(kinematics.first(np.zeros(arm.n_q), points[0], None))
-    parts: list[Part] = [_rest(q, settings.start_s + settings.pause_s)]
+    parts: list[MotionSegment] = [_rest(q, settings.start_s + settings.pause_s)]
     for leg in legs_of(corners(list(points))):
         curve = finished(kinematics.along(leg, q))
         law = speed_law(leg.length_m, config.motion.speed_m_s, config.motion.acceleration_m_s2, 0.0)
         q = np.asarray(curve(leg.length_m))
         parts += [AlongPath(curve, law), _rest(q, settings.pause_s)]
     _check_rates(bounds, [part for part in parts if isinstance(part, AlongPath)], config)
-    return Motion(tuple(parts), 0.0)
+    return PiecewiseMotion(tuple(parts), 0.0)
 
 
 def _rest(q: Array, duration_s: float) -> ToRest:

@@ -8,8 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.pressures.acting import acting_of
 from soro_core.control.pressures.allocation import allocate, balanced_weight
+from soro_core.control.pressures.effective_pressure import effective_pressure_of
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 from soro_core.rotation import matrix_from_quaternion, rotation_log
@@ -134,7 +134,7 @@ def mean_static_pressure(
     wide = 1e3 * (maximum_pa - minimum_pa)
     middle = 0.5 * (minimum_pa + maximum_pa)
     found = allocate(actuation, load, middle - wide, middle + wide, weight, 1e-12, middle, middle)
-    return float(np.mean(acting_of(arm.robot).pressure(found.pressure_pa)))
+    return float(np.mean(effective_pressure_of(arm.robot).pressure(found.pressure_pa)))
 
 
 def elongation_for_pressure(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.motions.motion_error import MotionError
-from soro_core.control.motions.motion_parts import AlongPath, Motion, Part
+from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion
 from soro_core.control.motions.motion_time import ON_THE_WAY
 from soro_core.control.motions.obstacles import ERROR_M, Obstacles
 from soro_core.control.motions.path_coordinates import Planning
@@ -152,7 +152,7 @@ def line(begin: Array, end: Array, where: str) -> Way:
 
 def ways_of(reference: Reference) -> list[Way]:
     """Return what a reference passes from its begin to its end, or in one round."""
-    if isinstance(reference, Motion):
+    if isinstance(reference, PiecewiseMotion):
         return ways_along(reference.parts)
     times = [0.0]  # of a set point
     if isinstance(reference, Circle):
@@ -165,7 +165,7 @@ def ways_of(reference: Reference) -> list[Way]:
     ]
 
 
-def ways_along(parts: Sequence[Part]) -> list[Way]:
+def ways_along(parts: Sequence[MotionSegment]) -> list[Way]:
     """Return the way of each part of a motion."""
     found, passed_m = [], 0.0
     for part in parts:
@@ -175,7 +175,7 @@ def ways_along(parts: Sequence[Part]) -> list[Way]:
     return found
 
 
-def _along(part: Part, law: SpeedLaw | None, passed_m: float) -> Way:
+def _along(part: MotionSegment, law: SpeedLaw | None, passed_m: float) -> Way:
     def where(t: float) -> str:
         return ON_THE_WAY if law is None else f"{1e3 * (passed_m + law.at(t)[0]):.1f} mm along the path"
 

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
-from soro_core.control.motions.demand import Supply, shortage
 from soro_core.control.motions.lookout import Lookout, line, ways_along
 from soro_core.control.motions.motion_error import MotionError
-from soro_core.control.motions.motion_parts import AlongPath, Motion, Part, Slower, ToRest
+from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, Slower, ToRest
 from soro_core.control.motions.motion_time import ON_THE_WAY, Timing
 from soro_core.control.motions.path_coordinates import PathCoordinates, Planning, listed
+from soro_core.control.motions.pressure_feasibility import PressureSupply, pressure_deficit
 from soro_core.control.motions.speed_law import STEEPEST, speed_law
 from soro_core.control.motions.tip_path import SAME_M, TipLeg, legs_of
-from soro_core.control.reference.passage import Bounds
+from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Point
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Route:
     """
 
     first: Array
-    parts: tuple[Part, ...]
+    parts: tuple[MotionSegment, ...]
     factor: float
     note: str
 
@@ -80,7 +80,7 @@ class Planner:
         it gives None where the file knows none.
     """
 
-    supply: Supply
+    supply: PressureSupply
     bounds: Bounds
     config: ControllerConfig
     dt: float
@@ -88,7 +88,7 @@ class Planner:
 
     def plan(
         self, begin: Point, positions: Array, orientations: Array | None, start_s: float
-    ) -> Planning[Motion]:
+    ) -> Planning[PiecewiseMotion]:
         """Plan the motion to the first pose and through the others.
 
         Parameters
@@ -177,7 +177,7 @@ class Planner:
         slower = tuple(Slower(part, factor) if factor > 1.0 else part for part in path)
         return Route(first, slower, factor, note)
 
-    def motion(self, route: Route, begin: Point, start_s: float) -> Planning[Motion]:
+    def motion(self, route: Route, begin: Point, start_s: float) -> Planning[PiecewiseMotion]:
         """Plan the way to a path; parameters as in `plan`.
 
         Yields
@@ -196,16 +196,16 @@ class Planner:
         """
         approach = yield from self._approach(begin, route.first)
         yield from self._keep_clear(begin.q, begin.q, approach)
-        parts: list[Part] = [*approach, *route.parts]
+        parts: list[MotionSegment] = [*approach, *route.parts]
         if not parts:  # it is there already
             parts = [ToRest(begin, begin.q, _SHORTEST_S)]
-        return Motion(tuple(parts), start_s, len(approach), route.factor, route.note)
+        return PiecewiseMotion(tuple(parts), start_s, len(approach), route.factor, route.note)
 
     @property
     def _timing(self) -> Timing:
         return Timing(self.supply, self.bounds, self.config, self.dt)
 
-    def _keep_clear(self, begin: Array, first: Array, parts: Sequence[Part]) -> Planning[None]:
+    def _keep_clear(self, begin: Array, first: Array, parts: Sequence[MotionSegment]) -> Planning[None]:
         """Refuse parts on which an arm, which begins elsewhere perhaps, meets an obstacle."""
         lookout = self.lookout(begin)
         if lookout is None:
@@ -216,7 +216,7 @@ class Planner:
 
     def _check_rest(self, q: Array, where: str, tolerance_m: float = 0.0) -> None:
         """Refuse coordinates that the pressures cannot hold at rest, by more than a distance of the tip."""
-        lack = shortage(self.supply, q)
+        lack = pressure_deficit(self.supply, q)
         if lack is None or lack.distance_m <= tolerance_m:
             return
         supply = self.supply
@@ -239,13 +239,13 @@ class Planner:
             pressure_pa=lack.pressure_pa,
         )
 
-    def _approach(self, begin: Point, rest: Array) -> Planning[list[Part]]:
+    def _approach(self, begin: Point, rest: Array) -> Planning[list[MotionSegment]]:
         """Plan a stop and the way to the first pose; none if the reference is there at rest."""
         settings, still = self.config.motion, np.zeros_like(rest)
         moves = bool(np.any(begin.qd) or np.any(begin.qdd))
         if not moves and np.all(np.abs(rest - begin.q) <= _SAME * self.bounds.strain):
             return []
-        parts: list[Part] = []
+        parts: list[MotionSegment] = []
         if moves:
             speed, _, _ = yield from self._timing.peaks(ToRest(begin, begin.q + 0.5 * begin.qd, 1.0))
             duration_s = max(_SHORTEST_S, STEEPEST * speed / settings.acceleration_m_s2)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Array: TypeAlias = NDArray[np.float64]
 
 
-class Part(Protocol):
+class MotionSegment(Protocol):
     """A motion that ends at rest."""
 
     @property
@@ -112,7 +112,7 @@ class ToRest:
 class Slower:
     """A part that takes `factor` times as long; its begin must be at rest."""
 
-    part: Part
+    part: MotionSegment
     factor: float
 
     @property
@@ -128,7 +128,7 @@ class Slower:
 
 
 @dataclass(frozen=True)
-class Motion(Reference):
+class PiecewiseMotion(Reference):
     """Parts one after the other, held at both ends.
 
     Attributes
@@ -145,7 +145,7 @@ class Motion(Reference):
         What the motion leaves out; empty if nothing.
     """
 
-    parts: Sequence[Part]
+    parts: Sequence[MotionSegment]
     start_s: float
     first: int = 0
     factor: float = 1.0

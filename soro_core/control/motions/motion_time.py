@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
-from soro_core.control.motions.demand import Rates, Supply, rates
 from soro_core.control.motions.motion_error import MotionError
-from soro_core.control.motions.motion_parts import AlongPath, Part, Slower, ToRest
+from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, Slower, ToRest
 from soro_core.control.motions.path_coordinates import Planning
-from soro_core.control.reference.passage import Bounds
+from soro_core.control.motions.pressure_feasibility import PressureSupply, Rates, rates
+from soro_core.control.reference.reference_transition import Bounds
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _PRECISION = 0.03
 class Timing:
     """Searches of the time of a part; attributes as those of `soro_core.control.motions.motion.Planner`."""
 
-    supply: Supply
+    supply: PressureSupply
     bounds: Bounds
     config: ControllerConfig
     dt: float
@@ -53,7 +53,7 @@ class Timing:
             duration_s *= 1.3
         raise self._too_fast(found, rate, ON_THE_WAY, None)
 
-    def peaks(self, part: Part) -> Planning[tuple[float, float, float]]:
+    def peaks(self, part: MotionSegment) -> Planning[tuple[float, float, float]]:
         """Find the largest speed [m/s] and acceleration [m/s^2] of the tip, and rate over the allowed one."""
         arm, bounds = self.supply.arm, self.bounds
         times = np.linspace(0.0, part.duration_s, _SAMPLES + 1)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.motions.path_coordinates import listed
-from soro_core.control.uneven import Uneven, bends_unevenly
+from soro_core.control.nonuniform_strain import Uneven, bends_unevenly
 from soro_core.model import SoftArm
 
 Array: TypeAlias = NDArray[np.float64]

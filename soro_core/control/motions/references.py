@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.motions.configured_path import configured_path
 from soro_core.control.motions.kinematics import elongation_for_pressure, inverse_kinematics
-from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.pressures.actuation import CompletePressures
-from soro_core.control.reference.passage import Bounds
-from soro_core.control.reference.spread import per_coordinate
+from soro_core.control.reference.coordinate_values import per_coordinate
+from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Circle, Hold, Reference, Waypoints
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
@@ -116,7 +116,7 @@ def key_of(reference: Reference) -> str:
     """Return the key of a configured reference in the section `reference`."""
     if isinstance(reference, Circle):
         return "curvature_per_m"
-    return "path_m" if isinstance(reference, Motion) else "set_point"
+    return "path_m" if isinstance(reference, PiecewiseMotion) else "set_point"
 
 
 def check_configured(bounds: Bounds, reference: Reference | None) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.control.laws.protocol import Law
+from soro_core.control.nonuniform_strain import Uneven
 from soro_core.control.reference.trajectory import Point
-from soro_core.control.reference.undriven import Undriven
-from soro_core.control.uneven import Uneven
+from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import SoroError
 from soro_core.model import SoftArm
 
@@ -86,7 +86,10 @@ class UndrivenShape(Shape):
     """
 
     def __init__(
-        self, undriven: Undriven, force: Callable[[Array], Array], actuation: Callable[[Array], Array]
+        self,
+        undriven: UnderactuatedReference,
+        force: Callable[[Array], Array],
+        actuation: Callable[[Array], Array],
     ) -> None:
         super().__init__(undriven.arm, np.eye(undriven.arm.n_q))
         self._undriven, self._force, self._actuation = undriven, force, actuation
@@ -105,7 +108,7 @@ class UndrivenShape(Shape):
 
 
 def resting_shape(
-    arm: SoftArm, law: Law[Any], law_state: object, undriven: Undriven, uneven: Uneven | None
+    arm: SoftArm, law: Law[Any], law_state: object, undriven: UnderactuatedReference, uneven: Uneven | None
 ) -> Shape:
     """Return the shape of an arm, with the load that its law has learned.
 

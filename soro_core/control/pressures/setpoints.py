@@ -8,11 +8,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.pressures.acting import acting_of, check_dead_bands
 from soro_core.control.pressures.actuation import CompletePressures, pressure_bounds
 from soro_core.control.pressures.allocation import Allocation, allocate, balanced_weight
-from soro_core.control.pressures.lag import compensate
-from soro_core.control.reference.spread import per_coordinate
+from soro_core.control.pressures.effective_pressure import check_dead_bands, effective_pressure_of
+from soro_core.control.pressures.lag_compensation import compensate
+from soro_core.control.reference.coordinate_values import per_coordinate
 from soro_core.frozen import replaced
 from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Robot
@@ -76,7 +76,7 @@ class SetpointMaker:
         self.force_weight, _ = per_coordinate(fields, pressures.force_weight, "pressures.force_weight")
         low, high = pressure_bounds(pressures, robot)
         check_dead_bands(robot, low, high)
-        self.acting = acting_of(robot)
+        self.acting = effective_pressure_of(robot)
         band = self.acting.dead_band_pa
         # Without a band a chamber takes pressures below zero too.
         self.minimum_pa = np.where(band > 0.0, np.maximum(low, band), low)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
-from soro_core.estimation.kernel import motion, spread
+from soro_core.estimation.kernel import covariance as spread
+from soro_core.estimation.kernel import motion
 from soro_core.estimation.kernel.parts import FilterArm
 from soro_core.model.dynamics import COLLAPSED, GOOD
 from soro_core.model.links.linear import assign, assign_matrix

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.estimation.kernel.covariance import symmetric
 from soro_core.estimation.kernel.measure import measure
 from soro_core.estimation.kernel.motion import limit
 from soro_core.estimation.kernel.parts import (
@@ -24,7 +25,6 @@ from soro_core.estimation.kernel.parts import (
     FilterArm,
     Integers,
 )
-from soro_core.estimation.kernel.spread import symmetric
 from soro_core.model.dynamics import finite
 from soro_core.model.links.linear import assign, lu_factor, lu_solve, lu_solve_rows
 from soro_core.model.tables import Site

@@ -80,7 +80,7 @@ class Instant(NamedTuple):
     residuals: Array
 
 
-class Row(NamedTuple):
+class RegressionRow(NamedTuple):
     """One row of the fit, without the acceleration.
 
     Attributes
@@ -134,7 +134,7 @@ class DelayFit(NamedTuple):
     misfit: float = 0.0
     counted: float = 0.0
     late_rows: int = 0
-    last: Row | None = None
+    last: RegressionRow | None = None
 
     @property
     def delay_s(self) -> float:
@@ -188,7 +188,7 @@ class DelayModel:
         if np.trace(place) > 3.0 * self._noise:  # the filter has not found the arm yet, or lost it
             return self.start(t_s, at.residuals)
         load = float(min(max(state.solution[1], -self._heaviest_kg), self._heaviest_kg))
-        row = Row(belief.qd, *self._sides(belief, at.pressure_pa, rows, load), at.pressure_pa)
+        row = RegressionRow(belief.qd, *self._sides(belief, at.pressure_pa, rows, load), at.pressure_pa)
         last = state.last
         if last is None:
             return self.start(t_s, at.residuals)._replace(last=row)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from soro_core.errors import ModelError
 from soro_core.model.checks import finite, listed, require, shaped
-from soro_core.model.equilibrium.branch import follow
+from soro_core.model.equilibrium.continuation import follow
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
 from soro_core.model.soft_arm import SoftArm

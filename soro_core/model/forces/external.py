@@ -20,7 +20,7 @@ from soro_core._jit import inner
 from soro_core.model.forces.contact import add_force, add_tangent, gap, stored_energy
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.links.place import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.links.link_kinematics import along_constant, along_varying, begin_varying, step_varying
 from soro_core.model.links.point import add_point_force, move_point, point_momentum
 from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Tables
 from soro_core.model.work import (

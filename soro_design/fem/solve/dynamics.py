@@ -83,7 +83,7 @@ class Moving:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class DynamicsResult:
     """What became of a motion.
 
     Attributes
@@ -111,7 +111,7 @@ def march(
     rho_inf: float = 0.8,
     tolerance: float = 1e-9,
     iterations: int = 30,
-) -> Motion:
+) -> DynamicsResult:
     """Follow the motion of a part, in steps of one length.
 
     Parameters
@@ -148,9 +148,9 @@ def march(
     for _ in range(steps):
         state, cause = way.step(states[-1])
         if state is None:
-            return Motion("stopped", f"time {states[-1].time_s:.6g} s: {cause}", tuple(states))
+            return DynamicsResult("stopped", f"time {states[-1].time_s:.6g} s: {cause}", tuple(states))
         states.append(state)
-    return Motion("solved", "", tuple(states))
+    return DynamicsResult("solved", "", tuple(states))
 
 
 class _March:

@@ -21,7 +21,7 @@ SKEW = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class VibrationModes:
     """Small vibrations about a state.
 
     Attributes
@@ -51,7 +51,7 @@ def mass_entries(part: Part) -> Array:
     return data
 
 
-def modes(part: Part, state: State | None = None, count: int = 6) -> Modes:
+def modes(part: Part, state: State | None = None, count: int = 6) -> VibrationModes:
     """Return the lowest modes about a state.
 
     Parameters
@@ -90,4 +90,4 @@ def modes(part: Part, state: State | None = None, count: int = 6) -> Modes:
     order = np.argsort(found)
     shapes = np.zeros((count, u.size))
     shapes[:, free] = vectors.T[order]
-    return Modes(found[order], shapes.reshape(count, *u.shape))
+    return VibrationModes(found[order], shapes.reshape(count, *u.shape))

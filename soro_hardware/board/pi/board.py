@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 
 from soro_hardware.board import frames, messages
 from soro_hardware.board.config import BoardPlatform
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Cause, PortState, Refusal
 from soro_hardware.board.pi import core
 from soro_hardware.board.pi.contact import StopInput
 from soro_hardware.board.pi.ports import PortReading, PortReport, Ports
 
-_ANSWERED = (Kind.SET, Kind.RESET)
+_ANSWERED = (FrameType.SET, FrameType.RESET)
 _IDLE_NS = 1_000_000_000  # a new host may replace a host without messages for this time [ns]
 
 
@@ -125,13 +125,13 @@ class Board:
                 output += frames.encode(core.refusal(frame, why, port))
                 if core.parts(why):
                     return output + self._part(now_ns)
-            elif frame.kind is Kind.HELLO:
+            elif frame.kind is FrameType.HELLO:
                 output += frames.encode(self._welcome(frame.sequence))
-            elif frame.kind is Kind.RESET:
+            elif frame.kind is FrameType.RESET:
                 self._test(now_ns)
-            self.set_points += why is None and frame.kind is Kind.SET
+            self.set_points += why is None and frame.kind is FrameType.SET
             answer = answer or (why is None and frame.kind in _ANSWERED)
-            if frame.kind is Kind.BYE:
+            if frame.kind is FrameType.BYE:
                 self._exchange(now_ns)
         if answer:  # of several SETs in one chunk, only the newest is applied
             self._exchange(now_ns)
@@ -199,7 +199,7 @@ class Board:
     def _welcome(self, sequence: int) -> BoardFrame:
         limits = ((self.rules.minimum_pa, self.rules.maximum_pa),) * self.rules.ports
         welcome = messages.Welcome(self._boot, self._watchdog_ms, limits)
-        return BoardFrame(Kind.WELCOME, sequence, messages.pack_welcome(welcome), self.state.number)
+        return BoardFrame(FrameType.WELCOME, sequence, messages.pack_welcome(welcome), self.state.number)
 
     def _report(self, now_ns: int) -> bytes:
         self._sent_ns = now_ns
@@ -210,7 +210,7 @@ class Board:
             garbled=self.garbled,
             ports=tuple(map(self._port, self._readings, self._read_ns, [now_ns] * self.rules.ports)),
         )
-        return frames.encode(BoardFrame(Kind.STATE, self.state.sequence, messages.pack_state(state)))
+        return frames.encode(BoardFrame(FrameType.STATE, self.state.sequence, messages.pack_state(state)))
 
     def _port(self, reading: PortReading, read_ns: int | None, now_ns: int) -> PortState:
         age_ms = messages.NEVER_MS if read_ns is None else (now_ns - read_ns) // 1_000_000
@@ -223,7 +223,7 @@ def _draw() -> int:
 
 
 def _refused(why: Refusal, version: int = frames.VERSION) -> bytes:
-    return frames.encode(BoardFrame(Kind.REFUSED, 0, messages.pack_refused(why)), version)
+    return frames.encode(BoardFrame(FrameType.REFUSED, 0, messages.pack_refused(why)), version)
 
 
 def describe(reports: Sequence[PortReport]) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from soro_core.errors import HardwareError
 from soro_hardware.board.config import StopContact
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 
 # struct gpio_v2_line_request: offsets, consumer, flags of the configuration and its 10 attributes (none),
 # number of lines, size of the event buffer, padding, file descriptor of the answer.

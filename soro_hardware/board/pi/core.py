@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from soro_hardware.board import messages
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Cause, PortFlag, Refusal
 
 
@@ -97,7 +97,7 @@ def receive(
     port : int
         Port of the refusal.
     """
-    if frame.kind is Kind.HELLO:
+    if frame.kind is FrameType.HELLO:
         if messages.unpack_hello(frame.payload) != rules.ports:
             return _refuse(state, Refusal.PORTS)
         return replace(vent(state), greeted=True, number=fresh, sequence=0, fed_ns=None), None, 0
@@ -105,12 +105,12 @@ def receive(
         return _refuse(state, Refusal.NO_HELLO)
     if frame.number != state.number:
         return _refuse(state, Refusal.NUMBER)
-    if frame.kind is Kind.SET:
+    if frame.kind is FrameType.SET:
         return _set(rules, state, frame, now_ns)
-    if frame.kind is Kind.RESET:
+    if frame.kind is FrameType.RESET:
         quiet = replace(vent(state), fed_ns=None, failed=(0,) * rules.ports)
         return replace(quiet, sequence=frame.sequence), None, 0
-    if frame.kind is Kind.BYE:
+    if frame.kind is FrameType.BYE:
         return replace(vent(state), greeted=False, fed_ns=None), None, 0
     return _refuse(state, Refusal.NO_HELLO)
 
@@ -215,4 +215,4 @@ def refusal(frame: BoardFrame, why: Refusal, port: int) -> BoardFrame:
     port : int
         Port of the reason.
     """
-    return BoardFrame(Kind.REFUSED, frame.sequence, messages.pack_refused(why, port))
+    return BoardFrame(FrameType.REFUSED, frame.sequence, messages.pack_refused(why, port))

@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.pneumatics.valve_condition import ValveCondition
-from soro_hardware.emulation.faults.vocabulary import KINDS
+from soro_hardware.emulation.faults.fault_types import KINDS
 
 PNEUMATIC = frozenset(name for name, kind in KINDS.items() if kind.group == "pneumatic")
 SENSOR = frozenset(name for name, kind in KINDS.items() if kind.group == "sensor")

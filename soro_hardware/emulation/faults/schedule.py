@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core.errors import ConfigError
-from soro_hardware.emulation.faults.vocabulary import CLEAR, KINDS, Injection
+from soro_hardware.emulation.faults.fault_types import CLEAR, KINDS, Injection
 
 # An open dump valve empties a chamber with a time constant of 5 ms; a regulator feeds it ten times slower.
 _OPEN = {"burst": 200.0}

@@ -10,10 +10,10 @@ import socket
 from pathlib import Path
 
 from soro_core.errors import ConfigError, HardwareError
+from soro_hardware.emulation.faults.fault_types import Injection, read_injection
 from soro_hardware.emulation.faults.schedule import Faults
-from soro_hardware.emulation.faults.vocabulary import Injection, read_injection
 from soro_hardware.emulation.sockets.unix_socket import Client, UnixServer
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 
 _LONGEST = 4096
 

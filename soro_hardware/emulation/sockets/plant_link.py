@@ -25,8 +25,8 @@ import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.pneumatics.valve_condition import ValveAction, ValveCondition
+from soro_hardware.error_text import reason
 from soro_hardware.port import Array
-from soro_hardware.reason import reason
 
 _HEADER = struct.Struct("<4sIIQq")
 _MAGIC = b"SPL2"
@@ -38,7 +38,7 @@ _LONGEST = 4096  # largest number of chambers and of spans in a frame
 _NO_PRESSURES = np.empty(0)
 
 
-class Kind(IntEnum):
+class PlantMessageType(IntEnum):
     """Kinds of messages of a twin."""
 
     ASK = 1
@@ -71,7 +71,7 @@ class PlantFrame(NamedTuple):
 class Message(NamedTuple):
     """A message of a twin; an answer has the sequence of its frame and the pressures (n,) [Pa gauge]."""
 
-    kind: Kind
+    kind: PlantMessageType
     sequence: int
     pressures: Array
 
@@ -124,7 +124,7 @@ def take_message(buffer: bytes) -> tuple[Message | None, bytes]:
     if len(buffer) < end:
         return None, buffer
     pressures = np.frombuffer(buffer, "<f8", n, _MESSAGE.size).astype(np.float64)
-    return Message(Kind(kind), sequence, pressures), buffer[end:]
+    return Message(PlantMessageType(kind), sequence, pressures), buffer[end:]
 
 
 def _check(magic: bytes, expected: bytes, size: int) -> None:
@@ -210,7 +210,7 @@ class PlantLinkClient:
         HardwareError
             If the emulator does not answer, or another twin has claimed the air.
         """
-        self._send(Message(Kind.CLAIM if moves_air else Kind.ASK, 0, _NO_PRESSURES))
+        self._send(Message(PlantMessageType.CLAIM if moves_air else PlantMessageType.ASK, 0, _NO_PRESSURES))
         while (frame := self.receive(timeout_s)).sequence:
             pass
         if not frame.pressures.size:
@@ -220,7 +220,7 @@ class PlantLinkClient:
 
     def answer(self, frame: PlantFrame, pressures: Array) -> None:
         """Send the pressures (n,) [Pa gauge] at the time of a frame."""
-        self._send(Message(Kind.ANSWER, frame.sequence, pressures))
+        self._send(Message(PlantMessageType.ANSWER, frame.sequence, pressures))
 
     def release(self) -> None:
         """Release the air if this twin has claimed it: the emulator computes the pressures again."""
@@ -228,7 +228,7 @@ class PlantLinkClient:
         if not is_claimed:
             return
         with contextlib.suppress(HardwareError):  # the emulator may have ended
-            self._send(Message(Kind.RELEASE, 0, _NO_PRESSURES))
+            self._send(Message(PlantMessageType.RELEASE, 0, _NO_PRESSURES))
 
     def close(self) -> None:
         """Close the socket."""

@@ -11,7 +11,13 @@ import numpy as np
 
 from soro_core.errors import HardwareError
 from soro_core.pneumatics.valve_condition import ValveAction, healthy
-from soro_hardware.emulation.sockets.plant_link import Kind, Message, PlantFrame, pack_frame, take_message
+from soro_hardware.emulation.sockets.plant_link import (
+    Message,
+    PlantFrame,
+    PlantMessageType,
+    pack_frame,
+    take_message,
+)
 from soro_hardware.emulation.sockets.unix_socket import Client, UnixServer
 from soro_hardware.port import Array
 
@@ -120,17 +126,17 @@ class PlantLinkServer(UnixServer):
             self._release_air()
 
     def _handle(self, client: Client, message: Message) -> None:
-        if message.kind is Kind.ANSWER:
+        if message.kind is PlantMessageType.ANSWER:
             self._take_answer(client, message)
             return
-        if message.kind is Kind.CLAIM and self._owner in (None, client):
+        if message.kind is PlantMessageType.CLAIM and self._owner in (None, client):
             # Start with the present pressures; the first answer is that to the next frame.
             self._pressures, self._asked = self._present_pa(), 0
             self._owner, self._left = client, None
         elif client is self._owner:
             self._release_air()
-        if message.kind is not Kind.RELEASE:
-            is_refused = message.kind is Kind.CLAIM and self._owner is not client
+        if message.kind is not PlantMessageType.RELEASE:
+            is_refused = message.kind is PlantMessageType.CLAIM and self._owner is not client
             self._send_present(client, np.empty(0) if is_refused else self._present_pa())
 
     def _take_answer(self, client: Client, message: Message) -> None:

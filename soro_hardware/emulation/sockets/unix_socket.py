@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import no_socket
+from soro_hardware.error_text import no_socket
 
 _CHUNK = 65536
 

@@ -14,7 +14,7 @@ from typing import Protocol
 import serial
 
 from soro_core.errors import HardwareError
-from soro_hardware.reason import reason
+from soro_hardware.error_text import reason
 from soro_hardware.transport.serial_port import open_serial
 
 _CHUNK = 65536

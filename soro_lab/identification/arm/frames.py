@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Case, Whole, clock
-from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.recording.streams import Attitude, Curvature, Marker, Plate, Shape
 
 Array: TypeAlias = NDArray[np.float64]
@@ -27,7 +27,7 @@ _CURVATURE = 1.0
 _CLOCK, _STATED_CLOCK, _MOST_CLOCK = 0.02, 0.1, 0.5
 
 
-def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[Number, ...]:
+def frame_numbers(arm: SoftArm, cases: Sequence[Case]) -> tuple[ArmParameter, ...]:
     """Return the numbers of all frames, each at its best for the arm as it is described.
 
     The rotation and place of the tracker come from positions and turns of all bodies (Kabsch), the rotation
@@ -95,10 +95,10 @@ def _quaternion(values: Mapping[str, float], name: str) -> tuple[float, ...]:
     return tuple(float(v) for v in Rotation.from_rotvec(_vector(values, name)).as_quat())
 
 
-def clock_numbers(cases: Sequence[Case]) -> tuple[Number, ...]:
+def clock_numbers(cases: Sequence[Case]) -> tuple[ArmParameter, ...]:
     """Return by how much the stamps of the shape of each run are late against those of its pressures."""
     return tuple(
-        Number(
+        ArmParameter(
             clock(case.name),
             0.0,
             "s",
@@ -112,7 +112,7 @@ def clock_numbers(cases: Sequence[Case]) -> tuple[Number, ...]:
     )
 
 
-def _tracker(bodies: Sequence[tuple[Plate | Marker, Array]]) -> list[Number]:
+def _tracker(bodies: Sequence[tuple[Plate | Marker, Array]]) -> list[ArmParameter]:
     predicted = np.concatenate([poses[:, :3, 3] for _, poses in bodies])
     measured = np.concatenate([body.position for body, _ in bodies])
     middle, shift = predicted.mean(axis=0), measured.mean(axis=0)
@@ -143,7 +143,7 @@ def _turned(bodies: Sequence[tuple[Plate | Marker, Array]]) -> tuple[Array, Arra
     return np.concatenate([m for m, _ in pairs]), np.concatenate([p for _, p in pairs])
 
 
-def _body(same: Sequence[tuple[Plate | Marker, Array]], turn: Rotation) -> list[Number]:
+def _body(same: Sequence[tuple[Plate | Marker, Array]], turn: Rotation) -> list[ArmParameter]:
     body = same[0][0]
     if isinstance(body, Marker):
         return [] if body.offset else _three(f"{body.name}/offset", np.zeros(3), "m", _MARKER)
@@ -156,7 +156,7 @@ def _body(same: Sequence[tuple[Plate | Marker, Array]], turn: Rotation) -> list[
     ]
 
 
-def _imu(same: Sequence[tuple[Attitude, Array]]) -> list[Number]:
+def _imu(same: Sequence[tuple[Attitude, Array]]) -> list[ArmParameter]:
     """Return the turn of the world of an IMU, from the axes about which it turns, and that of its mount."""
     name = same[0][0].name
     sections = Rotation.from_matrix(np.concatenate([poses[:, :3, :3] for _, poses in same]))
@@ -170,16 +170,16 @@ def _imu(same: Sequence[tuple[Attitude, Array]]) -> list[Number]:
     ]
 
 
-def _camera(shape: Shape) -> list[Number]:
+def _camera(shape: Shape) -> list[ArmParameter]:
     at = f"frame/{shape.name}"
     return [
-        Number(f"{at}/turn", 0.0, "rad", "shift", _TURN, -np.pi, np.pi),
-        *(Number(f"{at}/offset_{x}", 0.0, "1/m", "shift", _CURVATURE, -1e3, 1e3) for x in "xy"),
+        ArmParameter(f"{at}/turn", 0.0, "rad", "shift", _TURN, -np.pi, np.pi),
+        *(ArmParameter(f"{at}/offset_{x}", 0.0, "1/m", "shift", _CURVATURE, -1e3, 1e3) for x in "xy"),
     ]
 
 
-def _three(name: str, values: Array, unit: str, doubt: float) -> list[Number]:
+def _three(name: str, values: Array, unit: str, doubt: float) -> list[ArmParameter]:
     return [
-        Number(f"frame/{name}_{axis}", float(v), unit, "shift", doubt, -1e3, 1e3)
+        ArmParameter(f"frame/{name}_{axis}", float(v), unit, "shift", doubt, -1e3, 1e3)
         for axis, v in zip("xyz", values, strict=True)
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.numbers import Number, numbers_of, with_numbers
+from soro_lab.identification.arm.cases.parameters import ArmParameter, numbers_of, with_numbers
 
 # Found for every arm: stiffness at rest, damping, gains.
 _ALWAYS = ("k_{}", "damping_{}", "gain", "arm", "chamber*/gain")
@@ -55,9 +55,9 @@ def plain(robot: Robot, keep: Collection[str] = ()) -> Robot:
     return with_numbers(robot, {name: 0.0 for name in own if name.split("/", 1)[1] in _NEUTRAL})
 
 
-def freed(
+def free_parameters(
     robot: Robot, laws: Iterable[Law], kinds: str, keep: Collection[str] = ()
-) -> tuple[tuple[Number, ...], dict[str, float]]:
+) -> tuple[tuple[ArmParameter, ...], dict[str, float]]:
     """Return the numbers that a fit with these laws searches, and where it starts.
 
     Parameters

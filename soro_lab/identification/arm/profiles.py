@@ -55,7 +55,7 @@ def profiles(
     def rows_at(x: Array) -> Array | None:
         values = problem.value(x)
         try:
-            return problem.rows(problem.shown(values), values)
+            return problem.rows(problem.predict(values), values)
         except SoroError:
             return None
 

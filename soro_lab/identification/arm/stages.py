@@ -14,19 +14,19 @@ from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Case, Whole
-from soro_lab.identification.arm.cases.numbers import Number, is_of_robot, with_numbers
+from soro_lab.identification.arm.cases.initial_conditions import is_release, start_numbers
 from soro_lab.identification.arm.cases.pace import longest_step
-from soro_lab.identification.arm.cases.starts import is_release, start_numbers
+from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot, with_numbers
 from soro_lab.identification.arm.choose import Choice, Trial, choose
 from soro_lab.identification.arm.frames import calibrated, clock_numbers, frame_numbers
 from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range, squares
-from soro_lab.identification.arm.laws import LAWS, Law, freed, is_of_law, plain
+from soro_lab.identification.arm.laws import LAWS, Law, free_parameters, is_of_law, plain
 from soro_lab.identification.arm.search.blind import check_motion, check_numbers
-from soro_lab.identification.arm.search.certainty import Certainty, certainty, not_determined
 from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
 from soro_lab.identification.arm.search.problem import Problem, modelled
 from soro_lab.identification.arm.search.solve import Solution, evaluated, solve
 from soro_lab.identification.arm.search.swing import swinging
+from soro_lab.identification.arm.search.uncertainty import Certainty, certainty, not_determined
 from soro_lab.identification.interrupts import only_in_searches
 from soro_lab.identification.recording import (
     Marker,
@@ -175,7 +175,7 @@ def identify(
     kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
 
     def problem(laws: Sequence[Law], cases: Sequence[Case]) -> Problem:
-        numbers, begin = freed(robot, laws, kinds, keep)
+        numbers, begin = free_parameters(robot, laws, kinds, keep)
         runs = [case.name for case in cases if isinstance(case, Whole)]
         begun = modelled(with_numbers(robot, begin), is_constant)
         starts = start_numbers(begun, [r for r in runs if r in releases])
@@ -194,7 +194,7 @@ def identify(
 
     def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
         name = " + ".join(law.name for law in laws) or "linear"
-        begin = {**linear.values, **freed(robot, laws, kinds, keep)[1], **start}
+        begin = {**linear.values, **free_parameters(robot, laws, kinds, keep)[1], **start}
         most = min(_FULL if in_full else _FEW, options.most)
         try:
             told, cases = partial(progress, name), problem(laws, fit)
@@ -291,7 +291,7 @@ def _without(problem: Problem, name: str, values: Mapping[str, float]) -> Proble
     One of a law stays where the fit had it: the law was chosen because it predicts. Others stay as described,
     where such an arm can be simulated with the other numbers.
     """
-    numbers: tuple[Number, ...] = tuple(n for n in problem.numbers if n.name != name)
+    numbers: tuple[ArmParameter, ...] = tuple(n for n in problem.numbers if n.name != name)
     described = replace(problem, numbers=numbers)
     if not is_of_law(name):
         try:

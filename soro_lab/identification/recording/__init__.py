@@ -6,11 +6,11 @@ from soro_lab.identification.recording.phases import Phase, decays, excited
 from soro_lab.identification.recording.place import Place, place_of_part
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.rest import Mean, RestState, rest_states
-from soro_lab.identification.recording.sections import Section, SectionLimits, hold_out, sections
-from soro_lab.identification.recording.sources.by_hand import without_hands
+from soro_lab.identification.recording.sections import RecordingSegment, SectionLimits, hold_out, sections
 from soro_lab.identification.recording.sources.columns import Columns
 from soro_lab.identification.recording.sources.from_bag import read_bag
 from soro_lab.identification.recording.sources.from_csv import read_csv
+from soro_lab.identification.recording.sources.manual_release import without_hands
 from soro_lab.identification.recording.sources.names import check_names
 from soro_lab.identification.recording.stale import StaleLimits
 from soro_lab.identification.recording.stillness import StillLimits, still_limits
@@ -37,8 +37,8 @@ __all__ = [
     "Place",
     "Plate",
     "Recording",
+    "RecordingSegment",
     "RestState",
-    "Section",
     "SectionLimits",
     "Series",
     "StaleLimits",

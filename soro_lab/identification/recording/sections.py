@@ -41,7 +41,7 @@ class SectionLimits:
 
 
 @dataclass(frozen=True)
-class Section:
+class RecordingSegment:
     """A part of a recording.
 
     Attributes
@@ -62,7 +62,7 @@ class Section:
 
 def sections(
     recording: Recording, limits: SectionLimits | None = None, still: StillLimits | None = None
-) -> tuple[Section, ...]:
+) -> tuple[RecordingSegment, ...]:
     """Cut a recording where a rest ends, so that each part begins at rest and ends with the next rest.
 
     Of two sweeps one can be held out: a single one of twice `sweep_s` or more is cut in two.
@@ -98,16 +98,18 @@ def sections(
     found = []
     for (start, end), kind in zip(cuts, kinds, strict=True):
         at_rest = any(a <= start + 1e-9 and start < b for a, b in rests)
-        found.append(Section(kind, start, end, at_rest))
+        found.append(RecordingSegment(kind, start, end, at_rest))
     return tuple(found)
 
 
-def hold_out(parts: Sequence[Section], every: int = 4) -> tuple[tuple[Section, ...], tuple[Section, ...]]:
+def hold_out(
+    parts: Sequence[RecordingSegment], every: int = 4
+) -> tuple[tuple[RecordingSegment, ...], tuple[RecordingSegment, ...]]:
     """Return the sections for a fit, and those held out: of each kind the second one, and each `every`-th on.
 
     A kind with one section has none to hold out.
     """
-    by_kind: dict[Kind, list[Section]] = defaultdict(list)
+    by_kind: dict[Kind, list[RecordingSegment]] = defaultdict(list)
     for part in parts:
         by_kind[part.kind].append(part)
     out = {id(part) for group in by_kind.values() for part in group[1::every]}

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from soro_core.errors import ConfigError
-from soro_lab.identification import air
+from soro_lab.identification import regulator_fit as air
 from soro_lab.identification.fit import Fit
 from soro_lab.identification.pump import PumpModel, PumpRun, errors, fit_pump, model_t63, pump_response
 from soro_lab.identification.recording import Recording

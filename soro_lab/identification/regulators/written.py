@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from soro_lab.identification import air
+from soro_lab.identification import regulator_fit as air
 from soro_lab.identification.fit import Fit
 from soro_lab.identification.regulators.leak import leak_text
 from soro_lab.identification.regulators.stages import FoundAir, FoundPump, FoundRegulators, rounded

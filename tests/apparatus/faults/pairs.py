@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.emulation.faults.vocabulary import Injection
+from soro_hardware.emulation.faults.fault_types import Injection
 from tests.apparatus.faults.cells import BEFORE_S, EMPTY_PA, VENT_SLACK_S, command
 from tests.apparatus.faults.matrix import MATRIX
 from tests.apparatus.faults.rigs import Loop, Rig, rig_of

@@ -22,7 +22,7 @@ from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.families import emulate
 from soro_hardware.emulation.process import Emulator
 from soro_hardware.emulation.veab import EmulatedVeabServer
-from soro_hardware.limited import LimitedRegulator
+from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.platform import PlatformBase
 from soro_hardware.serial_line.config import SerialPlatform
 from soro_hardware.serial_line.dialects import AlicatRegulator, ItvRegulator

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from soro_hardware.emulation.faults.vocabulary import KINDS, OF_ALL, Injection, read_injection
+from soro_hardware.emulation.faults.fault_types import KINDS, OF_ALL, Injection, read_injection
 
 CHAMBER = "link0/chamber1"
 

@@ -16,7 +16,7 @@ from soro_core.errors import HardwareError
 from soro_hardware import load_platform, open_regulator
 from soro_hardware.board import frames, messages
 from soro_hardware.board.config import BoardPlatform
-from soro_hardware.board.frames import BoardFrame, Kind
+from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.pi.board import Board
 from soro_hardware.board.pi.loop import Server
 from soro_hardware.board.session import Session
@@ -44,15 +44,15 @@ def frames_to_the_board(pieces: int, seed: int) -> Counted:
     devices = EmulatedBoard(board_platform(), lockstep=True)
     board = devices.board
     board.draw = lambda: 1
-    hello = frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(PORTS)))
+    hello = frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(PORTS)))
     for number in range(pieces):
         if not board.state.greeted:  # after a BYE, or garbage before a greeting
             board.host_came(devices.now_ns)
             board.feed(hello, devices.now_ns)
         before = board.garbled
         payload = [rng.randrange(-20_000, 120_000) if rng.random() < 0.2 else 40_000 for _ in range(PORTS)]
-        sets = frames.encode(BoardFrame(Kind.SET, number % 100, messages.pack_set(payload), 1))
-        reset = frames.encode(BoardFrame(rng.choice((Kind.RESET, Kind.BYE)), 1, number=1))
+        sets = frames.encode(BoardFrame(FrameType.SET, number % 100, messages.pack_set(payload), 1))
+        reset = frames.encode(BoardFrame(rng.choice((FrameType.RESET, FrameType.BYE)), 1, number=1))
         piece = damaged(rng, [sets] * 8 + [hello, reset])
         # What looks like the head of a frame is waited for; so some follow, and one at least is taken.
         # Garbage while the board waits for a greeting, as behind a BYE, ends the connection.
@@ -77,11 +77,11 @@ def frames_to_the_driver(pieces: int, seed: int) -> Counted:
     lengths = messages.lengths(PORTS)
     port = messages.PortState(0, 0, messages.PortFlag.NONE, 0)
     good = messages.pack_state(messages.StateMessage(1, True, messages.Cause.NONE, 0, (port,) * PORTS))
-    last = frames.encode(BoardFrame(Kind.STATE, 0xFFFF, good))
+    last = frames.encode(BoardFrame(FrameType.STATE, 0xFFFF, good))
     for number in range(pieces):
         before = session.garbled
-        kind = rng.choice((Kind.WELCOME, Kind.STATE, Kind.REFUSED))
-        payload = good if kind is Kind.STATE and rng.random() < 0.7 else rng.randbytes(lengths[kind])
+        kind = rng.choice((FrameType.WELCOME, FrameType.STATE, FrameType.REFUSED))
+        payload = good if kind is FrameType.STATE and rng.random() < 0.7 else rng.randbytes(lengths[kind])
         link.coming = damaged(rng, [frames.encode(BoardFrame(kind, number, payload))])
         piece = link.coming
         session.receive(0.0)
@@ -104,8 +104,10 @@ def bytes_to_the_server(pieces: int, seed: int) -> Counted:
     serving = threading.Thread(target=server.run)
     serving.start()
     address = "{}:{}".format(*listener.getsockname())
-    hello = frames.encode(BoardFrame(Kind.HELLO, 0, messages.pack_hello(PORTS)))
-    sets = [frames.encode(BoardFrame(Kind.SET, n, messages.pack_set([40_000] * PORTS), 1)) for n in (1, 2, 3)]
+    hello = frames.encode(BoardFrame(FrameType.HELLO, 0, messages.pack_hello(PORTS)))
+    sets = [
+        frames.encode(BoardFrame(FrameType.SET, n, messages.pack_set([40_000] * PORTS), 1)) for n in (1, 2, 3)
+    ]
     try:
         while counted.sent < pieces:
             with socket.create_connection(listener.getsockname()) as host:
@@ -250,7 +252,7 @@ def _count(counted: Counted, piece: bytes, garbled: int) -> None:
 
 def _welcomes(answer: bytes) -> bool:
     found = frames.BoardFrameDecoder(messages.lengths(PORTS)).feed(answer)
-    return any(frame.kind is Kind.WELCOME for frame in found)
+    return any(frame.kind is FrameType.WELCOME for frame in found)
 
 
 def _check_ports(board: Board) -> None:

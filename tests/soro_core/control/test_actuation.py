@@ -6,7 +6,7 @@ import pytest
 from soro_core.config import parse
 from soro_core.control.config import Pressures
 from soro_core.control.pressures.actuation import complete_pressures, contradictions
-from soro_core.control.pressures.lag import compensate
+from soro_core.control.pressures.lag_compensation import compensate
 from soro_core.pneumatics import RegulatorModel, initial_state, step
 from soro_core.pneumatics.lag import follow
 from soro_core.safety import Limits

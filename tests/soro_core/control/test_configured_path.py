@@ -7,7 +7,7 @@ import pytest
 from soro_core import robot_from_dict
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.reach import check_reach
+from soro_core.control.reference_feasibility import check_reach
 from soro_core.control.retune import retune
 from tests.refused import refused
 

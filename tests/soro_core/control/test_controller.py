@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, robot_from_dict
-from soro_core.config import changed, find_config, load, parse
+from soro_core.config import find_config, load, parse, with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.config import Gains
 from soro_core.control.motions.kinematics import (
@@ -216,7 +216,7 @@ def test_set_point_and_hold():
 
 def test_the_shipped_file_holds_the_defaults():
     shipped = load(find_config("adaptive_three_bellow", "controllers"), ControllerConfig)
-    assert changed(shipped, robot="", gains=Gains()) == ControllerConfig()
+    assert with_changes(shipped, robot="", gains=Gains()) == ControllerConfig()
 
 
 @pytest.mark.parametrize(

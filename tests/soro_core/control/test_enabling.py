@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot
-from soro_core.config import changed, find_config
+from soro_core.config import find_config, with_changes
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.enabling import Seen, pressure_findings, resting_arm
+from soro_core.control.enable_checks import SensorSample, pressure_findings, resting_arm
 from soro_core.control.motion_config import EnableBounds
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
@@ -30,7 +30,7 @@ def sample(pose, turn=(0.0, 0.0, 0.0), moved=(0.0, 0.0, 0.0), s=0.064):
     """A pose sensor whose frame is turned and moved against the world."""
     frame = rotation_exp(np.array(turn))
     position = frame @ pose[:3, 3] + np.array(moved)
-    return Seen("sensors/pose0", s, position, quaternion_from_matrix(frame @ pose[:3, :3]))
+    return SensorSample("sensors/pose0", s, position, quaternion_from_matrix(frame @ pose[:3, :3]))
 
 
 @pytest.mark.parametrize("load", [0.0, 0.01, 0.02, 0.03])
@@ -64,9 +64,9 @@ def test_the_bounds_are_ten_millimetres_and_ten_degrees(robot, rest, moved, turn
     pose = light.arm.pose(equilibrium(light.arm, np.zeros(3)), robot.length)
     one = sample(pose, moved=(0.0, 0.0, moved))
     turned = rotation_exp(np.array([0.0, 0.0, np.radians(turn)])) @ pose[:3, :3]
-    one = Seen(one.name, one.s, one.position, quaternion_from_matrix(turned))
+    one = SensorSample(one.name, one.s, one.position, quaternion_from_matrix(turned))
     assert (light.findings([one], BOUNDS) == []) == fits
-    wide = changed(BOUNDS, distance_m=0.02, angle_deg=20.0)
+    wide = with_changes(BOUNDS, distance_m=0.02, angle_deg=20.0)
     assert light.findings([one], wide) == []
 
 
@@ -75,12 +75,12 @@ def test_every_sensor_has_to_fit(robot, rest):
     tip, middle = (rest.arm.pose(zero, s) for s in (robot.length, 0.5 * robot.length))
     good = sample(tip)
     lying = sample(middle, turn=(0.5 * np.pi, 0.0, 0.0), s=0.5 * robot.length)
-    other = Seen("sensors/pose1", lying.s, lying.position, lying.quaternion)
+    other = SensorSample("sensors/pose1", lying.s, lying.position, lying.quaternion)
     (line,) = rest.findings([good, other], BOUNDS)
     assert line.startswith("sensors/pose1 is ")
     # An IMU knows where up is, in its own frame.
     upright, over = (
-        Seen("sensors/imu0", robot.length, up=np.array(up)) for up in ([0, 0.5, 9.8], [0, 9.8, 0])
+        SensorSample("sensors/imu0", robot.length, up=np.array(up)) for up in ([0, 0.5, 9.8], [0, 9.8, 0])
     )
     assert rest.findings([good, upright], BOUNDS) == []
     (line,) = rest.findings([good, over], BOUNDS)
@@ -109,17 +109,17 @@ def test_an_arm_that_lies_over_by_more_than_a_right_angle_fits(robot, tilt_deg, 
 
 def test_without_a_position_nothing_is_compared(robot, rest):
     """An arm that leans by 13 degrees under 20 g is none with a wrong base."""
-    leaning = Seen("sensors/imu0", robot.length, up=np.array([0.0, 2.2, 9.5]))
+    leaning = SensorSample("sensors/imu0", robot.length, up=np.array([0.0, 2.2, 9.5]))
     assert rest.findings([leaning], BOUNDS) == []
 
 
 def test_the_heaviest_load_is_the_bound_of_the_learned_mass(robot):
     for upper in (0.05, 0.1):
         config = ControllerConfig()
-        config = changed(config, adaptation=changed(config.adaptation, upper=(upper,)))
+        config = with_changes(config, adaptation=with_changes(config.adaptation, upper=(upper,)))
         assert resting_arm(Controller(robot, config)).heaviest_kg == upper
     stated = {"parameters": ("a4",), "gain": (4e-3,), "lower": (1e-3,), "upper": (0.1,)}
-    config = changed(config, adaptation=changed(config.adaptation, **stated))
+    config = with_changes(config, adaptation=with_changes(config.adaptation, **stated))
     assert resting_arm(Controller(robot, config)).heaviest_kg == 0.0
 
 

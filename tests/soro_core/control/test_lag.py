@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from soro_core.control.pressures.lag import compensate
+from soro_core.control.pressures.lag_compensation import compensate
 from soro_core.pneumatics.lag import follow
 
 LOW, HIGH = np.zeros(1), np.full(1, 90e3)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from soro_core import robot_from_dict
 from soro_core.control.config import ReferenceConfig
 from soro_core.control.motions.references import bounds_of
-from soro_core.control.reference.following import STREAM_S, follow, reference_ahead
-from soro_core.control.reference.passage import advance, begin, point, redirect
+from soro_core.control.reference.active_reference import STREAM_S, follow, reference_ahead
+from soro_core.control.reference.reference_transition import advance, begin, point, redirect
 from soro_core.control.reference.trajectory import Circle, Hold, Waypoints
 from soro_core.robot.coordinates import strain_fields
 

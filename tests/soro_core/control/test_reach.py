@@ -6,7 +6,7 @@ import pytest
 from soro_core import load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.reach import check_reach, tip_distance
+from soro_core.control.reference_feasibility import check_reach, tip_distance
 from tests.refused import refused
 
 

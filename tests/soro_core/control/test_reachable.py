@@ -5,8 +5,8 @@ import pytest
 
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
-from soro_core.control import reachable as reachable_module
-from soro_core.control.reachable import Reachable, pressure_grid, reachable
+from soro_core.control import reachable_workspace as reachable_module
+from soro_core.control.reachable_workspace import Reachable, pressure_grid, reachable
 from soro_core.errors import ModelError
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import equilibrium

@@ -9,7 +9,7 @@ from soro_core import load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
-from soro_core.control.reference.undriven import Undriven
+from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
@@ -24,7 +24,7 @@ def bent():
     robot = load_robot(find_config("tue_three_bellow", "robots"))
     arm = discretised(robot, Discretisation(basis="legendre", order=1))
     fields = strain_fields(arm.robot)
-    return arm, Undriven(arm, fields, np.where(fields.stretch, 0.6, 40.0))
+    return arm, UnderactuatedReference(arm, fields, np.where(fields.stretch, 0.6, 40.0))
 
 
 def force_of(arm):

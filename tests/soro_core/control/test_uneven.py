@@ -12,7 +12,7 @@ from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
-from soro_core.control.uneven import Uneven, bends_unevenly
+from soro_core.control.nonuniform_strain import Uneven, bends_unevenly
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation

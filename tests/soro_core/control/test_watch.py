@@ -7,8 +7,8 @@ import pytest
 from soro_core import robot_from_dict
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
+from soro_core.control.control_monitor import WatchState, update_monitor
 from soro_core.control.laws import Certainty
-from soro_core.control.watch import WatchState, watched
 
 DT = 0.005
 NAMES = ("a", "b", "c")
@@ -17,7 +17,7 @@ NONE = np.zeros(3)
 
 def after(state, seconds, away=0.0, missing=NONE, event=""):
     for _ in range(round(seconds / DT)):
-        state = watched(state, away, missing, NAMES, event, 3.0, DT)
+        state = update_monitor(state, away, missing, NAMES, event, 3.0, DT)
     return state
 
 

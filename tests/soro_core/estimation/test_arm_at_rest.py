@@ -8,7 +8,7 @@ import pytest
 from soro_core import load_robot
 from soro_core.config import find_config
 from soro_core.control import Controller
-from soro_core.control.enabling import Seen, pressure_findings, resting_arm
+from soro_core.control.enable_checks import SensorSample, pressure_findings, resting_arm
 from soro_core.control.motion_config import EnableBounds
 from soro_core.estimation import Estimator
 from soro_core.pneumatics import RegulatorModel
@@ -49,5 +49,5 @@ def test_a_twin_at_rest_without_noise_stays_ok_and_fits_the_check_at_enable(step
     assert state.counts.accepted > 100
     assert estimate.status.note == ""
     bounds, arm = EnableBounds(), resting_arm(Controller(robot))
-    assert arm.findings([Seen("sensors/pose0", last.s, last.position, last.quaternion)], bounds) == []
+    assert arm.findings([SensorSample("sensors/pose0", last.s, last.position, last.quaternion)], bounds) == []
     assert pressure_findings(robot.chamber_names, seen.reading_pa, bounds) == []

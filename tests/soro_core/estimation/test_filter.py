@@ -10,7 +10,7 @@ from soro_core.estimation import EstimatorConfig, PoseSample
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import ESTIMATE
 from soro_core.estimation.kernel.update import FUSED
-from soro_core.estimation.known import Known
+from soro_core.estimation.learned_input import LearnedInput
 from soro_core.integrate import State, make_stepper
 
 pytestmark = pytest.mark.numerics
@@ -27,7 +27,7 @@ STEPS = np.array([1e-5, 1e-3, 1e-3, 1e-3, 1e-1, 1e-1])
 
 def model(mass_kg, weights=0.0):
     shape = weights * np.random.default_rng(0).normal(size=N * (N + 1))
-    return Known(Learned(np.concatenate([[mass_kg], shape])), 0.0, 1.0)
+    return LearnedInput(Learned(np.concatenate([[mass_kg], shape])), 0.0, 1.0)
 
 
 def belief_of(filter_, mean=None):
@@ -74,7 +74,7 @@ def test_a_learned_mass_is_a_heavier_arm_in_mean_and_covariance(robot):
 
 
 @pytest.mark.parametrize(
-    "known", [Known(), model(0.02, 1.0), model(-0.005, 1.0)], ids=["none", "load", "less"]
+    "known", [LearnedInput(), model(0.02, 1.0), model(-0.005, 1.0)], ids=["none", "load", "less"]
 )
 def test_the_covariance_moves_by_the_derivatives_of_the_mean(known):
     """Over a short step, so that the terms of higher order of both are small."""
@@ -113,7 +113,7 @@ def test_the_learned_force_is_that_of_the_law():
         begun.mean[2 * N :] = 0.0
         return (filter_.predict(begun, P, dt, known)[0].qd - QD) / dt
 
-    bare = acceleration(Known())
+    bare = acceleration(LearnedInput())
     for mass, carried in ((0.02, True), (-0.005, False)):
         known = model(mass, 1.0)
         qdd = acceleration(known)
@@ -164,7 +164,7 @@ def test_a_mass_that_the_arm_does_not_have_takes_no_inertia_from_other_masses():
     filter_, dt, known = Filter(arm, CONFIG), 1e-6, model(-0.004)
     begun = belief_of(filter_)
     begun.mean[N:] = 0.0
-    with_it, without = (filter_.predict(begun, P, dt, one)[0].qd / dt for one in (known, Known()))
+    with_it, without = (filter_.predict(begun, P, dt, one)[0].qd / dt for one in (known, LearnedInput()))
     weight = LearnedForce(bare).force(known.learned, Q, 0.0 * QD, 0.0 * QD)
     left = arm.inertia_matrix(Q) @ (with_it - without)
     np.testing.assert_allclose(left, -weight, rtol=2e-3, atol=2e-3 * np.abs(weight).max())
@@ -191,7 +191,7 @@ def test_one_update_is_that_of_the_textbook():
     sample = PoseSample(0.0, pose[:3, 3] + 1e-4, np.array([0.0, 0.0, 0.0, 1.0]), ROBOT.length)
     far = parse({"pose": {"orientation_model_std_rad": 3.0}}, EstimatorConfig, "test")
     filter_ = Filter(SoftArm(ROBOT), far)
-    fused = filter_.advance(begun, P, 0.0, Known(), sample)
+    fused = filter_.advance(begun, P, 0.0, LearnedInput(), sample)
     assert fused.outcome == FUSED
     H = np.zeros((3, len(begun.mean)))
     H[:, :N] = pose[:3, :3] @ jacobian[3:]
@@ -230,7 +230,11 @@ def test_a_disturbance_beside_a_learned_force_fades_sooner():
     filter_ = Filter(SoftArm(ROBOT), EstimatorConfig())
     begun = belief_of(filter_)
     begun.mean[3 * N :] = 0.0
-    for known, time_s in ((Known(), 5.0), (model(0.0)._replace(share=0.5), 1.0 / 0.725), (model(0.0), 0.8)):
+    for known, time_s in (
+        (LearnedInput(), 5.0),
+        (model(0.0)._replace(share=0.5), 1.0 / 0.725),
+        (model(0.0), 0.8),
+    ):
         end = filter_.predict(begun, P, DT, known)[0].mean
         np.testing.assert_allclose(end[2 * N : 3 * N], np.exp(-DT / time_s) * begun.mean[2 * N : 3 * N])
 
@@ -240,7 +244,7 @@ def test_nothing_of_a_call_stays_behind():
     filter_ = Filter(SoftArm(ROBOT), CONFIG)
     begun, known = belief_of(filter_), model(0.01, 1.0)
     first = filter_.predict(begun, P, DT, known)[0]
-    for other in (model(-0.01, 2.0), Known()):
+    for other in (model(-0.01, 2.0), LearnedInput()):
         filter_.predict(belief_of(filter_, 2.0 * begun.mean), 2.0 * P, DT, other)
     again = filter_.predict(begun, P, DT, known)[0]
     assert first.mean.tobytes() == again.mean.tobytes()

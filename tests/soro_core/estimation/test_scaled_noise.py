@@ -3,10 +3,10 @@
 import pytest
 
 from soro_core import load_robot
-from soro_core.config import changed, find_config
+from soro_core.config import find_config, with_changes
 from soro_core.estimation import Estimator, EstimatorConfig
 from soro_core.estimation.config import ProcessNoise
-from soro_core.estimation.scaled import TUNED_FOR, noise_scales, scaled_noise
+from soro_core.estimation.noise_scaling import TUNED_FOR, noise_scales, scaled_noise
 from soro_core.robot.parts import fields
 
 NAMES = ("process", "learned_process", "initial", "pose")
@@ -20,7 +20,7 @@ def test_the_arm_that_they_are_tuned_for_gets_the_defaults_to_the_bit():
     robot = shipped("tue_three_bellow")
     assert vars(noise_scales(robot)) == pytest.approx(vars(TUNED_FOR), rel=1e-3)
     found, default = scaled_noise(EstimatorConfig(), robot), EstimatorConfig()
-    assert found == changed(default, scale_noise=False)
+    assert found == with_changes(default, scale_noise=False)
     assert Estimator(robot).config == found
 
 
@@ -57,6 +57,6 @@ def test_what_is_stated_stays():
     found = scaled_noise(stated, robot)
     assert found.process.curvature_acceleration_per_m == 7.0
     assert found.process.stretch_acceleration != EstimatorConfig().process.stretch_acceleration
-    unscaled = changed(EstimatorConfig(), scale_noise=False)
+    unscaled = with_changes(EstimatorConfig(), scale_noise=False)
     assert scaled_noise(unscaled, robot) is unscaled
     assert scaled_noise(found, robot) is found  # once

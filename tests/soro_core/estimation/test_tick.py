@@ -11,7 +11,7 @@ from soro_core.estimation import Estimator, EstimatorConfig, ImuSample, PoseSamp
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import ESTIMATE, FOUND, FROZEN, MOVED, POSITION, REFUSED
 from soro_core.estimation.kernel.update import FUSED, OUTLIER
-from soro_core.estimation.known import Known
+from soro_core.estimation.learned_input import LearnedInput
 
 ROBOT = load_robot("tue_three_bellow")
 LENGTH, DT = ROBOT.length, 0.005
@@ -30,7 +30,9 @@ def tracking():
     filter_ = Filter(SoftArm(ROBOT), EstimatorConfig())
     belief, record = filter_.start(), None
     for k in range(1, 41):
-        found = filter_.advance(belief, np.zeros(3), DT, Known(), pose(filter_, k * DT, 1e-5 * k), record)
+        found = filter_.advance(
+            belief, np.zeros(3), DT, LearnedInput(), pose(filter_, k * DT, 1e-5 * k), record
+        )
         assert (found.ok, found.outcome) == (True, FUSED)
         belief, record = found.belief, found.record
     return filter_, belief, record
@@ -43,9 +45,9 @@ def bits(belief):
 def test_a_step_with_a_sample_is_the_prediction_and_the_update(tracking):
     filter_, belief, record = tracking
     sample = pose(filter_, 41 * DT, 1e-4)
-    once = filter_.advance(belief, P, DT, Known(), sample, record)
+    once = filter_.advance(belief, P, DT, LearnedInput(), sample, record)
     ahead, _ = filter_.predict(belief, P, DT)
-    after = filter_.advance(ahead, P, 0.0, Known(), sample, record)
+    after = filter_.advance(ahead, P, 0.0, LearnedInput(), sample, record)
     assert bits(once.belief) == bits(after.belief)
     assert once.nis == after.nis
     tip = filter_.arm.pose(once.belief.q, LENGTH)[:3, 3]
@@ -55,7 +57,7 @@ def test_a_step_with_a_sample_is_the_prediction_and_the_update(tracking):
 def test_an_outlier_leaves_the_prediction_with_a_wider_covariance(tracking):
     filter_, belief, record = tracking
     ahead, _ = filter_.predict(belief, P, DT)
-    found = filter_.advance(belief, P, DT, Known(), pose(filter_, 41 * DT, 0.02), record)
+    found = filter_.advance(belief, P, DT, LearnedInput(), pose(filter_, 41 * DT, 0.02), record)
     assert found.outcome == OUTLIER
     assert found.nis > filter_.settings.gates[6]
     assert found.belief.mean.tobytes() == ahead.mean.tobytes()
@@ -63,7 +65,7 @@ def test_an_outlier_leaves_the_prediction_with_a_wider_covariance(tracking):
     np.testing.assert_array_equal(found.belief.covariance, factor * ahead.covariance)
     assert found.record[REFUSED] == 1.0
     # One that is replayed has passed the gate before.
-    replayed = filter_.advance(belief, P, DT, Known(), pose(filter_, 41 * DT, 0.02), record, False)
+    replayed = filter_.advance(belief, P, DT, LearnedInput(), pose(filter_, 41 * DT, 0.02), record, False)
     assert replayed.outcome == FUSED
     np.testing.assert_array_equal(replayed.record, record)
 
@@ -75,7 +77,7 @@ def test_after_many_outliers_the_belief_is_found_from_the_straight_arm(tracking)
     outcomes = []
     for k in range(41, 41 + EstimatorConfig().reacquire_after):
         # The covariance as it was: else the gate opens before the count is full.
-        found = filter_.advance(belief, P, DT, Known(), pose(filter_, k * DT, 1e-4 * k, bent), record)
+        found = filter_.advance(belief, P, DT, LearnedInput(), pose(filter_, k * DT, 1e-4 * k, bent), record)
         outcomes.append(found.outcome)
         record = found.record
     assert outcomes[:-1] == [OUTLIER] * (len(outcomes) - 1)
@@ -93,7 +95,7 @@ def test_a_repeated_pose_is_refused_once_the_prediction_has_moved(tracking):
     moved = []
     for k in range(41, 81):
         pressure = 0.02 * (k - 40) * P
-        found = filter_.advance(belief, pressure, DT, Known(), replace(same, stamp_s=k * DT), record)
+        found = filter_.advance(belief, pressure, DT, LearnedInput(), replace(same, stamp_s=k * DT), record)
         ahead, _ = filter_.predict(belief, pressure, DT)
         belief, record = found.belief, found.record
         moved.append(np.linalg.norm(record[MOVED : MOVED + 3]))

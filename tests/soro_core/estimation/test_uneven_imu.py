@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
-from soro_core.estimation.uneven import Uneven
+from soro_core.estimation.mean_strain import Uneven
 from soro_core.model.equilibrium.statics import equilibrium
 
 REFERENCE = np.array([0.08, 8.0, 6.0])

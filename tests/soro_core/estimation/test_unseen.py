@@ -8,7 +8,7 @@ from soro_core.adaptation.scales import q_scale_of
 from soro_core.config import find_config
 from soro_core.estimation import Estimator, EstimatorConfig, PoseSample
 from soro_core.estimation.filter import Filter
-from soro_core.estimation.unseen import unseen_covariance
+from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
 from soro_core.loop import certainty_of
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.rotation import quaternion_from_matrix
@@ -21,7 +21,7 @@ Q = np.array([0.08, 1.0, 0.3, 0.03, -0.8, 0.2])
 
 def test_a_pose_of_the_tip_leaves_three_directions_open_that_do_not_move_it():
     scale = q_scale_of(ARM)
-    doubt = unseen_covariance(FILTER, Q, [ARM.length], np.diag(scale**2)) / np.outer(scale, scale)
+    doubt = unmeasured_covariance(FILTER, Q, [ARM.length], np.diag(scale**2)) / np.outer(scale, scale)
     values, directions = np.linalg.eigh(doubt)
     assert values == pytest.approx([0, 0, 0, 1, 1, 1], abs=1e-2)
     moved = ARM.jacobian(Q, ARM.length)[3:] @ (directions[:, 3:] * scale[:, None])
@@ -30,7 +30,7 @@ def test_a_pose_of_the_tip_leaves_three_directions_open_that_do_not_move_it():
 
 def test_poses_at_both_plates_leave_nothing_open():
     places = [ARM.length, ROBOT.links[0].length]
-    assert not unseen_covariance(FILTER, Q, places, np.eye(6)).any()
+    assert not unmeasured_covariance(FILTER, Q, places, np.eye(6)).any()
 
 
 def test_what_a_law_gets_has_the_doubt_of_the_places_of_late():

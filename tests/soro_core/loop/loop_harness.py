@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig, Reference
 from soro_core.estimation import Estimator, EstimatorConfig, ImuSample, PoseSample
 from soro_core.integrate import OK, State, Status, make_stepper
@@ -16,7 +16,7 @@ from soro_core.loop import Loop
 from soro_core.pneumatics import RegulatorModel, RegulatorState, initial_state, reading, step
 from soro_core.robot import Discretisation
 from soro_core.twin import Observation, SensorConfig
-from soro_core.twin.sensors import Motion, measure_imu
+from soro_core.twin.sensors import SectionMotion, measure_imu
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def within(t: float, span: tuple[float, float] | None) -> bool:
 
 
 def without_adaptation(config: ControllerConfig) -> ControllerConfig:
-    return changed(config, adapt=False)
+    return with_changes(config, adapt=False)
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class Harness:
         q, qd, h = world.body.q, world.body.qd, 1e-6
         qdd = self.arm.forward_dynamics(q, qd, world.air.pressure_pa, internal=world.body.internal)
         jacobian, ahead, behind = (self.arm.jacobian(q + x * qd, self.length) for x in (0.0, h, -h))
-        motion = Motion(pose, jacobian @ qd, jacobian @ qdd + (ahead - behind) @ qd / (2.0 * h))
+        motion = SectionMotion(pose, jacobian @ qd, jacobian @ qdd + (ahead - behind) @ qd / (2.0 * h))
         gravity = np.array(self.robot.gravity)
         return measure_imu(SensorConfig(), motion, gravity, t, self.length, self.rng)
 

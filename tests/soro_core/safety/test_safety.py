@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_core.config import changed, parse
+from soro_core.config import parse, with_changes
 from soro_core.errors import ConfigError
 from soro_core.pneumatics.lag import follow
 from soro_core.safety import (
@@ -468,7 +468,7 @@ def test_a_narrower_range_is_reached_without_a_step_and_keeps_the_arm_in_control
     limiter, found, reading = Limiter(LIMITS, ("a", "b", "c")), [], np.zeros(3)
     for now in range(0, 1000, 5):
         if now == 500:
-            limiter.narrow(narrowed(LIMITS, changed(LIMITS, maximum_pa=20e3), "test"))
+            limiter.narrow(narrowed(LIMITS, with_changes(LIMITS, maximum_pa=20e3), "test"))
         assert limiter.offer(np.array([60e3, 60e3, 10e3]), now * MS, now * MS) is None
         found.append(limiter.slew(now * MS))
         reading = follow(reading, found[-1], 5e-3, TYPICAL.tau_s)
@@ -481,7 +481,7 @@ def test_a_narrower_range_is_reached_without_a_step_and_keeps_the_arm_in_control
 
 
 def test_a_narrower_range_below_zero_is_reached_without_a_step():
-    low = changed(LIMITS, minimum_pa=-50e3)
+    low = with_changes(LIMITS, minimum_pa=-50e3)
     limiter, found = Limiter(low, ("a",)), []
     for now in range(0, 1000, 5):
         if now == 500:
@@ -505,4 +505,4 @@ def test_a_narrower_range_below_zero_is_reached_without_a_step():
 )
 def test_limits_that_are_wider_or_of_a_trip_wait_for_the_next_configure(key, value):
     with fails(ConfigError, "next configure", key=f"limits.{key}"):
-        narrowed(LIMITS, changed(LIMITS, **{key: value}), "test")
+        narrowed(LIMITS, with_changes(LIMITS, **{key: value}), "test")

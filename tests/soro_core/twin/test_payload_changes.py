@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from soro_core import load_robot
-from soro_core.config import changed, find_config, parse
+from soro_core.config import find_config, parse, with_changes
 from soro_core.twin import Twin, TwinConfig
 from tests.refused import refused
 
@@ -26,7 +26,7 @@ def config(**keys):
 def test_the_arm_carries_each_load_from_its_time_on(robot):
     twin, state = Twin(robot, config()), Twin(robot, config()).initial()
     of_one = {
-        mass: Twin(robot, changed(config(), payload_kg=mass, payload_changes={}))
+        mass: Twin(robot, with_changes(config(), payload_kg=mass, payload_changes={}))
         for mass in (0.0, 0.02, 0.005)
     }
     for tick in range(8):  # 5 ms each
@@ -42,7 +42,7 @@ def test_the_arm_carries_each_load_from_its_time_on(robot):
 
 def test_the_times_count_from_the_begin_of_control(robot):
     twin = Twin(robot, config())
-    light = Twin(robot, changed(config(), payload_changes={}))
+    light = Twin(robot, with_changes(config(), payload_changes={}))
     waiting = replace(twin.initial(), begun=None, tick=100)
     late = replace(waiting, begun=98)  # 10 ms ago
     begun = replace(waiting, begun=96)  # 20 ms ago

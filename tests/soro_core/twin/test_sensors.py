@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core.estimation.sensors.samples import PoseSample
 from soro_core.twin.config import SensorConfig
-from soro_core.twin.sensors import Motion, SensorClock, SensorState, measure_imu, measure_pose, sample
+from soro_core.twin.sensors import SectionMotion, SensorClock, SensorState, measure_imu, measure_pose, sample
 
 
 def stream(config: SensorConfig, rate_hz: float, ticks: int, seed: int = 0) -> list[list[PoseSample]]:
@@ -69,7 +69,7 @@ def test_an_imu_at_rest_feels_gravity_upwards_in_its_own_frame():
     pose = np.eye(4)
     pose[:3, :3] = turn.as_matrix()
     seen = measure_imu(
-        quiet, Motion(pose, np.zeros(6)), np.array([0, 0, -9.81]), 0.0, 0.1, np.random.default_rng(0)
+        quiet, SectionMotion(pose, np.zeros(6)), np.array([0, 0, -9.81]), 0.0, 0.1, np.random.default_rng(0)
     )
     assert turn.apply(seen.linear_acceleration) == pytest.approx([0, 0, 9.81])
     assert Rotation.from_quat(seen.orientation).as_matrix() == pytest.approx(turn.as_matrix())
@@ -79,5 +79,7 @@ def test_an_imu_on_a_circle_feels_the_centripetal_acceleration():
     quiet = SensorConfig(rotation_noise_rad=0.0, rate_noise_rad_s=0.0, acceleration_noise_m_s2=0.0)
     # Turning about z at 2 rad/s, 0.5 m from the axis, which lies along -x.
     twist = np.array([0.0, 0.0, 2.0, 0.0, 1.0, 0.0])
-    seen = measure_imu(quiet, Motion(np.eye(4), twist), np.zeros(3), 0.0, 0.1, np.random.default_rng(0))
+    seen = measure_imu(
+        quiet, SectionMotion(np.eye(4), twist), np.zeros(3), 0.0, 0.1, np.random.default_rng(0)
+    )
     assert seen.linear_acceleration == pytest.approx([-2.0, 0.0, 0.0])

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
 from soro_design.parts.file import load_part
@@ -55,7 +55,7 @@ def test_a_rod_has_closed_chambers_of_exact_dimensions(tmp_path, again, taper, f
 @pytest.mark.parametrize("end_m", [0.0, 4.1e-3])
 def test_bellows_have_the_volume_of_their_pieces(again, end_m):
     """Of half a lobe, by Pappus: half a neck, a side, a fillet, half the top; and the tubes at the ends."""
-    geometry = changed(load_part("printed_bellows").geometry, end_m=end_m)
+    geometry = with_changes(load_part("printed_bellows").geometry, end_m=end_m)
     solid = again(geometry)
     neck, fillet, wall = 1.3375, 1.1, 0.8
     inner, outer = 3.6 + neck, 12.6 - fillet

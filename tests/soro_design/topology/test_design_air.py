@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_design.topology.domain import analysis, make_domain
 from soro_design.topology.optimise import densities
 from soro_design.topology.physics import stroke
@@ -74,7 +74,7 @@ def test_the_adjoint_is_exact(space, monkeypatch):
 
 
 def test_the_gradient_of_the_compliance_is_exact():
-    task = changed(load_task("arch"), cells=(10, 5))
+    task = with_changes(load_task("arch"), cells=(10, 5))
     found = analysis(make_domain(task))
     rng = np.random.default_rng(2)
     density, along = rng.uniform(0.1, 0.9, 50), rng.uniform(-1.0, 1.0, 50)
@@ -103,7 +103,7 @@ def test_air_in_void_alone_loads_no_node_inside():
 @pytest.mark.parametrize("sharpness", [1.0, 8.0, 16.0])
 def test_the_gradient_passes_filter_and_projection(sharpness):
     """By the variables. SoRoTop takes the slope of the projection where it ends, not where it begins."""
-    task = changed(load_task("arch"), cells=(20, 10), filter_radius_m=12.0)
+    task = with_changes(load_task("arch"), cells=(20, 10), filter_radius_m=12.0)
     domain = make_domain(task)
     found, weights = analysis(domain), density_filter(domain.grid, task.filter_radius_m)
     rng = np.random.default_rng(4)

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import pytest
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError, ModelError
 from soro_design.topology import load_state, make_domain, optimise, reanalyse, save, shape
 from soro_design.topology.optimise import first_state
@@ -43,7 +43,7 @@ def test_the_objective_falls_and_the_volume_keeps_its_limit():
 def test_the_coarse_arch_gets_stiffer_by_as_much_as_its_air_allows():
     """50 x 25 elements: the work of the pressure over 1000 at the first iteration (benchmarks: 100 x 50)."""
     task = load_task("arch")
-    coarse = changed(task, cells=(50, 25), schedule=changed(task.schedule, iterations=40))
+    coarse = with_changes(task, cells=(50, 25), schedule=with_changes(task.schedule, iterations=40))
     state = optimise(coarse)
     work = 1000.0 * state.rows[-1].objective / state.rows[0].objective
     print(f"work {work:.2f}")
@@ -65,8 +65,10 @@ def test_a_pressure_without_equilibrium_is_lowered_and_named():
 def test_a_disc_about_an_axis_keeps_its_pressure_and_is_sealed():
     """The shipped task on a coarse grid: every pressure of the schedule has an equilibrium."""
     task = load_task("disc")
-    schedule = changed(task.schedule, iterations=16, ramp=10, pressure_pa=(2e3, 6e3), sharpness=(4.0, 8.0))
-    coarse = changed(task, cells=(32, 16), filter_radius_m=1.6e-3, schedule=schedule)
+    schedule = with_changes(
+        task.schedule, iterations=16, ramp=10, pressure_pa=(2e3, 6e3), sharpness=(4.0, 8.0)
+    )
+    coarse = with_changes(task, cells=(32, 16), filter_radius_m=1.6e-3, schedule=schedule)
     domain = make_domain(coarse)
     state = optimise(coarse)
     assert min(row.eased for row in state.rows) == 1.0

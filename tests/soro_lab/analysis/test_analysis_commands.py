@@ -8,7 +8,7 @@ import yaml
 from typer.testing import CliRunner
 
 from soro_core import SoftArm, load_robot
-from soro_core.control import reachable
+from soro_core.control import reachable_workspace as reachable
 from soro_core.errors import ConfigError
 from soro_lab.scene import Scene
 from soro_ros.cli import application

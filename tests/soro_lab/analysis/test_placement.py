@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.twin import Twin
 from soro_lab.analysis.placement import Information, best, greedy
@@ -121,9 +121,9 @@ def test_the_estimator_is_better_with_the_chosen_place(figure):
     places = {"chosen": found.candidates[found.chosen[0]].s, "worst": found.candidates[np.argmin(values)].s}
     errors = {}
     for name, s in places.items():
-        pose = changed(scene.twin.pose, locations=(s / found.arm.length,))
-        there = changed(scene, twin=changed(scene.twin, pose=pose))
-        twin = Twin(there.loaded_robot, changed(there.twin_node(), pressures="regulators"))
+        pose = with_changes(scene.twin.pose, locations=(s / found.arm.length,))
+        there = with_changes(scene, twin=with_changes(scene.twin, pose=pose))
+        twin = Twin(there.loaded_robot, with_changes(there.twin_node(), pressures="regulators"))
         loop, late = loop_of(there), []
         for tick in loop.run(twin, 600, twin.dt, before_s=-twin.dt):
             if tick.t_s > 1.5:

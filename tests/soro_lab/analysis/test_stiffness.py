@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot, robot_from_dict
-from soro_core.control.reachable import reachable
+from soro_core.control.reachable_workspace import reachable
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import NoBalanceError, stable_equilibrium
 from soro_lab.analysis.reach_picture import ellipse
@@ -95,7 +95,7 @@ def test_the_ellipse_is_what_the_force_does():
 
 
 def test_places_near_collapse_are_found_and_none_beyond(monkeypatch):
-    monkeypatch.setattr("soro_core.control.reachable.MOST", 51)  # pressures: steps of a fortieth
+    monkeypatch.setattr("soro_core.control.reachable_workspace.MOST", 51)  # pressures: steps of a fortieth
     arm = bent_arm()
     q = stable_equilibrium(arm, [0.999 * LIMIT_PA])
     assert RestForces(arm, np.array([0.999 * LIMIT_PA])).is_stable(q)

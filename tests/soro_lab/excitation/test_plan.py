@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import load_robot
 from soro_core.safety import Limits
@@ -201,4 +201,4 @@ def test_a_release_comes_last():
     _, plan = made(release=True)
     assert plan.sections[-1].asks
     assert not plan.sections[-1].level_pa.any()
-    assert changed(ExciteConfig(), release=True).release_s == plan.sections[-1].longest_s
+    assert with_changes(ExciteConfig(), release=True).release_s == plan.sections[-1].longest_s

@@ -12,7 +12,7 @@ from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_lab.excitation import MotionConfig, foresight
 from soro_lab.excitation.foresight import Warned, foresee
-from soro_lab.excitation.motion import Motion
+from soro_lab.excitation.motion import MotionCriteria
 from soro_lab.excitation.procedure import (
     PATIENCE,
     VENT_S,
@@ -33,7 +33,7 @@ def excitation(motion=None, warned=None, **keys):
     keys = {"stages": ("singles",), "levels": 1, **keys}
     motion = motion or MotionConfig()
     plan = made(**keys)[1]
-    return Excitation(plan, Motion(motion, LENGTH, True), warned, "pose0")
+    return Excitation(plan, MotionCriteria(motion, LENGTH, True), warned, "pose0")
 
 
 def pose(t, position=(0.0, 0.0, LENGTH), quaternion=UPRIGHT):
@@ -172,7 +172,7 @@ def test_a_sensor_that_turns_too_far_vents(degrees):
 
 @pytest.mark.parametrize("with_orientation", [True, False])
 def test_an_imu_alone_limits_the_bend_and_shows_stillness(with_orientation):
-    given = replace(excitation(), motion=Motion(MotionConfig(), LENGTH, False), outermost="imu0")
+    given = replace(excitation(), motion=MotionCriteria(MotionConfig(), LENGTH, False), outermost="imu0")
 
     def sample(angle):
         turn = rotation_exp(np.array([angle, 0.0, 0.0]))

@@ -12,11 +12,11 @@ from soro_lab.identification.arm.cases.case import Whole
 from soro_lab.identification.arm.choose import Choice, Trial
 from soro_lab.identification.arm.frames import frame_numbers
 from soro_lab.identification.arm.judge import errors, ranges, share_of_range, squares
-from soro_lab.identification.arm.laws import LAWS, freed, plain
-from soro_lab.identification.arm.search.certainty import certainty
+from soro_lab.identification.arm.laws import LAWS, free_parameters, plain
 from soro_lab.identification.arm.search.prepare import first_errors
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import evaluated
+from soro_lab.identification.arm.search.uncertainty import certainty
 from soro_lab.identification.arm.stages import Identified
 from soro_lab.identification.recording import Recording
 
@@ -47,7 +47,7 @@ def made(damaged: bool = True, **changes: Any) -> Identified:
     expected = {"tip": first_errors(whole[0].shapes[0], moved["tip"])}
     # The frame is that of the runs that are whole.
     frames = frame_numbers(SoftArm(robot), whole[:2])
-    problem = Problem(robot, whole, (*freed(robot, (), "eb")[0], *frames), expected)
+    problem = Problem(robot, whole, (*free_parameters(robot, (), "eb")[0], *frames), expected)
     solution = evaluated(problem, {})
     seen, unseen = replace(problem, cases=fit), replace(problem, cases=held)
     judged = errors(held, unseen.predicted(solution.values), expected)

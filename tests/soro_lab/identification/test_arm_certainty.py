@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import minimize
 
 from soro_core import load_robot
-from soro_lab.identification.arm.cases.numbers import Number
-from soro_lab.identification.arm.search.certainty import certainty
+from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.search.uncertainty import certainty
 from soro_lab.identification.recording.place import Place
 from soro_lab.identification.recording.streams import Marker
 
@@ -25,7 +25,7 @@ class Seen:
 
 
 def problem():
-    numbers = tuple(Number(f"link0/{k}", 0.0, "m", "shift", 1.0, -50.0, 50.0) for k in "ab")
+    numbers = tuple(ArmParameter(f"link0/{k}", 0.0, "m", "shift", 1.0, -50.0, 50.0) for k in "ab")
     return Problem(load_robot("tue_three_bellow"), (Seen(),), numbers, {"tip": np.ones(3)})
 
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.choose import Trial, choose
 from soro_lab.identification.arm.laws import LAWS, Law
-from soro_lab.identification.arm.search.certainty import certainty
 from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.search.uncertainty import certainty
 from soro_lab.identification.arm.stages import Options
 
 SLOPE, CREEP = (law for law in LAWS if law.name in ("area slope", "creep"))
@@ -96,7 +96,7 @@ class _Case:
 class _Straight:
     """A line through data: two numbers, of which certainty needs what a problem has."""
 
-    numbers: tuple[Number, ...]
+    numbers: tuple[ArmParameter, ...]
     cases: tuple[_Case, ...]
     expected: dict[str, np.ndarray]
 
@@ -106,7 +106,9 @@ class _Straight:
 
 
 def _straight(rows: np.ndarray, design: np.ndarray, t: np.ndarray) -> tuple[Any, Solution]:
-    numbers = tuple(Number(f"link0/n{k}", 0.0, "", "shift", 1.0, -1e3, 1e3) for k in range(design.shape[1]))
+    numbers = tuple(
+        ArmParameter(f"link0/n{k}", 0.0, "", "shift", 1.0, -1e3, 1e3) for k in range(design.shape[1])
+    )
     x, *_ = np.linalg.lstsq(design, rows, rcond=None)
     left = design @ x - rows
     case = _Case("line", (_Shape("y", t),))

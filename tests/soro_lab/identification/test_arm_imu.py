@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import load_robot
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.numbers import with_numbers
+from soro_lab.identification.arm.cases.parameters import with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
 from soro_lab.identification.arm.report.found import frames_of
 from soro_lab.identification.arm.stages import Identified, Options, identify

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
 from soro_core.errors import ConfigError, ModelError
-from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
-from soro_lab.identification.arm.cases.predict import difference, shown
-from soro_lab.identification.arm.laws import LAWS, NAMED, freed, is_of_law, plain
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.predict import difference, predict_measurement
+from soro_lab.identification.arm.laws import LAWS, NAMED, free_parameters, is_of_law, plain
 from soro_lab.identification.arm.search.problem import modelled
 from soro_lab.identification.recording import Bend, Curvature, Marker, Place, Plate
 
@@ -86,11 +86,11 @@ def test_a_strain_that_varies_is_refused() -> None:
 
 def test_laws_free_what_the_recordings_show() -> None:
     robot = plain(load_robot("tue_three_bellow"))
-    names = {n.name for n in freed(robot, (), "b")[0]}
+    names = {n.name for n in free_parameters(robot, (), "b")[0]}
     assert "link0/k_b" in names
     assert "link0/k_e" not in names
     assert "link0/creep_b" not in names
-    numbers, starts = freed(robot, LAWS, "eb")
+    numbers, starts = free_parameters(robot, LAWS, "eb")
     assert {"link0/creep_e", "link0/dahl_b_range", "link0/area_slope", "link0/k_e"} <= {
         n.name for n in numbers
     }
@@ -112,10 +112,14 @@ def test_a_plate_shows_its_section_through_tracker_and_mount() -> None:
     frames |= {f"frame/top/turn_{x}": v for x, v in zip("xyz", mount.as_rotvec(), strict=True)}
     frames |= {f"frame/top/offset_{x}": v for x, v in zip("xyz", offset, strict=True)}
     plate = Plate("top", np.arange(2.0), Place(0, 0.05), np.array(position), np.array(quaternion))
-    np.testing.assert_allclose(difference(plate, shown(plate, arm.robot, arm, q), frames), 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        difference(plate, predict_measurement(plate, arm.robot, arm, q), frames), 0.0, atol=1e-12
+    )
     marker = Marker("top", np.arange(2.0), Place(0, 0.05), np.array(position) + np.array([0.0, 0.0, 1e-3]))
     np.testing.assert_allclose(
-        difference(marker, shown(marker, arm.robot, arm, q), frames), [[0, 0, 1e-3]] * 2, atol=1e-12
+        difference(marker, predict_measurement(marker, arm.robot, arm, q), frames),
+        [[0, 0, 1e-3]] * 2,
+        atol=1e-12,
     )
 
 
@@ -131,15 +135,15 @@ def test_each_tracker_has_its_own_frame() -> None:
     ):
         marker = Marker("point", np.arange(1.0), Place(0), np.array([seen]), frame=name)
         np.testing.assert_allclose(
-            difference(marker, shown(marker, arm.robot, arm, q), frames), 0.0, atol=1e-12
+            difference(marker, predict_measurement(marker, arm.robot, arm, q), frames), 0.0, atol=1e-12
         )
 
 
 def test_kept_numbers_are_not_searched() -> None:
     robot = load_robot("tue_three_bellow")
     keep = ("link0/k_e", "link0/creep_b")
-    numbers, begin = freed(robot, LAWS, "eb", keep)
-    assert {n.name for n in freed(robot, LAWS, "eb")[0]} - {n.name for n in numbers} == set(keep)
+    numbers, begin = free_parameters(robot, LAWS, "eb", keep)
+    assert {n.name for n in free_parameters(robot, LAWS, "eb")[0]} - {n.name for n in numbers} == set(keep)
     assert "link0/creep_e" in begin
     assert "link0/creep_b" not in begin
     described = numbers_of(robot)["link0/creep_b"].value
@@ -147,7 +151,7 @@ def test_kept_numbers_are_not_searched() -> None:
     assert numbers_of(plain(robot, keep))["link0/creep_b"].value == pytest.approx(described)
     assert numbers_of(plain(robot))["link0/creep_b"].value == 0.0
     with pytest.raises(ConfigError) as caught:
-        freed(robot, LAWS, "eb", ("link0/mass",))
+        free_parameters(robot, LAWS, "eb", ("link0/mass",))
     assert caught.value.key == "--keep"
 
 
@@ -156,7 +160,9 @@ def test_a_camera_turns_and_shifts_curvatures() -> None:
     frames = {"frame/camera/turn": np.pi / 2, "frame/camera/offset_x": 0.5}
     seen = Curvature("camera", np.arange(1.0), 0, np.array([[0.5, 2.0]]))
     np.testing.assert_allclose(
-        difference(seen, shown(seen, arm.robot, arm, np.array([[0.01, 2.0, 0.0]])), frames), 0.0, atol=1e-12
+        difference(seen, predict_measurement(seen, arm.robot, arm, np.array([[0.01, 2.0, 0.0]])), frames),
+        0.0,
+        atol=1e-12,
     )
 
 
@@ -172,8 +178,8 @@ def test_a_moment_arm_of_one_chamber_changes_that_one_alone() -> None:
 def test_moment_arms_are_freed_only_by_their_law() -> None:
     robot = load_robot("tue_three_bellow")
     arms = {"link0/chamber1/arm", "link0/chamber2/arm"}
-    assert not arms & {n.name for n in freed(robot, LAWS, "eb")[0]}
-    assert arms <= {n.name for n in freed(robot, NAMED, "eb")[0]}
+    assert not arms & {n.name for n in free_parameters(robot, LAWS, "eb")[0]}
+    assert arms <= {n.name for n in free_parameters(robot, NAMED, "eb")[0]}
     assert all(is_of_law(name) for name in arms)
     assert not is_of_law("link0/chamber1/gain")
 
@@ -192,6 +198,6 @@ def test_pieces_of_a_link_show_what_the_link_does() -> None:
         Curvature("camera", t, 1, np.zeros((1, 2))),
         Bend("angle", t, 1, np.zeros(1)),
     ):
-        seen = shown(shape, robot, whole, q)
-        np.testing.assert_allclose(shown(shape, robot, parts, pieces), seen, atol=1e-9)
+        seen = predict_measurement(shape, robot, whole, q)
+        np.testing.assert_allclose(predict_measurement(shape, robot, parts, pieces), seen, atol=1e-9)
         assert np.ptp(seen) > 0.0 or shape.name == "angle"

@@ -6,7 +6,7 @@ from made_recordings import LINK
 from soro_core import load_robot
 from soro_core.errors import ConfigError
 from soro_core.robot import robot_from_dict
-from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 from soro_lab.identification.arm.cases.physical import check_described, unphysical
 
 SHIPPED = ("asu_two_segment", "silicone_rod", "six_link", "tue_three_bellow")

@@ -15,9 +15,9 @@ from soro_lab.identification.arm.report import Result, write_report
 from soro_lab.identification.arm.report.content import content_of
 from soro_lab.identification.arm.report.repeats import repeats
 from soro_lab.identification.arm.report.traces import Trace, traces
-from soro_lab.identification.arm.search.certainty import Certainty
+from soro_lab.identification.arm.robot_yaml import number_table
+from soro_lab.identification.arm.search.uncertainty import Certainty
 from soro_lab.identification.arm.stages import Identified
-from soro_lab.identification.arm.written import number_table
 from soro_lab.identification.recording import Place, Plate, Recording, Series
 
 VOID = {"meta", "img", "br"}

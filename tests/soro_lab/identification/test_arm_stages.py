@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from soro_core import load_robot
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
+from soro_lab.identification.arm.robot_yaml import number_table, robot_text
 from soro_lab.identification.arm.stages import Identified, Options, identify
-from soro_lab.identification.arm.written import number_table, robot_text
 
 TRUTH = {
     "link0/k_e": 420.0,

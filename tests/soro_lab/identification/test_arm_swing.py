@@ -5,10 +5,10 @@ from made_arm import record
 
 from soro_core import load_robot
 from soro_core.model import SoftArm
-from soro_lab.identification.arm.cases.numbers import numbers_of, with_numbers
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 from soro_lab.identification.arm.frames import frame_numbers
 from soro_lab.identification.arm.judge import ranges
-from soro_lab.identification.arm.laws import freed, plain
+from soro_lab.identification.arm.laws import free_parameters, plain
 from soro_lab.identification.arm.search.prepare import first_errors, split
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.swing import swinging
@@ -21,7 +21,7 @@ def test_a_stiffness_that_is_half_is_doubled_and_the_gain_with_it() -> None:
     names = ("link0/k_e", "link0/k_b", "link0/gain")
     described = with_numbers(ringing, {name: 0.5 * at[name].value for name in names})
     runs, held = split([record(ringing)], 0.005, 20.0)
-    numbers = (*freed(described, (), "eb")[0], *frame_numbers(SoftArm(described), runs))
+    numbers = (*free_parameters(described, (), "eb")[0], *frame_numbers(SoftArm(described), runs))
     moved = ranges([*runs, *held])
     expected = {s.name: first_errors(s, moved[s.name]) for case in runs for s in case.shapes}
     problem = Problem(described, tuple(runs), numbers, expected)

@@ -11,8 +11,8 @@ from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, robot_from_dict
 from soro_lab.identification.arm.cases.case import Whole
-from soro_lab.identification.arm.cases.numbers import with_numbers
-from soro_lab.identification.arm.cases.predict import shown
+from soro_lab.identification.arm.cases.parameters import with_numbers
+from soro_lab.identification.arm.cases.predict import predict_measurement
 from soro_lab.identification.arm.stages import Options, identify
 from soro_lab.identification.recording import Bend, Columns, Recording, Series, read_csv, summary
 from tests.refused import fails
@@ -95,7 +95,7 @@ def test_an_angle_is_that_of_its_direction(angle):
     q = np.array([[0.1, 2.0, -3.0], [0.0, 1.0, 0.0]])
     q = q[:, [("elongation", "bending_x", "bending_y").index(s) for s in arm.links[0].strains]]
     towards = np.radians(angle)
-    does = shown(Bend("a", np.zeros(2), 0, np.zeros(2), towards), arm, SoftArm(arm), q)
+    does = predict_measurement(Bend("a", np.zeros(2), 0, np.zeros(2), towards), arm, SoftArm(arm), q)
     right = [0.12 * 1.1 * (2.0 * np.cos(towards) - 3.0 * np.sin(towards)), 0.12 * np.cos(towards)]
     np.testing.assert_allclose(does, right, atol=1e-12)
 

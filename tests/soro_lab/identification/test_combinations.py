@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from soro_lab.identification.arm.cases.numbers import Number
-from soro_lab.identification.arm.search.certainty import Certainty
+from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.search.combinations import combinations
+from soro_lab.identification.arm.search.uncertainty import Certainty
 
 NAMES = ("link0/k_e", "link0/gain", "link0/arm", "link0/k_b")
 VALUES = {"link0/k_e": 900.0, "link0/gain": 1.2, "link0/arm": 0.8, "link0/k_b": 0.03}
@@ -19,7 +19,7 @@ def certainty(covariance, at_bound=()):
 
 
 def numbers():
-    return [Number(name, VALUES[name], "1", "factor", 1.0, 1e-9, 1e9) for name in NAMES]
+    return [ArmParameter(name, VALUES[name], "1", "factor", 1.0, 1e-9, 1e9) for name in NAMES]
 
 
 def covariance():

@@ -7,7 +7,7 @@ from made_arm import record
 
 from soro_core import load_robot
 from soro_lab.identification.arm import stages
-from soro_lab.identification.arm.cases.numbers import with_numbers
+from soro_lab.identification.arm.cases.parameters import with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
 from soro_lab.identification.interrupts import only_in_searches, searching
 

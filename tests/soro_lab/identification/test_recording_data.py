@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from made_recordings import robot
 
-from soro_core.config import changed, find_config, load
+from soro_core.config import find_config, load, with_changes
 from soro_core.robot import Robot, load_robot
 from soro_lab.identification.recording import (
     Columns,
@@ -106,7 +106,7 @@ def test_asu_the_arm_bends_in_one_plane_of_the_tracker_and_not_of_the_base_plate
     """The rotation of the base plate is wrong: on 7 March it turns a plane motion out of its plane."""
     used = load(find_config("asu_two_segment", "recordings"), Columns)
     assert used.base is not None
-    turned = changed(used, base=changed(used.base, turns=True))
+    turned = with_changes(used, base=with_changes(used.base, turns=True))
     off = {}
     for name in ("2023_mar_7_r1", "2023_apr_4_r1", "2023_jan4_r1"):
         for kind, columns in (("tracker", used), ("plate", turned)):
@@ -247,7 +247,7 @@ def test_srl_steps(srl: Path, figure: Callable[[str], None]) -> None:
 def at_once(name: str) -> Columns:
     """Return a shipped column map without its assumed lags: a decay then begins with the motion."""
     columns = load(find_config(name, "recordings"), Columns)
-    return changed(columns, pressures=changed(columns.pressures, stated_lag_s=(0.0, 0.0)))
+    return with_changes(columns, pressures=with_changes(columns.pressures, stated_lag_s=(0.0, 0.0)))
 
 
 def ringing(found: Recording, vent_s: float) -> float:

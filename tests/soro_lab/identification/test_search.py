@@ -7,21 +7,21 @@ import pytest
 from numpy.typing import NDArray
 
 from soro_lab.identification.candidates import slopes
-from soro_lab.identification.search import Found, Search, Settings, secant
+from soro_lab.identification.search import Search, SearchResult, Settings, secant
 
 Array = NDArray[np.float64]
 T = np.linspace(0.0, 2.0, 40)
 TRUE, START = np.array([1.5, 0.7, 0.3]), np.array([1.0, 1.0, 0.0])
 
 
-def _searched(is_secant: bool, most: int) -> tuple[Found, int]:
+def _searched(is_secant: bool, most: int) -> tuple[SearchResult, int]:
     """Where the search for an amplitude, a rate and an offset ends, and how many candidates it tried."""
     tried: list[Array] = []
     settings = Settings(most=most, secant=is_secant, loss="linear")
     return _search(settings, tried), len(tried)
 
 
-def _search(settings: Settings, tried: list[Array]) -> Found:
+def _search(settings: Settings, tried: list[Array]) -> SearchResult:
     def residuals(x: Array) -> Array:
         tried.append(x.copy())
         return _residuals(x)

@@ -10,7 +10,7 @@ import pytest
 from soro_core.errors import ModelError
 from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.twin.config import TwinConfig
-from soro_lab.identification import air
+from soro_lab.identification import regulator_fit as air
 from soro_lab.identification.air_picture import draw
 from soro_lab.identification.steps import FoundSteps, Step, crossing, find_steps, read_pressures
 from soro_lab.identification.valves import (

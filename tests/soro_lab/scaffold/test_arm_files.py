@@ -9,7 +9,7 @@ import yaml
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.modes import first_mode
-from soro_core.control.reach import check_reach
+from soro_core.control.reference_feasibility import check_reach
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_hardware import load_platform
 from soro_lab.scaffold import Options, files, new_arm, write_arm

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import soro_core
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.safety import Limits
 from soro_core.twin import TwinConfig
@@ -15,7 +15,7 @@ from soro_lab.scene import Scene
 
 def test_it_keeps_what_was_stated_and_what_was_left_out():
     stated = Limits(maximum_pa=50e3)
-    other = changed(stated, reading_age_s=0.1)
+    other = with_changes(stated, reading_age_s=0.1)
     assert (other.maximum_pa, other.reading_age_s) == (50e3, 0.1)
     assert other.model_fields_set == {"maximum_pa", "reading_age_s"}
     assert stated.reading_age_s == Limits().reading_age_s
@@ -33,7 +33,7 @@ def test_it_keeps_what_was_stated_and_what_was_left_out():
 )
 def test_it_refuses_what_a_file_may_not_say(start, values, key):
     with pytest.raises(ConfigError) as caught:
-        changed(start, **values)
+        with_changes(start, **values)
     assert caught.value.key == key
 
 

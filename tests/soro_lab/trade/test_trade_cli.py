@@ -11,7 +11,8 @@ from small import GRID, ROBOT
 from typer.testing import CliRunner
 
 from soro_lab.scene import load_scene
-from soro_lab.trade import cache, grid, late, reference, study, workers
+from soro_lab.trade import cache, grid, reference, study, workers
+from soro_lab.trade import slow_metrics as late
 from soro_lab.trade.closed_loop import drive
 from soro_ros.cli import application, main
 

@@ -11,7 +11,7 @@ from small import robot
 
 from soro_core.robot import Discretisation
 from soro_lab.scene import Requirement
-from soro_lab.trade import Candidate, Row, Study, bare_case
+from soro_lab.trade import Candidate, CandidateResult, Study, bare_case
 from soro_lab.trade.cost import Cost
 from soro_lab.trade.picture import draw, logarithmic, picture
 from soro_lab.trade.reference import Reference
@@ -29,7 +29,7 @@ def study(models, requirement):
         tip = 10.0 * 0.5**k
         cost = Cost(2e-3 * 1.3**k, 1.0, 50.0 * 1.2**k, 40.0, 0.1, 3)
         errors = Errors(tip, tip, float(rng.random()), None)
-        rows.append(Row(Candidate(model, "trapezoidal", 0.01), errors, cost=cost))
+        rows.append(CandidateResult(Candidate(model, "trapezoidal", 0.01), errors, cost=cost))
     trace = Trace(np.zeros((1, 5, 3)), np.zeros(1), 1.0)
     truth = Reference(rows[-1].candidate, trace, Errors(0.01, 0.01, 0.01, None), 0.02, "")
     return Study(bare_case(robot()), requirement, truth, tuple(rows), 100)

@@ -11,8 +11,8 @@ from soro_core.robot import Discretisation
 from soro_lab.commands.trade_report import notes
 from soro_lab.scene import Requirement
 from soro_lab.trade import bare_case
-from soro_lab.trade.late import mean_curvature
 from soro_lab.trade.reference import Reference, converge, spaces
+from soro_lab.trade.slow_metrics import mean_curvature
 from soro_lab.trade.trace import first_frequency_hz, total_energy
 
 # Of a cantilever, not of 1 at the base: the projection of a uniform strain has both.

@@ -10,7 +10,8 @@ from soro_core.integrate import STEPPERS
 from soro_core.robot import Discretisation, load_robot, robot_from_dict
 from soro_core.robot.discretisation import Integrator
 from soro_lab.scene import Requirement, check_model, load_scene
-from soro_lab.trade import Candidate, late, with_chosen_model
+from soro_lab.trade import Candidate, with_chosen_model
+from soro_lab.trade import slow_metrics as late
 from soro_lab.trade.cache import Cache
 from soro_lab.trade.choice import keep_choice
 from tests.refused import fails, refused

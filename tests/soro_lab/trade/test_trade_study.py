@@ -15,8 +15,8 @@ from soro_lab.scene import Requirement, Scene
 from soro_lab.trade import Candidate, Case, bare_case, cost, run_study
 from soro_lab.trade.cache import Cache
 from soro_lab.trade.grid import PRESETS, around, within
-from soro_lab.trade.late import mean_curvature, measured_error
 from soro_lab.trade.reference import converge
+from soro_lab.trade.slow_metrics import mean_curvature, measured_error
 from soro_lab.trade.study import Stopped
 from soro_lab.trade.trace import errors, first_frequency_hz, trace
 from soro_lab.trade.workers import Here, Outcome, compute

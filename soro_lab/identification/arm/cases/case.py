@@ -15,7 +15,7 @@ from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
-from soro_lab.identification.arm.cases.starts import at_start
+from soro_lab.identification.arm.cases.initial_conditions import at_start
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.streams import Shape
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
 from soro_core.robot import Link, Robot
-from soro_lab.identification.arm.cases.numbers import numbers_of
+from soro_lab.identification.arm.cases.parameters import numbers_of
 
 DENSITY = 1.2, 22_600.0  # kg/m^3
 MODULUS = 10.0, 1.2e12  # Pa

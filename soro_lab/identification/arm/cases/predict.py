@@ -31,7 +31,7 @@ Frames: TypeAlias = Mapping[str, float]
 
 
 @singledispatch
-def shown(shape: Shape, robot: Robot, arm: SoftArm, q: Array) -> Array:
+def predict_measurement(shape: Shape, robot: Robot, arm: SoftArm, q: Array) -> Array:
     """Return what the arm does where a stream looks, whatever the frames of the measurement are.
 
     Parameters
@@ -52,19 +52,19 @@ def shown(shape: Shape, robot: Robot, arm: SoftArm, q: Array) -> Array:
     raise TypeError(f"{type(shape).__name__}: allowed are the streams of `Shape`")
 
 
-@shown.register(Plate)
-@shown.register(Marker)
-@shown.register(Attitude)
+@predict_measurement.register(Plate)
+@predict_measurement.register(Marker)
+@predict_measurement.register(Attitude)
 def _(shape: Plate | Marker | Attitude, robot: Robot, arm: SoftArm, q: Array) -> Array:
     return arm.poses(q, shape.place.along(robot))
 
 
-@shown.register
+@predict_measurement.register
 def _(shape: Curvature, robot: Robot, arm: SoftArm, q: Array) -> Array:
     return np.column_stack([_mean(robot, arm, q, shape.link, s) for s in ("bending_x", "bending_y")])
 
 
-@shown.register
+@predict_measurement.register
 def _(shape: Bend, robot: Robot, arm: SoftArm, q: Array) -> Array:
     length = robot.links[shape.link].length * (1.0 + _mean(robot, arm, q, shape.link, "elongation"))
     x, y = (_mean(robot, arm, q, shape.link, strain) for strain in ("bending_x", "bending_y"))
@@ -79,7 +79,7 @@ def difference(shape: Shape, does: Array, frames: Frames) -> Array:
     ----------
     shape : Plate, Marker, Curvature, Bend or Attitude
     does : Array
-        Of `shown`.
+        Of `predict_measurement`.
     frames : mapping of str to float
         Numbers of `frame_numbers` by name; what is absent is 0.
 

@@ -22,9 +22,9 @@ from soro_lab.identification.arm.report.found import (
 from soro_lab.identification.arm.report.repeats import repeats
 from soro_lab.identification.arm.report.traces import Trace
 from soro_lab.identification.arm.report.verdict import verdict_of
+from soro_lab.identification.arm.robot_yaml import combined
 from soro_lab.identification.arm.search.profile import Profile
 from soro_lab.identification.arm.stages import Identified
-from soro_lab.identification.arm.written import combined
 
 Content = dict[str, Any]
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from soro_lab.identification.arm.cases.physical import Unphysical
+from soro_lab.identification.arm.robot_yaml import experiment, marks, origin
 from soro_lab.identification.arm.search.profile import Profile
 from soro_lab.identification.arm.stages import Identified
-from soro_lab.identification.arm.written import experiment, marks, origin
 from soro_lab.identification.recording.streams import Attitude, Curvature, Marker, Plate
 
 

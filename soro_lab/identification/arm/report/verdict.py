@@ -9,8 +9,8 @@ import numpy as np
 
 from soro_lab.identification.arm.cases.physical import Unphysical
 from soro_lab.identification.arm.judge import Error
+from soro_lab.identification.arm.robot_yaml import experiment
 from soro_lab.identification.arm.stages import Identified
-from soro_lab.identification.arm.written import experiment
 
 
 def is_accepted(found: Identified, accept: float, unphysical: Sequence[Unphysical]) -> bool:

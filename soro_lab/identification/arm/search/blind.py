@@ -8,8 +8,8 @@ import numpy as np
 
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
-from soro_lab.identification.arm.cases.numbers import is_of_robot
-from soro_lab.identification.arm.cases.predict import shown
+from soro_lab.identification.arm.cases.parameters import is_of_robot
+from soro_lab.identification.arm.cases.predict import predict_measurement
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
 from soro_lab.identification.recording import Recording
@@ -36,7 +36,7 @@ def check_motion(arm: SoftArm, recordings: Sequence[Recording]) -> None:
     q = 1e-3 * np.outer([0.0, 1.0], np.arange(1.0, arm.n_q + 1.0))
     for recording in recordings:
         for shape in recording.shapes:
-            does = shown(shape, arm.robot, arm, q).reshape(2, -1)
+            does = predict_measurement(shape, arm.robot, arm, q).reshape(2, -1)
             if not _is_on_base(shape) and np.abs(does[1] - does[0]).max() < _NOTHING:
                 got = "a prediction that is the same whatever the arm does"
                 raise ConfigError(recording.name, shape.name, got, _ALLOWED)

@@ -15,12 +15,12 @@ from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 from soro_lab.identification.arm.cases.case import Case, Path
-from soro_lab.identification.arm.cases.numbers import Number, is_of_robot, with_numbers
-from soro_lab.identification.arm.cases.predict import difference, shown
+from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot, with_numbers
+from soro_lab.identification.arm.cases.predict import difference, predict_measurement
 from soro_lab.identification.search import LOSSES, Settings
 
 Array: TypeAlias = NDArray[np.float64]
-# What the arm does where each stream of each case looks (`predict.shown`).
+# What the arm does where each stream of each case looks (`predict.predict_measurement`).
 Shown: TypeAlias = list[list[Array]]
 
 
@@ -54,7 +54,7 @@ def seen_in(case: Case, robot: Robot, arm: SoftArm, path: Path, values: Mapping[
         Numbers; the clock of the case is used.
     """
     return [
-        shown(shape, robot, arm, q)
+        predict_measurement(shape, robot, arm, q)
         for q, shape in zip(case.coordinates(path, values), case.shapes, strict=True)
     ]
 
@@ -81,7 +81,7 @@ class Problem:
 
     robot: Robot
     cases: tuple[Case, ...]
-    numbers: tuple[Number, ...]
+    numbers: tuple[ArmParameter, ...]
     expected: Mapping[str, Array]
     fixed: Mapping[str, float] = field(default_factory=dict)
     is_constant: bool = True
@@ -122,7 +122,7 @@ class Problem:
         own = {name: v for name, v in values.items() if is_of_robot(name)}
         return with_numbers(self.robot, {**self.fixed, **own})
 
-    def shown(self, values: Mapping[str, float]) -> Shown:
+    def predict(self, values: Mapping[str, float]) -> Shown:
         """Return what the arm with given numbers does where each stream of each case looks."""
         arm = self.arm(values)
         return [seen_in(case, self.robot, arm, case.simulated(arm, values), values) for case in self.cases]
@@ -133,7 +133,7 @@ class Problem:
         Parameters
         ----------
         does : list of lists of arrays
-            Of `shown`.
+            Of `predict`.
         values : mapping of str to float
             Numbers of the frames.
         """
@@ -144,7 +144,7 @@ class Problem:
 
     def predicted(self, values: Mapping[str, float]) -> list[list[Array]]:
         """Return measured minus predicted of each shape of each case, for given numbers."""
-        return self.differences(self.shown(values), values)
+        return self.differences(self.predict(values), values)
 
     def rows(self, does: Shown, values: Mapping[str, float]) -> Array:
         """Return all differences in expected errors, one long row.
@@ -152,7 +152,7 @@ class Problem:
         Parameters
         ----------
         does : list of lists of arrays
-            Of `shown`.
+            Of `predict`.
         values : mapping of str to float
             Numbers of the frames.
         """
@@ -166,7 +166,7 @@ class Problem:
     def cost(self, values: Mapping[str, float]) -> float:
         """Return half the sum of the soft losses and of the squares of the prior; inf where no arm is so."""
         try:
-            rows = self.rows(self.shown(values), values)
+            rows = self.rows(self.predict(values), values)
         except SoroError:
             return np.inf
         x, loss = self.position(values), LOSSES[Settings().loss][0]

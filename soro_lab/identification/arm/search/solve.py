@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from soro_core.errors import SoroError
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import Path, clock
-from soro_lab.identification.arm.cases.numbers import is_of_robot
-from soro_lab.identification.arm.cases.starts import is_of_run
+from soro_lab.identification.arm.cases.initial_conditions import is_of_run
+from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.search.problem import Problem, Shown, seen_in
 from soro_lab.identification.search import Search, Settings
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from soro_lab.identification.arm.cases.numbers import is_of_robot
+from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.search.problem import Problem
 
 # Factors of stiffness and gains together: frequencies 6 % apart, to half and to one and a half times.

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, changed
+from soro_core.config import Strict, with_changes
 from soro_core.errors import ConfigError
 from soro_core.robot import Link, Robot
 from soro_core.robot.vectors import Vector2, Vector3
@@ -228,7 +228,7 @@ class Columns(Strict):
 
 def without_shape(columns: Columns) -> Columns:
     """Return a column map of pressures, set points and duty cycles alone."""
-    return changed(columns, plates={}, markers={}, curvatures={}, bends={}, base=None)
+    return with_changes(columns, plates={}, markers={}, curvatures={}, bends={}, base=None)
 
 
 def chambers_of(columns: Columns, robot: Robot | None, where: str) -> tuple[str, ...]:

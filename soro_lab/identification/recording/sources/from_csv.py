@@ -15,6 +15,7 @@ from soro_lab.identification.recording.base_frame import in_frame_of
 from soro_lab.identification.recording.clean import Raw, raw, usable, without_stale
 from soro_lab.identification.recording.place import Place
 from soro_lab.identification.recording.recording import Recording
+from soro_lab.identification.recording.sources.assumed_pressure import stated_pressure
 from soro_lab.identification.recording.sources.columns import (
     FACTORS,
     Columns,
@@ -25,7 +26,6 @@ from soro_lab.identification.recording.sources.columns import (
     check_columns,
     without_shape,
 )
-from soro_lab.identification.recording.sources.stated import stated_pressure
 from soro_lab.identification.recording.stale import StaleLimits
 from soro_lab.identification.recording.streams import Bend, Curvature, Marker, Plate, Series
 from soro_lab.identification.records import read_table

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 
 from soro_core.estimation.config import EstimatorConfig
-from soro_core.estimation.draft import Draft
 from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.sensors.tracker import Tracker
+from soro_core.estimation.tick_state import Draft
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from soro_core.control.config import ReferenceConfig
 from soro_core.control.controller import Controller
-from soro_core.control.motions.motion_parts import Motion
+from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.references import key_of
 from soro_core.control.pressures.allocation import balanced_weight
 from soro_core.control.reference.trajectory import Circle, Reference
@@ -65,7 +65,7 @@ def _checked(reference: Reference, settings: ReferenceConfig) -> Array:
     """Return the times [s] at which a reference is checked."""
     if isinstance(reference, Circle):
         return np.arange(POINTS) / POINTS * settings.period_s
-    return reference.times(PATH_POINTS) if isinstance(reference, Motion) else np.zeros(1)
+    return reference.times(PATH_POINTS) if isinstance(reference, PiecewiseMotion) else np.zeros(1)
 
 
 def tip_distance(controller: Controller, q: Array) -> float:

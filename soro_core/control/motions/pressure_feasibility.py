@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import Law
-from soro_core.control.motions.motion_parts import Part
+from soro_core.control.motions.motion_parts import MotionSegment
 from soro_core.control.pressures.allocation import Allocation, balanced_weight
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.model import SoftArm
@@ -31,7 +31,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class Supply:
+class PressureSupply:
     """What the law asks of the chambers, and what they give.
 
     Attributes
@@ -60,7 +60,7 @@ class Supply:
 
 
 @dataclass(frozen=True)
-class Shortage:
+class PressureDeficit:
     """Pressures that a point of a motion lacks.
 
     Attributes
@@ -108,7 +108,9 @@ class Rates:
         return self.rate <= 1.0 and self.beyond_pa <= 0.0 and not self.short
 
 
-def supply_of(law: Law[Any], law_state: object, internal: Array, setpoints: SetpointMaker) -> Supply:
+def pressure_supply(
+    law: Law[Any], law_state: object, internal: Array, setpoints: SetpointMaker
+) -> PressureSupply:
     """Return what a law asks for with its estimates of now, and what the chambers give.
 
     Parameters
@@ -121,7 +123,7 @@ def supply_of(law: Law[Any], law_state: object, internal: Array, setpoints: Setp
     setpoints : SetpointMaker
     """
     arm = law.setting.arm
-    return Supply(
+    return PressureSupply(
         arm,
         law.setting.fields,
         partial(law.reference_force, law_state),
@@ -131,7 +133,7 @@ def supply_of(law: Law[Any], law_state: object, internal: Array, setpoints: Setp
     )
 
 
-def shortage(supply: Supply, q: Array) -> Shortage | None:
+def pressure_deficit(supply: PressureSupply, q: Array) -> PressureDeficit | None:
     """Return what the chambers lack to hold the arm at rest in `q` (n_q,); None if nothing."""
     zero = np.zeros_like(q)
     force = supply.force(q, zero, zero)
@@ -144,12 +146,14 @@ def shortage(supply: Supply, q: Array) -> Shortage | None:
     )
     worst = int(np.argmax(beyond))
     at_bounds = missing > still_missing + _MADE_PA
-    return Shortage(
+    return PressureDeficit(
         worst if at_bounds else -1, float(wide.pressure_pa[worst]), _left_away(supply, q, force - found.force)
     )
 
 
-def rates(supply: Supply, part: Part, dt: float, share: float) -> Generator[None, None, Rates]:
+def rates(
+    supply: PressureSupply, part: MotionSegment, dt: float, share: float
+) -> Generator[None, None, Rates]:
     """Find the set points along a part, in steps of one sample each.
 
     Parameters
@@ -198,7 +202,7 @@ def rates(supply: Supply, part: Part, dt: float, share: float) -> Generator[None
     return Rates(float(part_of[k, chamber]), int(chamber), float(ticks[k]), float(np.max(beyond)), short)
 
 
-def _commands(supply: Supply, wish_pa: Array, dt: float) -> Generator[None, None, Array]:
+def _commands(supply: PressureSupply, wish_pa: Array, dt: float) -> Generator[None, None, Array]:
     """Find the set points (n, n_u) that make the pressures follow `wish_pa` through the lag."""
     pressures = supply.setpoints.pressures
     if pressures.lag_s <= 0.0:
@@ -216,7 +220,7 @@ def _commands(supply: Supply, wish_pa: Array, dt: float) -> Generator[None, None
     return commands
 
 
-def _made(supply: Supply, q: Array, force: Array, wide: bool = False) -> tuple[Allocation, float]:
+def _made(supply: PressureSupply, q: Array, force: Array, wide: bool = False) -> tuple[Allocation, float]:
     """Return the pressures for a force, and how much of it is missing, as a pressure [Pa]."""
     actuation, setpoints = supply.actuation(q), supply.setpoints
     found = setpoints.allocate(actuation, force, setpoints.preferred_pa, wide)
@@ -224,7 +228,7 @@ def _made(supply: Supply, q: Array, force: Array, wide: bool = False) -> tuple[A
     return found, float(np.max(np.abs(weight @ (force - found.force)), initial=0.0))
 
 
-def _left_away(supply: Supply, q: Array, lacking: Array) -> float:
+def _left_away(supply: PressureSupply, q: Array, lacking: Array) -> float:
     """Return how far a missing force moves the tip [m], by the stiffness at `q`."""
     arm, zero = supply.arm, np.zeros_like(q)
     pressure = arm.acting_pressure(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa)

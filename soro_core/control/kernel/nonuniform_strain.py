@@ -1,4 +1,4 @@
-"""One step of Newton of the uneven bend (`soro_core.control.uneven`), compiled.
+"""One step of Newton of the uneven bend (`soro_core.control.nonuniform_strain`), compiled.
 
 With x the coordinates of strains that vary, f + m Y - H p what a force misses, and e(x) = e_1(q) the ends of
 the links, the step solves for the changes of x and of the force F = H_1(q) p
@@ -53,7 +53,7 @@ def make_bend(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -
 
 
 @inner
-def _missed(
+def force_residual(
     arm: Arm, mass_kg: float, q: Array, qd: Array, qdd: Array, pressure: Array, H: Array, force: Array
 ) -> None:
     """force <- f + m Y - H p, H <- its transpose (n_u, n)."""
@@ -76,13 +76,13 @@ def _find_slope(
     column: int,
     slope: Array,
 ) -> None:
-    """Find a column of the slope of `_missed` anew; all if it is negative."""
+    """Find a column of the slope of `force_residual` anew; all if it is negative."""
     n = q.shape[0]
     moved, force, H = q.copy(), np.empty(n), np.empty((pressure.shape[0], n))
     for k in range(n):
         if column < 0 or k == column % n:
             moved[k] = q[k] + _STEP * unit[k]
-            _missed(arm, mass_kg, moved, qd, qdd, pressure, H, force)
+            force_residual(arm, mass_kg, moved, qd, qdd, pressure, H, force)
             moved[k] = q[k]
             for c in range(n):
                 slope[c, k] = (force[c] - now[c]) / (_STEP * unit[k])
@@ -199,7 +199,7 @@ def step(
     wanted, found = np.empty(n_ends), np.empty(n_ends)
     ends_by_q, ends_by_x = np.empty((n_ends, n)), np.empty((n_ends, N))
     pressure = np.zeros(n_u)
-    _missed(even, mass_kg, q, qd, qdd, pressure, here, own)
+    force_residual(even, mass_kg, q, qd, qdd, pressure, here, own)
     tip_mass_force(even.tables, even.work, q, qd, qdd, load)
     link_ends(even.tables, even.work, wanted, ends_by_q)
     if not _least_pressures(here, unit, P):
@@ -209,7 +209,7 @@ def step(
             force[c] = own[c]
         for u in range(n_u):
             pressure[u] += P[u, c] * force[c]
-    _missed(varying, mass_kg, x, xd, xdd, pressure, there, now)
+    force_residual(varying, mass_kg, x, xd, xdd, pressure, there, now)
     tip_mass_force(varying.tables, varying.work, x, xd, xdd, wide_load)
     link_ends(varying.tables, varying.work, found, ends_by_x)
     _find_slope(varying, wide, mass_kg, x, xd, xdd, pressure, now, column, slope)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import stable_equilibrium
-from soro_lab.analysis.modes import Modes, modes
+from soro_lab.analysis.modes import LinearisedModes, modes
 from soro_lab.analysis.stiffness import TipStiffness, tangent_stiffness, tip_stiffness
 
 Array: TypeAlias = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Place:
     q: Array
     tip_m: Array
     tip: TipStiffness
-    modes: Modes
+    modes: LinearisedModes
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ HEADER = (
 
 
 @dataclass(frozen=True)
-class Kind:
+class RegulatorModelType:
     """A kind of regulator model.
 
     Attributes
@@ -84,7 +84,7 @@ class AirFit:
         Steps judged by the model of all runs, and by a model that has not seen their run.
     """
 
-    kind: Kind
+    kind: RegulatorModelType
     models: dict[str, Any]
     fits: dict[str, Fit]
     own: tuple[Judged, ...]
@@ -121,7 +121,7 @@ class Score:
     rms_pa: float
 
 
-def kinds(volume_m3: float, supply_pa: float) -> tuple[Kind, ...]:
+def kinds(volume_m3: float, supply_pa: float) -> tuple[RegulatorModelType, ...]:
     """Return all kinds: lags and flow, for all lines or for each line; the last one is the best.
 
     Parameters
@@ -142,16 +142,18 @@ def kinds(volume_m3: float, supply_pa: float) -> tuple[Kind, ...]:
         return fit_regulator(steps, directional=False)
 
     return (
-        Kind("one lag", False, one_lag, regulator_response),
-        Kind("lag for each way", False, fit_regulator, regulator_response),
-        Kind("flow", False, flow, flow_response),
-        Kind("lag for each way", True, fit_regulator, regulator_response),
-        Kind("flow, one band", True, one_band, flow_response),
-        Kind("flow", True, flow, flow_response),
+        RegulatorModelType("one lag", False, one_lag, regulator_response),
+        RegulatorModelType("lag for each way", False, fit_regulator, regulator_response),
+        RegulatorModelType("flow", False, flow, flow_response),
+        RegulatorModelType("lag for each way", True, fit_regulator, regulator_response),
+        RegulatorModelType("flow, one band", True, one_band, flow_response),
+        RegulatorModelType("flow", True, flow, flow_response),
     )
 
 
-def fit_air(steps: Sequence[Step], kind: Kind, group_of: Callable[[Step], str | int] | None = None) -> AirFit:
+def fit_air(
+    steps: Sequence[Step], kind: RegulatorModelType, group_of: Callable[[Step], str | int] | None = None
+) -> AirFit:
     """Fit one kind of model and judge it on own and held-out steps.
 
     Parameters

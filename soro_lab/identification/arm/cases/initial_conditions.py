@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from soro_core.model import SoftArm
 from soro_core.model.tables import CREEP
 from soro_core.robot.coordinates import strain_fields
-from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.sections import sections
 
@@ -40,18 +40,20 @@ def is_release(recording: Recording) -> bool:
     return bool(found) and found[0].kind == "release" and not found[0].starts_at_rest
 
 
-def start_numbers(arm: SoftArm, releases: Iterable[str]) -> tuple[Number, ...]:
+def start_numbers(arm: SoftArm, releases: Iterable[str]) -> tuple[ArmParameter, ...]:
     """Return the numbers of the first sample of each release, for the coordinates and the creep of an arm."""
     fields, found = strain_fields(arm.robot), []
     for run in releases:
         for index, name in enumerate(arm.robot.coordinate_names):
             doubt = _STRETCH if fields.stretch[index] else _BEND / fields.length[index]
             found.append(
-                Number(f"run/{run}/{name}", 0.0, "of the coordinate", "shift", doubt, -10 * doubt, 10 * doubt)
+                ArmParameter(
+                    f"run/{run}/{name}", 0.0, "of the coordinate", "shift", doubt, -10 * doubt, 10 * doubt
+                )
             )
         if (arm.tables.internal_kind == CREEP).any():
             found.append(
-                Number(_forgotten(run), _FORGOTTEN, "of the held", "shift", _FORGOTTEN_DOUBT, 0.0, 1.0)
+                ArmParameter(_forgotten(run), _FORGOTTEN, "of the held", "shift", _FORGOTTEN_DOUBT, 0.0, 1.0)
             )
     return tuple(found)
 

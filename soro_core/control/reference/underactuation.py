@@ -36,7 +36,7 @@ _STEP, _STEP_NOISE = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
-class Shape:
+class UnderactuatedState:
     """What is kept from tick to tick.
 
     Attributes
@@ -55,7 +55,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class DrivenMotions:
+class ActuatedSubspace:
     """The motions of an arm that its chambers make while the other coordinates keep their balance.
 
     Attributes
@@ -106,7 +106,7 @@ class DrivenMotions:
         return self.q + self.unit @ away, self.unit @ self.nearest(slope @ qd, self.inverse @ qd)
 
 
-class Undriven:
+class UnderactuatedReference:
     """The coordinates of one arm that no chamber moves.
 
     Parameters
@@ -128,17 +128,17 @@ class Undriven:
         self.inverse = np.asarray(np.linalg.inv(self.unit), dtype=np.float64)
         self.exist = self._split(arm.actuation_matrix(np.zeros(arm.n_q)))[1].shape[1] > 0
 
-    def initial_state(self) -> Shape:
+    def initial_state(self) -> UnderactuatedState:
         """Return the state before the first tick."""
-        return Shape(np.zeros(self.arm.n_q))
+        return UnderactuatedState(np.zeros(self.arm.n_q))
 
     def step(
         self,
-        state: Shape,
+        state: UnderactuatedState,
         point: Point,
         force: Callable[[Array], Array],
         actuation: Callable[[Array], Array],
-    ) -> tuple[Shape, Point, DrivenMotions]:
+    ) -> tuple[UnderactuatedState, Point, ActuatedSubspace]:
         """Return the reference with the shape that the other coordinates take, after one step of Newton.
 
         Parameters
@@ -180,15 +180,17 @@ class Undriven:
         back, along = -free @ held[:, 0], driven - free @ held[:, 1:]
         tip, slope = _tip(self.arm, q)
         wanted, of_wanted = _tip(self.arm, point.q)
-        motions = DrivenMotions(self.arm, unit, inverse, q, along, slope @ unit)
+        motions = ActuatedSubspace(self.arm, unit, inverse, q, along, slope @ unit)
         moved = back + motions.nearest(wanted - tip - motions.slope @ back, inverse @ (point.q - q) - back)
         q = self.fields.within(q + unit @ moved, self.limit)
         qd, qdd = (unit @ motions.nearest(of_wanted @ x, inverse @ x) for x in (point.qd, point.qdd))
         motions = replace(motions, q=q)
         column = (state.column + 1) % self.arm.n_q
-        return Shape(q - point.q, stiffness, column), Point(q, qd, qdd), motions
+        return UnderactuatedState(q - point.q, stiffness, column), Point(q, qd, qdd), motions
 
-    def _stiffness(self, state: Shape, q: Array, now: Array, missed: Callable[[Array], Array]) -> Array:
+    def _stiffness(
+        self, state: UnderactuatedState, q: Array, now: Array, missed: Callable[[Array], Array]
+    ) -> Array:
         """Return the slope of the missed force with one column found anew; at the first tick all."""
         first = state.stiffness is None
         columns = range(self.arm.n_q) if first else (state.column,)

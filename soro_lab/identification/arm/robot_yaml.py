@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import yaml
 
 from soro_core.robot.parts import fields
-from soro_lab.identification.arm.cases.numbers import Number
+from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.cases.physical import Unphysical, unphysical
 from soro_lab.identification.arm.laws import is_of_law
 from soro_lab.identification.arm.search.combinations import Combination, combinations
@@ -131,7 +131,7 @@ def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
         yield name, f"{value:.5g}", _deviation(number, found), number.unit, where
 
 
-def _deviation(number: Number, found: Identified) -> str:
+def _deviation(number: ArmParameter, found: Identified) -> str:
     if number.name in found.certainty.at_bound and number.name not in found.kept:
         return "-"  # where a bound ends the search, the parabola of the covariance has no meaning
     size = found.certainty.deviations[number.name]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.model import SoftArm
-from soro_lab.analysis.ways import place_at, rest_pressure, targets
+from soro_lab.analysis.equilibrium_paths import place_at, rest_pressure, targets
 
 Array: TypeAlias = NDArray[np.float64]
 

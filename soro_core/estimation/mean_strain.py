@@ -30,7 +30,7 @@ _STRAIGHT = 0.1
 _GAUSS = (np.array([0.5 - np.sqrt(1.0 / 12.0), 0.5 + np.sqrt(1.0 / 12.0)]), np.array([0.5, 0.5]))
 
 
-class Shape(NamedTuple):
+class StrainProfile(NamedTuple):
     """The strain up to a place, about one q.
 
     Attributes
@@ -74,7 +74,7 @@ class Uneven:
         unit = q_scale_of(arm, pieces)
         self.unit, self.step = unit, _STEP * np.repeat(unit, 2)
 
-    def at(self, q: Array, pressure_pa: Array, internal: Array, s: float) -> Shape | None:
+    def at(self, q: Array, pressure_pa: Array, internal: Array, s: float) -> StrainProfile | None:
         """Return the strain up to a place, or None where the arm has no such shape.
 
         Parameters
@@ -109,7 +109,7 @@ class Uneven:
         mean = self._means(min(max(s, 0.0), self.arm.length))
         until = mean @ (x + held @ z)
         by_q = np.eye(n) + mean @ held @ z_by_q
-        return Shape(until, by_q, self._turned(q, until))
+        return StrainProfile(until, by_q, self._turned(q, until))
 
     def _static(self, x: Array, pressure_pa: Array) -> Array:
         """Return weight, elastic force and pressures (2 n_q,) on the left-hand side."""

@@ -42,7 +42,7 @@ _HALVINGS = 3
 
 
 @dataclass(frozen=True)
-class Seen:
+class SensorSample:
     """A sample of a sensor on the arm.
 
     Attributes
@@ -87,7 +87,7 @@ class RestingArm:
     heaviest_kg: float
 
     def findings(
-        self, seen: Sequence[Seen], bounds: EnableBounds, between: Callable[[], None] = lambda: None
+        self, seen: Sequence[SensorSample], bounds: EnableBounds, between: Callable[[], None] = lambda: None
     ) -> list[str]:
         """Return a line for each sensor that fits the model under no load; none without a position.
 
@@ -114,7 +114,7 @@ class RestingArm:
         wrong = [one for one in seen if self._misfit(one, best, bounds) > 1.0]
         return [self._text(one, best, bounds) + self._turn(one, tried, bounds) for one in wrong]
 
-    def _rests(self, seen: Sequence[Seen], bounds: EnableBounds) -> Iterator[Array]:
+    def _rests(self, seen: Sequence[SensorSample], bounds: EnableBounds) -> Iterator[Array]:
         """Yield coordinates at rest: from where the sensors see the tip, and upright."""
         upright, start = np.zeros(self.arm.n_q), self._bent(seen, bounds)
         likely = self._load_at(start)
@@ -130,7 +130,7 @@ class RestingArm:
         yield from (q for _, q in wide)
         yield from self._nearer(wide, 0.5 * apart, seen, bounds)
 
-    def _bent(self, seen: Sequence[Seen], bounds: EnableBounds) -> Array:
+    def _bent(self, seen: Sequence[SensorSample], bounds: EnableBounds) -> Array:
         """Return coordinates like those of the arm that the outermost pose belongs to."""
         zero = np.zeros(self.arm.n_q)
         last = max((one for one in seen if one.position is not None), key=lambda one: one.s)
@@ -150,7 +150,11 @@ class RestingArm:
         return self.fields.within(np.linalg.lstsq(turns, turn, rcond=None)[0] @ bends, self.limit)
 
     def _nearer(
-        self, tried: list[tuple[float, Array]], step: float, seen: Sequence[Seen], bounds: EnableBounds
+        self,
+        tried: list[tuple[float, Array]],
+        step: float,
+        seen: Sequence[SensorSample],
+        bounds: EnableBounds,
     ) -> Iterator[Array]:
         """Yield rests under loads [kg] nearer and nearer to the one that fits best, from its coordinates."""
         for _ in range(_HALVINGS if tried else 0):
@@ -177,16 +181,16 @@ class RestingArm:
         load = -float(weight[bend] @ force[bend]) / square if square > 0.0 else 0.0
         return min(max(load, 0.0), self.heaviest_kg)
 
-    def _worst(self, seen: Sequence[Seen], q: Array, bounds: EnableBounds) -> float:
+    def _worst(self, seen: Sequence[SensorSample], q: Array, bounds: EnableBounds) -> float:
         """Return the misfit of the sample that fits least."""
         return max((self._misfit(one, q, bounds) for one in seen), default=0.0)
 
-    def _misfit(self, one: Seen, q: Array, bounds: EnableBounds) -> float:
+    def _misfit(self, one: SensorSample, q: Array, bounds: EnableBounds) -> float:
         """Return distance and angle of a sample from the model, the larger one, in bounds."""
         distance, angle = self._apart(one, q)
         return max(distance / bounds.distance_m, math.degrees(angle) / bounds.angle_deg)
 
-    def _apart(self, one: Seen, q: Array) -> tuple[float, float]:
+    def _apart(self, one: SensorSample, q: Array) -> tuple[float, float]:
         """Return distance [m] and angle [rad] of a sample from the model."""
         pose = self.arm.pose(q, one.s)
         distance = 0.0 if one.position is None else float(np.linalg.norm(one.position - pose[:3, 3]))
@@ -201,7 +205,7 @@ class RestingArm:
                 angle = max(angle, math.acos(min(max(float(up @ one.up) / size, -1.0), 1.0)))
         return distance, angle
 
-    def _text(self, one: Seen, q: Array, bounds: EnableBounds) -> str:
+    def _text(self, one: SensorSample, q: Array, bounds: EnableBounds) -> str:
         distance, angle = self._apart(one, q)
         apart = [] if one.position is None else [f"{1e3 * distance:.0f} mm"]
         apart += [f"{math.degrees(angle):.0f} degrees"]
@@ -211,7 +215,7 @@ class RestingArm:
             f"{bounds.angle_deg:g} degrees (enable)"
         )
 
-    def _turn(self, one: Seen, rests: Sequence[Array], bounds: EnableBounds) -> str:
+    def _turn(self, one: SensorSample, rests: Sequence[Array], bounds: EnableBounds) -> str:
         """Return the rotation of a pose that would make it fit one of these rests, as an end of the line."""
         if one.quaternion is None:
             return ""

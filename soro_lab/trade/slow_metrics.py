@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError, ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
@@ -73,7 +73,7 @@ def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopEr
     """
     twin = scene.twin_node()
     explicit = truth.integrator in EXPLICIT
-    plant = changed(
+    plant = with_changes(
         twin,
         model=truth.model,
         refine=1,

@@ -28,7 +28,7 @@ _BRANCHES = {"creep": 0.05, "slow": 5.0}
 
 
 @dataclass(frozen=True)
-class Number:
+class ArmParameter:
     """One number of an arm.
 
     Attributes
@@ -60,7 +60,7 @@ def is_of_robot(name: str) -> bool:
     return name.startswith("link")
 
 
-def numbers_of(robot: Robot) -> dict[str, Number]:
+def numbers_of(robot: Robot) -> dict[str, ArmParameter]:
     """Return the numbers of a robot by name, those of laws that it does not use included.
 
     Raises
@@ -101,35 +101,35 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     return robot.replace(links=links)
 
 
-def _of_link(robot: Robot, link: Link, name: str) -> Iterator[Number]:
-    def factor(key: str, value: float, unit: str, doubt: float, span: float = 1e3) -> Number:
-        return Number(f"{name}/{key}", value, unit, "factor", doubt, value / span, value * span)
+def _of_link(robot: Robot, link: Link, name: str) -> Iterator[ArmParameter]:
+    def factor(key: str, value: float, unit: str, doubt: float, span: float = 1e3) -> ArmParameter:
+        return ArmParameter(f"{name}/{key}", value, unit, "factor", doubt, value / span, value * span)
 
     _refuse(robot, link, name)
     for key, strain in _axes(link):
         rest, rise, rate = _law(link, "eb".index(key))
         yield factor(f"k_{key}", rest, {"e": "N/m", "b": "N m/rad"}[key], 1.5)
-        yield Number(f"{name}/rise_{key}", rise, "of rest", "shift", 1.0, -0.9, 20.0)
+        yield ArmParameter(f"{name}/rise_{key}", rise, "of rest", "shift", 1.0, -0.9, 20.0)
         yield factor(f"rate_{key}", rate or _RATES[key], {"e": "1/m", "b": "1/rad"}[key], 0.7, 30.0)
         damping = max(_damping(link, strain), 1e-12)
         yield factor(f"damping_{key}", damping, "of the coordinate", 2.0, 1e6)
         for branch, (share, tau) in _creep(link, strain).items():
-            yield Number(f"{name}/{branch}_{key}", share, "of rest", "shift", 0.3, 0.0, 3.0)
+            yield ArmParameter(f"{name}/{branch}_{key}", share, "of rest", "shift", 0.3, 0.0, 3.0)
             yield factor(f"{branch}_{key}_tau", tau, "s", 1.0, 1e3)
         share, span = _dahl(link, strain)
-        yield Number(f"{name}/dahl_{key}", share, "of rest", "shift", 0.3, 0.0, 3.0)
+        yield ArmParameter(f"{name}/dahl_{key}", share, "of rest", "shift", 0.3, 0.0, 3.0)
         yield factor(f"dahl_{key}_range", span, "of the coordinate", 1.0, 1e3)
     if link.chambers:
         slope = next((c.area_slope for c in link.chambers if c.area_slope), 0.0)
         yield factor("gain", 1.0, "of the file", 1.0)
         yield factor("arm", 1.0, "of the file", 0.3)
-        yield Number(f"{name}/area_slope", slope, "1", "shift", 5.0, -50.0, 50.0)
+        yield ArmParameter(f"{name}/area_slope", slope, "1", "shift", 5.0, -50.0, 50.0)
         saturation = max(c.area_saturation for c in link.chambers)
-        yield Number(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
+        yield ArmParameter(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
         band, most = max(c.dead_band_pa for c in link.chambers), max(map(abs, robot.pressure_range_pa))
-        yield Number(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
+        yield ArmParameter(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
         swell = max(c.swell_per_pa for c in link.chambers)
-        yield Number(f"{name}/swell", swell, "1/Pa", "shift", 0.3 / most, 0.0, min(0.9 / most, 1e-4))
+        yield ArmParameter(f"{name}/swell", swell, "1/Pa", "shift", 0.3 / most, 0.0, min(0.9 / most, 1e-4))
         for j in range(1, len(link.chambers)):
             yield factor(f"chamber{j}/gain", 1.0, "of the file", 0.15)
             yield factor(f"chamber{j}/arm", 1.0, "of the file", 0.15)

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from soro_core.adaptation.modes import first_mode
 from soro_core.adaptation.scales import BEND_RAD
-from soro_core.config import Strict, changed
+from soro_core.config import Strict, with_changes
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig, InitialNoise, LearnedProcessNoise, ProcessNoise
 from soro_core.model import SoftArm
@@ -92,7 +92,7 @@ def scaled_noise(config: EstimatorConfig, robot: Robot) -> EstimatorConfig:
     try:
         arm = noise_scales(robot)
     except ConfigError:
-        return changed(config, scale_noise=False)
+        return with_changes(config, scale_noise=False)
     bend = _ratio(arm.bend_acceleration, TUNED_FOR.bend_acceleration)
     stretch = _ratio(arm.stretch_acceleration, TUNED_FOR.stretch_acceleration)
     curvature = _ratio(arm.curvature_per_m, TUNED_FOR.curvature_per_m)
@@ -111,7 +111,7 @@ def scaled_noise(config: EstimatorConfig, robot: Robot) -> EstimatorConfig:
     }
     # What a model of constant strain leaves of the orientation falls with the square of its coefficients.
     pose = {"orientation_model_std_rad": _ratio(1.0, arm.shapes**2)}
-    return changed(
+    return with_changes(
         config,
         scale_noise=False,
         process=_scaled(config.process, ProcessNoise(), process),
@@ -132,4 +132,4 @@ def _scaled(section: Section, default: Section, ratios: dict[str, float]) -> Sec
         for name, ratio in ratios.items()
         if getattr(section, name) == getattr(default, name)
     }
-    return changed(section, **values)
+    return with_changes(section, **values)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from soro_lab.identification.arm.cases.numbers import Number, is_of_robot
+from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
 
@@ -141,7 +141,7 @@ def _blocks(problem: Problem) -> NDArray[np.intp]:
     return np.concatenate(found)
 
 
-def _undetermined(numbers: tuple[Number, ...], covariance: Array) -> dict[str, tuple[str, ...]]:
+def _undetermined(numbers: tuple[ArmParameter, ...], covariance: Array) -> dict[str, tuple[str, ...]]:
     """Names of what stays open, each with the combinations that do."""
     values, vectors = np.linalg.eigh(covariance)
     open_: dict[str, list[str]] = {

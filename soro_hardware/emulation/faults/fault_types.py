@@ -23,7 +23,7 @@ from soro_core.errors import ConfigError
 Group: TypeAlias = Literal["bus", "stop", "device", "pneumatic", "sensor"]
 
 
-class Kind(NamedTuple):
+class FaultType(NamedTuple):
     """One kind of fault: its group and effect, and its parameter with default and bounds."""
 
     group: Group
@@ -35,33 +35,39 @@ class Kind(NamedTuple):
 
 
 _P = ("p", 0.2, 0.0, 1.0)
-KINDS: dict[str, Kind] = {
-    "drop": Kind("bus", "messages are lost, each with probability p", *_P),
-    "corrupt_bits": Kind("bus", "one bit of a message is inverted, in each with probability p", *_P),
-    "truncate": Kind("bus", "messages are cut short, each with probability p", *_P),
-    "duplicate": Kind("bus", "messages arrive twice, each with probability p", *_P),
-    "delay": Kind("bus", "messages arrive late", "delay_s", 0.02, 0.0, 10.0),
-    "reorder": Kind("bus", "a message arrives after the next one, each with probability p", *_P),
-    "garbage_line": Kind("bus", "noise precedes a message, each with probability p", *_P),
-    "bus_off": Kind("bus", "the CAN controller of the host's adapter is in the state bus-off"),
-    "ack_missing": Kind(
+KINDS: dict[str, FaultType] = {
+    "drop": FaultType("bus", "messages are lost, each with probability p", *_P),
+    "corrupt_bits": FaultType("bus", "one bit of a message is inverted, in each with probability p", *_P),
+    "truncate": FaultType("bus", "messages are cut short, each with probability p", *_P),
+    "duplicate": FaultType("bus", "messages arrive twice, each with probability p", *_P),
+    "delay": FaultType("bus", "messages arrive late", "delay_s", 0.02, 0.0, 10.0),
+    "reorder": FaultType("bus", "a message arrives after the next one, each with probability p", *_P),
+    "garbage_line": FaultType("bus", "noise precedes a message, each with probability p", *_P),
+    "bus_off": FaultType("bus", "the CAN controller of the host's adapter is in the state bus-off"),
+    "ack_missing": FaultType(
         "bus", "no node acknowledges the frames of the host's adapter: its cable is unplugged"
     ),
-    "babble": Kind("bus", "a device floods the bus with one identifier", "can_id", 0.0, 0.0, 2047.0),
-    "adapter_unplug": Kind("bus", "the adapter is unplugged from the host"),
-    "stop_pressed": Kind("stop", "the emergency stop is pressed: its contact and the dump valve are open"),
-    "dump_valve_open": Kind("stop", "the dump valve is without current: every chamber is open to the air"),
-    "dump_valve_stuck": Kind("stop", "the dump valve stays shut without current"),
-    "reboot": Kind("device", "the device restarts and loses its settings and set points"),
-    "brownout": Kind("device", "the device's supply voltage is low, then 0, and returns at the end"),
-    "mute": Kind("device", "the device sends nothing; its valve still follows set points"),
-    "freeze_tpdo": Kind("device", "the device sends old readings; everything else works"),
-    "wrong_node_id": Kind("device", "the device answers under another address", "node", 99.0, 1.0, 127.0),
-    "overheat": Kind("device", "the device reports this temperature", "celsius", 90.0, -40.0, 200.0),
-    "supply_rise": Kind("device", "the device reports this supply", "supply_pa", 1.2e6, 0.0, 5e6),
-    "sdo_abort": Kind("device", "the device refuses every access to its parameters"),
-    "sdo_timeout": Kind("device", "the device answers no access to its parameters"),
-    "set_by_another": Kind(
+    "babble": FaultType("bus", "a device floods the bus with one identifier", "can_id", 0.0, 0.0, 2047.0),
+    "adapter_unplug": FaultType("bus", "the adapter is unplugged from the host"),
+    "stop_pressed": FaultType(
+        "stop", "the emergency stop is pressed: its contact and the dump valve are open"
+    ),
+    "dump_valve_open": FaultType(
+        "stop", "the dump valve is without current: every chamber is open to the air"
+    ),
+    "dump_valve_stuck": FaultType("stop", "the dump valve stays shut without current"),
+    "reboot": FaultType("device", "the device restarts and loses its settings and set points"),
+    "brownout": FaultType("device", "the device's supply voltage is low, then 0, and returns at the end"),
+    "mute": FaultType("device", "the device sends nothing; its valve still follows set points"),
+    "freeze_tpdo": FaultType("device", "the device sends old readings; everything else works"),
+    "wrong_node_id": FaultType(
+        "device", "the device answers under another address", "node", 99.0, 1.0, 127.0
+    ),
+    "overheat": FaultType("device", "the device reports this temperature", "celsius", 90.0, -40.0, 200.0),
+    "supply_rise": FaultType("device", "the device reports this supply", "supply_pa", 1.2e6, 0.0, 5e6),
+    "sdo_abort": FaultType("device", "the device refuses every access to its parameters"),
+    "sdo_timeout": FaultType("device", "the device answers no access to its parameters"),
+    "set_by_another": FaultType(
         "device",
         "its front panel or another program sets this set point, once",
         "pressure_pa",
@@ -69,31 +75,33 @@ KINDS: dict[str, Kind] = {
         -101e3,
         1e6,
     ),
-    "setpoint_ignored": Kind("device", "the device accepts set points, but keeps the last one"),
-    "stuck_open": Kind("pneumatic", "the valve stays open to the supply", "supply_pa", 150e3, 0.0, 1e6),
-    "stuck_closed": Kind("pneumatic", "the valve stays closed: no air flows in or out"),
-    "stuck_at": Kind("pneumatic", "the valve holds this pressure", "pressure_pa", 30e3, -101e3, 1e6),
-    "slow_valve": Kind(
+    "setpoint_ignored": FaultType("device", "the device accepts set points, but keeps the last one"),
+    "stuck_open": FaultType("pneumatic", "the valve stays open to the supply", "supply_pa", 150e3, 0.0, 1e6),
+    "stuck_closed": FaultType("pneumatic", "the valve stays closed: no air flows in or out"),
+    "stuck_at": FaultType("pneumatic", "the valve holds this pressure", "pressure_pa", 30e3, -101e3, 1e6),
+    "slow_valve": FaultType(
         "pneumatic", "the valve is slower by this factor, except when it vents", "factor", 20.0, 1.0, 1e4
     ),
-    "leak": Kind(
+    "leak": FaultType(
         "pneumatic", "the chamber loses this fraction of its pressure per second", "rate_1_s", 2.0, 0.0, 1e3
     ),
-    "burst": Kind("pneumatic", "the chamber is open to the atmosphere", "rate_1_s", 500.0, 0.0, 1e4),
-    "kinked_line": Kind(
+    "burst": FaultType("pneumatic", "the chamber is open to the atmosphere", "rate_1_s", 500.0, 0.0, 1e4),
+    "kinked_line": FaultType(
         "pneumatic", "the flow to and from the chamber is smaller by this factor", "factor", 50.0, 1.0, 1e4
     ),
-    "supply_drop": Kind("pneumatic", "the supply pressure falls to this value", "supply_pa", 20e3, 0.0, 1e6),
-    "vent_blocked": Kind("pneumatic", "air flows in, but not out"),
-    "sensor_offset": Kind("sensor", "readings have this offset", "offset_pa", 15e3, -1e6, 1e6),
-    "sensor_scale": Kind("sensor", "readings are multiplied by this factor", "factor", 1.5, -10.0, 10.0),
-    "sensor_noise": Kind(
+    "supply_drop": FaultType(
+        "pneumatic", "the supply pressure falls to this value", "supply_pa", 20e3, 0.0, 1e6
+    ),
+    "vent_blocked": FaultType("pneumatic", "air flows in, but not out"),
+    "sensor_offset": FaultType("sensor", "readings have this offset", "offset_pa", 15e3, -1e6, 1e6),
+    "sensor_scale": FaultType("sensor", "readings are multiplied by this factor", "factor", 1.5, -10.0, 10.0),
+    "sensor_noise": FaultType(
         "sensor", "readings have additional noise of this standard deviation", "sigma_pa", 2e3, 0.0, 1e6
     ),
-    "sensor_stuck": Kind("sensor", "the reading does not change"),
-    "sensor_saturate": Kind("sensor", "readings saturate at this value", "most_pa", 20e3, -1e6, 1e6),
-    "sensor_quantise": Kind("sensor", "readings are multiples of this step", "step_pa", 2e3, 1.0, 1e6),
-    "sensor_open_circuit": Kind(
+    "sensor_stuck": FaultType("sensor", "the reading does not change"),
+    "sensor_saturate": FaultType("sensor", "readings saturate at this value", "most_pa", 20e3, -1e6, 1e6),
+    "sensor_quantise": FaultType("sensor", "readings are multiples of this step", "step_pa", 2e3, 1.0, 1e6),
+    "sensor_open_circuit": FaultType(
         "sensor", "the sensor's wire is broken; the reading has this value", "reading_pa", -125e3, -1e6, 1e6
     ),
 }

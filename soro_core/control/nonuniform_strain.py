@@ -17,9 +17,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.adaptation.nonuniform_force import UnevenForce
 from soro_core.adaptation.scales import q_scale_of
-from soro_core.adaptation.uneven import UnevenForce
-from soro_core.control.kernel import uneven as kernel
+from soro_core.control.kernel import nonuniform_strain as kernel
 from soro_core.control.reference.trajectory import Point
 from soro_core.model import SoftArm
 from soro_core.model.checks import fault

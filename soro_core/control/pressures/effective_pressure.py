@@ -23,7 +23,7 @@ Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Acting:
+class EffectivePressure:
     """Dead bands (n_u,) [Pa] and swelling (n_u,) [1/Pa] of the chambers of an arm."""
 
     dead_band_pa: Array
@@ -39,10 +39,12 @@ class Acting:
         return np.asarray(self.dead_band_pa + acting_pa / (1.0 + self.swell_per_pa * np.abs(acting_pa)))
 
 
-def acting_of(robot: Robot) -> Acting:
+def effective_pressure_of(robot: Robot) -> EffectivePressure:
     """Return dead bands and swelling of a robot's chambers."""
     chambers = [chamber for link in robot.links for chamber in link.chambers]
-    return Acting(np.array([c.dead_band_pa for c in chambers]), np.array([c.swell_per_pa for c in chambers]))
+    return EffectivePressure(
+        np.array([c.dead_band_pa for c in chambers]), np.array([c.swell_per_pa for c in chambers])
+    )
 
 
 def check_dead_bands(robot: Robot, low_pa: float, high_pa: float) -> None:
@@ -60,7 +62,7 @@ def check_dead_bands(robot: Robot, low_pa: float, high_pa: float) -> None:
     ConfigError
         If the range is not above a dead band alone: across it no small change of a set point has an effect.
     """
-    for name, band in zip(robot.chamber_names, acting_of(robot).dead_band_pa, strict=True):
+    for name, band in zip(robot.chamber_names, effective_pressure_of(robot).dead_band_pa, strict=True):
         if band > 0.0 and not (low_pa > -band and high_pa > band):
             allowed = f"set points above -{band:g} that reach beyond {band:g}, not {low_pa:g} to {high_pa:g}"
             raise ConfigError("controller", "dead_band_pa", f"{band:g} of {name}", allowed)

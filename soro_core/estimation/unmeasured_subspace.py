@@ -22,7 +22,7 @@ Array: TypeAlias = NDArray[np.float64]
 _SEEN_PART = 1e-4
 
 
-def unseen_covariance(filter_: Filter, q: Array, places: Sequence[float], units: Array) -> Array:
+def unmeasured_covariance(filter_: Filter, q: Array, places: Sequence[float], units: Array) -> Array:
     """Return the covariance (n_q, n_q) of what positions leave open: a unit of q in each unseen direction.
 
     Parameters

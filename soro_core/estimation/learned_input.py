@@ -12,7 +12,7 @@ RENEWED_S, FADE_S = 0.1, 0.5
 _SAME_S = 1e-9
 
 
-class Known(NamedTuple):
+class LearnedInput(NamedTuple):
     """The learned model in force.
 
     Attributes
@@ -37,9 +37,9 @@ class Known(NamedTuple):
         return f"no learned force for {self.age_s:.2f} s: it fades out ({self.share:.0%} left)"
 
 
-def updated(
-    state: Known, learned: Learned | None, dt: float, placed: bool = True, uneven: bool = False
-) -> Known:
+def update_learned_input(
+    state: LearnedInput, learned: Learned | None, dt: float, placed: bool = True, uneven: bool = False
+) -> LearnedInput:
     """Return what is in force after a tick.
 
     Parameters
@@ -58,7 +58,7 @@ def updated(
     """
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
-        return Known()
+        return LearnedInput()
     change = dt / FADE_S if (placed or uneven) and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
-    return Known(kept, age_s, share) if share > 0.0 or age_s == 0.0 else Known()
+    return LearnedInput(kept, age_s, share) if share > 0.0 or age_s == 0.0 else LearnedInput()

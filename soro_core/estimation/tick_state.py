@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.estimation.belief import Belief
-from soro_core.estimation.known import Known
+from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import Innovation, SensorMonitor
 from soro_core.estimation.sensors.samples import Sample
 from soro_core.estimation.state import EstimatorState, Segment, Sensor
@@ -46,7 +46,7 @@ class Draft:
         self.last_s = state.last_s
         self.position_s = state.position_s
         self.sensors: dict[str, Sensor] = dict(state.sensors)
-        self.known: Known = state.known
+        self.known: LearnedInput = state.known
         self.monitors: Mapping[str, SensorMonitor] = state.monitors
         self.counts = [*state.counts]
         self.innovations: list[Innovation] = []

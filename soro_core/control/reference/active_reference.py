@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.control.reference.passage import Bounds, Passage, advance, begin, point, redirect
+from soro_core.control.reference.reference_transition import Bounds, Passage, advance, begin, point, redirect
 from soro_core.control.reference.trajectory import Hold, Point, Reference
 from soro_core.frozen import replaced
 

@@ -17,10 +17,10 @@ from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.obstacles import Obstacles
 from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
 from soro_core.control.motions.resting_shape import resting_shape
-from soro_core.control.reference.following import reference_ahead
-from soro_core.control.reference.passage import Bounds
+from soro_core.control.reference.active_reference import reference_ahead
+from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Reference
-from soro_core.control.reference.undriven import Undriven
+from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
@@ -64,7 +64,7 @@ class GivenReferences:
     limit: Array
     obstacles: Obstacles | None
     law: Law[Any]
-    undriven: Undriven
+    undriven: UnderactuatedReference
     configured: Reference | None
     initial_state: Callable[[], ControllerState]
 

@@ -57,7 +57,7 @@ class WatchState:
         return "; ".join(text for text in (fallen, self.lacking, self.event_text) if text)
 
 
-def watched(
+def update_monitor(
     state: WatchState,
     away: float,
     missing_pa: Array,

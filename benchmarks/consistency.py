@@ -49,7 +49,7 @@ class Case:
 CASES = (
     Case("20 g", nis=(2.4, 3.6), tip=(2.0, 4.0), error_mm=(0.0, 0.22)),
     Case("20 g, circle in 2 s", reference={"period_s": 2.0}, error_mm=(0.0, 0.25)),
-    # Its strains are constant along the link, so the learned model has no uneven bend.
+    # Its strains are constant along the link, so the learned model has no non-uniform strain.
     Case("matched plant", {"refine": 1, "payload_kg": 0.0}, law_options={"uneven": False}, state=(4.0, 8.0)),
 )
 

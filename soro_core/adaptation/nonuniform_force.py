@@ -1,4 +1,4 @@
-"""What the force of strains that are constant along links lacks, where weight bends the links unevenly."""
+"""Error of the generalised force of the constant-strain model, where weight bends links non-uniformly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wished force goes on where it was when the law changes, and comes to that of the new law."""
+"""Bumpless transfer: after a switch of laws the desired force starts at its last value."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ class BumplessTransfer:
         return replace(self, begins=self.asked is not None)
 
 
-def apply_transfer(before: BumplessTransfer, wished: Array, dt: float) -> tuple[BumplessTransfer, Array]:
+def apply_transfer(before: BumplessTransfer, desired: Array, dt: float) -> tuple[BumplessTransfer, Array]:
     """Return the transfer after a tick, and the force (n_q,) to ask for.
 
     Parameters
     ----------
     before : Transfer
         After the last tick.
-    wished : ndarray (n_q,)
+    desired : ndarray (n_q,)
         Force of the law.
     dt : float
         Time since the last tick [s].
     """
     difference = before.difference
     if before.begins and before.asked is not None:
-        difference = before.asked - wished
+        difference = before.asked - desired
     if difference is None:
-        return BumplessTransfer(wished), wished
+        return BumplessTransfer(desired), desired
     difference = math.exp(-dt / FADE_S) * difference
     # Below 1e-3 of the force it is no step.
-    kept = difference if np.linalg.norm(difference) > 1e-3 * np.linalg.norm(wished) else None
-    asked = np.asarray(wished + difference)
+    kept = difference if np.linalg.norm(difference) > 1e-3 * np.linalg.norm(desired) else None
+    asked = np.asarray(desired + difference)
     return BumplessTransfer(asked, kept), asked

@@ -87,7 +87,7 @@ class Command:
     ----------
     setpoint_pa : ndarray (n_u,)
         Set points [Pa gauge], finite and within the bounds.
-    wished_force, applied_force : ndarray (n_q,)
+    desired_force, applied_force : ndarray (n_q,)
         Generalised force that the law asks for; generalised force of the measured pressures.
     named : callable
         Gives what the law has learnt, by name; `estimates` calls it.
@@ -102,12 +102,12 @@ class Command:
     saturated : ndarray of bool (n_u,)
         Chambers whose allocated pressure or set point lies at a bound.
     terms : mapping of str to ndarray (n_q,), or None
-        The terms of the wished force by name; None if the command is held.
+        The terms of the desired force by name; None if the command is held.
     status : ControllerStatus
     """
 
     setpoint_pa: Array
-    wished_force: Array
+    desired_force: Array
     applied_force: Array
     named: Callable[[], dict[str, float]]
     deviations: Callable[[], dict[str, float]]
@@ -178,7 +178,7 @@ def held_command(
     point = state.point if state.point is not None else Hold(np.zeros(arm.n_q)).sample(0.0)
     return Command(
         setpoint_pa=state.setpoint_pa,
-        wished_force=np.zeros(arm.n_q),
+        desired_force=np.zeros(arm.n_q),
         applied_force=np.zeros(arm.n_q),
         named=named,
         deviations=dict,

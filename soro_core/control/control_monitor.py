@@ -1,4 +1,4 @@
-"""What a user must know while the arm is controlled: pressures that lack, an arm that has fallen over."""
+"""Detect saturated pressures and a fallen arm while the arm is controlled."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def update_monitor(
     away : float
         Distance of the tip from its reference, part of the arm's length.
     missing_pa : ndarray (n_u,)
-        Pressure beyond its bound that the wished force needs of each chamber, negative below [Pa].
+        Pressure beyond its bound that the desired force needs of each chamber, negative below [Pa].
     names : sequence of str
         Of the chambers.
     event : str

@@ -89,7 +89,7 @@ class Controller(GivenReferences):
         self.configured = configured_reference(self.arm, self.bounds, config, self.pressures)
         check_configured(self.bounds, self.configured)
         self.limit = self.bounds.strain
-        self.undriven = UnderactuatedReference(self.arm, self.fields, self.limit, model.links)
+        self.underactuated = UnderactuatedReference(self.arm, self.fields, self.limit, model.links)
         self.law = law(
             Setting(
                 self.arm,
@@ -120,7 +120,7 @@ class Controller(GivenReferences):
             model_pa=start,
             wish_pa=start,
             creep=np.zeros(self.arm.n_internal),
-            shape=self.undriven.initial_state(),
+            shape=self.underactuated.initial_state(),
             saturated=np.zeros(self.arm.n_u, dtype=bool),
             regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
         )
@@ -201,8 +201,8 @@ class Controller(GivenReferences):
         try:
             shape, ahead = state.shape, Preview(point, future, preview_s)
             # A law that learns from the tracking error needs that of all coordinates.
-            if self.undriven.exist and self.law.learns:
-                shape, ahead = self._with_undriven(state, ahead)
+            if self.underactuated.exist and self.law.learns:
+                shape, ahead = self._with_underactuated(state, ahead)
         except np.linalg.LinAlgError:
             return self._held(state, "the shape that no chamber moves has no balance")
         belief = ArmBelief(
@@ -217,18 +217,18 @@ class Controller(GivenReferences):
         regulators = (
             None if state.regulators is None else self.observer.observe(state.regulators, measured, dt)
         )
-        inner, wished, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
-        transfer, wished = apply_transfer(state.transfer, wished, dt)
+        inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
+        transfer, desired = apply_transfer(state.transfer, desired, dt)
         actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
         believed = self.law.actuation(inner, actuation)
-        wish = self.setpoints.allocate(believed, wished, state.wish_pa)
+        wish = self.setpoints.allocate(believed, desired, state.wish_pa)
         bias = 0.0 if regulators is None else regulators.added_pa
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not made.ok:
             return self._held(state, f"no finite pressures for the force that law {self.config.law} asks for")
         saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
-        inner = self.law.allocated(inner, Made(wished, wish.force, actuation, acting, saturated), dt)
-        missing = self.setpoints.missing_pa(believed, wished, wish) if saturated else self._nothing
+        inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
+        missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
         tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(
             state,
@@ -247,7 +247,7 @@ class Controller(GivenReferences):
         )
         return after, Command(
             setpoint_pa=made.command_pa,
-            wished_force=wished,
+            desired_force=desired,
             applied_force=np.asarray(believed @ acting),
             named=partial(self.law.estimates, inner),
             deviations=partial(self.law.deviations, inner),
@@ -259,7 +259,9 @@ class Controller(GivenReferences):
             status=ControllerStatus(True, "", after.watch.note),
         )
 
-    def _with_undriven(self, state: ControllerState, given: Preview) -> tuple[UnderactuatedState, Preview]:
+    def _with_underactuated(
+        self, state: ControllerState, given: Preview
+    ) -> tuple[UnderactuatedState, Preview]:
         """Return the reference with the shape of what no chamber moves."""
         now, future = given.now, given.ahead
 
@@ -270,7 +272,7 @@ class Controller(GivenReferences):
         def actuation(q: Array) -> Array:
             return self.law.actuation(state.law, self.arm.actuation_matrix(q))
 
-        shape, ahead, motions = self.undriven.step(state.shape, future, force, actuation)
+        shape, ahead, motions = self.underactuated.step(state.shape, future, force, actuation)
         # The shape changes little until a set point acts.
         q, qd, qdd = ahead.q - future.q, ahead.qd - future.qd, ahead.qdd - future.qdd
         shaped = Point(now.q + q, now.qd + qd, now.qdd + qdd)

@@ -239,7 +239,7 @@ class RestingArm:
 def resting_arm(controller: Controller) -> RestingArm:
     """Return the model at rest, with loads up to the bound of the mass that the law learns."""
     robot = controller.robot
-    # A load bends a link unevenly: one link of constant strain would match its tip or its angle, not both.
+    # A load bends a link non-uniformly: constant strain would match its tip or its angle, not both.
     with contextlib.suppress(ConfigError):  # modes cannot be split
         robot = robot if robot.varies else robot.refine(math.ceil(_PARTS / len(robot.links)))
     fields = strain_fields(robot)

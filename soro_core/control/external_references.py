@@ -51,7 +51,7 @@ class GivenReferences:
     obstacles : Obstacles or None
         What the robot file knows around the arm.
     law : Law
-    undriven : Undriven
+    underactuated : UnderactuatedReference
     configured : Reference or None
         The configured reference; None to hold the arm where it is.
     """
@@ -64,7 +64,7 @@ class GivenReferences:
     limit: Array
     obstacles: Obstacles | None
     law: Law[Any]
-    undriven: UnderactuatedReference
+    underactuated: UnderactuatedReference
     configured: Reference | None
     initial_state: Callable[[], ControllerState]
 
@@ -155,7 +155,7 @@ class GivenReferences:
         """
         if self.obstacles is None:
             return None
-        shape = resting_shape(self.arm, self.law, law_state, self.undriven, self.obstacles.uneven)
+        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.obstacles.uneven)
         return Lookout(self.obstacles, shape, start)
 
     def _keep_clear(self, state: ControllerState, reference: Reference) -> None:

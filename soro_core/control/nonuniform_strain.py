@@ -1,4 +1,4 @@
-"""The uneven bend of links under load, which strains that are constant along them do not have.
+"""Non-uniform strain of links under load, which a constant-strain model cannot represent.
 
 Weight and inertia bend a link most near its base. With strains that vary linearly along each link,
 coordinates x with the accelerations dx/dq qdd, the arm keeps
@@ -77,7 +77,7 @@ def bends_unevenly(arm: SoftArm) -> bool:
 
 
 class Uneven:
-    """The uneven bend of one arm for which `bends_unevenly` holds.
+    """The non-uniform strain of one arm for which `bends_unevenly` holds.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Uneven:
         lacking = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
         code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *lacking)
         if code == SINGULAR:
-            raise np.linalg.LinAlgError("the uneven bend has no balance")
+            raise np.linalg.LinAlgError("the non-uniform strain has no equilibrium")
         if code != GOOD:
             raise fault(code, q, qd)
         return UnevenShape(*bent, *slopes, max(state.column, 0) + 1), UnevenForce(q, mass_kg, *lacking)

@@ -1,7 +1,7 @@
 """Keys of a controller that change while it controls: gains, adaptation, reference, narrower pressures.
 
 The state of the controller stays: nothing that is learned is lost, and `soro_core.control.bumpless` takes the
-step out of the wished force. References change by a passage, as those of a topic do.
+step out of the desired force. References change by a passage, as those of a topic do.
 """
 
 from __future__ import annotations

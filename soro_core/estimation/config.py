@@ -25,8 +25,8 @@ class PoseNoise(Strict):
         0.2,
         ge=0,
         le=3,
-        description="error of the arm's kinematics in orientation; a load bends a link unevenly, and a link "
-        "of constant curvature can then match the position of the tip or its orientation, not both",
+        description="error of the arm's kinematics in orientation; a load bends a link non-uniformly, and "
+        "constant curvature can then match the position of the tip or its orientation, not both",
     )
     max_age_s: float = Field(0.08, gt=0, le=2, description="older samples are stale")
 

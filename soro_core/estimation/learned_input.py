@@ -1,4 +1,4 @@
-"""The force that a learner knows of, as the filter uses it: received, kept, faded out where none comes."""
+"""Feed the learned force to the filter; fade it out when updates stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a load bends a link unevenly: what an IMU sees there.
+"""Mean strain of a link that a load bends non-uniformly: what an IMU sees there.
 
 q is what has the tip where it is; the strain of a link that carries a load at its end is not uniform, and its
 mean is less. With a first polynomial z beside each uniform strain, and each link's end held where q has it,

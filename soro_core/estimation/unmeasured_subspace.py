@@ -1,4 +1,4 @@
-"""Shapes that no position shows: how an arm shares its bend between two links, with a pose of the tip alone.
+"""Directions of q that position measurements do not constrain.
 
 The filter knows such a shape from its model, and calls it certain. What a learner finds in it is then the
 model's own error, which the filter follows and the learner finds again. It must not be learned from.

@@ -92,7 +92,7 @@ def motion_forces(
 
 @entry
 def acting(box: Box, pressure: Array, acting: Array) -> int:
-    """acting <- what acts of the pressures; gives a chamber whose area has no bound there, else -1."""
+    """acting <- the effective pressures; gives a chamber whose area has no bound there, else -1."""
     t = view(box).tables
     for u in range(pressure.shape[0]):
         acting[u] = chambers.acting(t, u, pressure[u])

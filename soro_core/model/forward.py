@@ -38,7 +38,7 @@ class ForwardDynamics(ArmBase):
     _no_internal: Array
 
     def acting_pressure(self, p: ArrayLike) -> Array:
-        """What acts of gauge pressures p (n_u,) [Pa]: beyond dead bands, on areas that they swell.
+        """Effective pressures of gauge pressures p (n_u,) [Pa]: beyond dead bands, on areas that they swell.
 
         Raises
         ------

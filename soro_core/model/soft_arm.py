@@ -143,7 +143,7 @@ class SoftArm(ForwardDynamics):
     pressure_matrix = actuation_matrix
 
     def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
-        """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times what acts of them."""
+        """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times the effective pressures."""
         return np.asarray(self.actuation_matrix(q) @ self.acting_pressure(p))
 
     def displaced_volume(self, q: ArrayLike) -> Array:

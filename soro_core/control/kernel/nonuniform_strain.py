@@ -1,4 +1,4 @@
-"""One step of Newton of the uneven bend (`soro_core.control.nonuniform_strain`), compiled.
+"""One step of Newton for the non-uniform strain (`soro_core.control.nonuniform_strain`), compiled.
 
 With x the coordinates of strains that vary, f + m Y - H p what a force misses, and e(x) = e_1(q) the ends of
 the links, the step solves for the changes of x and of the force F = H_1(q) p

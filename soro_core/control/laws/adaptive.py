@@ -66,7 +66,7 @@ class Adaptive(Law[AdaptiveState]):
             name: getattr(terms, name)
             for name in ("error", "s", "model", "learnt", "internal", "proportional", "derivative")
         }
-        return replace(state, creep=creep, terms=terms), terms.wished, named
+        return replace(state, creep=creep, terms=terms), terms.desired, named
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the adapted mass [kg], less that of the robot file."""
@@ -94,7 +94,7 @@ class Adaptive(Law[AdaptiveState]):
             return state
         # Errors of the chamber gains multiply the measured pressures, not the commanded ones.
         regressor = terms.regressor + self.parameters.gain_regressor(made.actuation, made.acting_pa)
-        shortfall = made.wished - made.force if made.saturated else None
+        shortfall = made.desired - made.force if made.saturated else None
         adaptation = self.config.adaptation
         estimate = adapt(
             self.parameters,

@@ -16,7 +16,7 @@ Array: TypeAlias = NDArray[np.float64]
 def call_law(
     law: Law[Any], name: str, state: Any, belief: ArmBelief, reference: Preview, dt: float
 ) -> tuple[Any, Array, Terms]:
-    """Return state, wished force and terms of a law.
+    """Return state, desired force and terms of a law.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ def call_law(
         If the law raises any error, or gives a force of a wrong shape.
     """
     try:
-        inner, wished, terms = law.step(state, belief, reference, dt)
-        wished = np.asarray(wished, dtype=np.float64)
+        inner, desired, terms = law.step(state, belief, reference, dt)
+        desired = np.asarray(desired, dtype=np.float64)
     except (SoroError, np.linalg.LinAlgError):
         raise
     except Exception as error:  # a law of another package must not end the loop
         raise ModelError(f"law {name}: {type(error).__name__}: {error}", "law") from error
-    if wished.shape != belief.q.shape:
+    if desired.shape != belief.q.shape:
         raise ModelError(
-            f"law {name} gives a force of shape {wished.shape}; allowed is {belief.q.shape}", "law"
+            f"law {name} gives a force of shape {desired.shape}; allowed is {belief.q.shape}", "law"
         )
-    return inner, wished, terms
+    return inner, desired, terms

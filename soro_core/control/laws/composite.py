@@ -27,15 +27,15 @@ from soro_core.frozen import replaced
 
 Array: TypeAlias = NDArray[np.float64]
 
-# Time between samples of the learner, and between steps of the uneven bend [s]: both change slowly. A loop of
-# 250 Hz or less takes each at every tick, a faster one at ticks of their own in turns.
+# Time between samples of the learner, and between steps of the non-uniform strain [s]: both change slowly. A
+# loop of 250 Hz or less takes each at every tick, a faster one at ticks of their own in turns.
 _SAMPLE_S = 0.004
 
 
 class CompositeOptions(LearnerConfig, LawOptions):
     """Keys of the law: those of its learner, and what it knows of the bend."""
 
-    uneven: bool = Field(True, description="a load bends links of constant strain unevenly")
+    uneven: bool = Field(True, description="a load bends links of constant strain non-uniformly")
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class CompositeState:
     creep : ndarray (n_internal,)
         Creep along the reference.
     shape : UnevenShape or None
-        The uneven bend at the reference; None for an arm without one.
+        The non-uniform strain at the reference; None for an arm without one.
     lacking : UnevenForce or None
         What constant strains lack near there; None before the first tick.
     learned : Learned or None
@@ -130,11 +130,11 @@ class Composite(Law[CompositeState]):
             "derivative": derivative,
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
-        wished = model + internal + learned + uneven + proportional + derivative
+        desired = model + internal + learned + uneven + proportional + derivative
         told = state.learned
         if told is None or learner.learned is not state.learner.learned or lacking is not state.lacking:
             told = self._told(learner.learned, lacking)
-        return CompositeState(learner, creep, shape, lacking, told, sampled_s, bent_s), wished, terms
+        return CompositeState(learner, creep, shape, lacking, told, sampled_s, bent_s), desired, terms
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -158,7 +158,7 @@ class Composite(Law[CompositeState]):
         return dict(zip(self.names, self.learner.deviations(state.learner).tolist(), strict=True))
 
     def learned(self, state: CompositeState) -> Learned:
-        """Return the learned model, for the filter; W with the tangent of the uneven bend's force."""
+        """Return the learned model for the filter; W has the tangent of the non-uniform strain's force."""
         return state.learned or self._told(state.learner.learned, state.lacking)
 
     def _told(self, learned: Learned, lacking: UnevenForce | None) -> Learned:

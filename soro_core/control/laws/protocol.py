@@ -1,4 +1,4 @@
-"""What every law is: (state, belief, reference, dt) -> (state, wished force, terms)."""
+"""What every law is: (state, belief, reference, dt) -> (state, desired force, terms)."""
 
 from __future__ import annotations
 
@@ -92,21 +92,21 @@ class Preview:
 
 @dataclass(frozen=True)
 class Made:
-    """What the allocation makes of a wished force.
+    """What the allocation makes of a desired force.
 
     Attributes
     ----------
-    wished, force : ndarray (n_q,)
-        Wished force, and the nearest one that pressures within their bounds make.
+    desired, force : ndarray (n_q,)
+        Desired force, and the nearest one that pressures within their bounds make.
     actuation : ndarray (n_q, n_u)
         H where it was allocated, with the gains of the file.
     acting_pa : ndarray (n_u,)
-        What acts of the measured pressures [Pa]: all, but for a dead band.
+        Effective pressures [Pa] of the measured ones: the same, but for a dead band.
     saturated : bool
         Whether a chamber is at a bound.
     """
 
-    wished: Array
+    desired: Array
     force: Array
     actuation: Array
     acting_pa: Array
@@ -205,7 +205,7 @@ class Law(ABC, Generic[State]):
     def step(
         self, state: State, belief: ArmBelief, reference: Preview, dt: float
     ) -> tuple[State, Array, Terms]:
-        """Return the state after the tick, the wished generalised force (n_q,), and its terms.
+        """Return the state after the tick, the desired generalised force (n_q,), and its terms.
 
         Parameters
         ----------
@@ -246,7 +246,7 @@ class Law(ABC, Generic[State]):
         return reference.ahead.q
 
     def allocated(self, state: State, made: Made, dt: float) -> State:
-        """Return the state once it is known what pressures make of the wished force.
+        """Return the state once it is known what pressures make of the desired force.
 
         Parameters
         ----------

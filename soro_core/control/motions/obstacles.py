@@ -43,7 +43,7 @@ class Obstacles:
     step_m : float
         Largest motion of a place between two samples.
     uneven : Uneven or None
-        The uneven bend of the arm without contact, where it has one.
+        The non-uniform strain of the arm without contact, where it has one.
     """
 
     arm: SoftArm

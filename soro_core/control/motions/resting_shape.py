@@ -1,7 +1,7 @@
 """The shape of the backbone in which an arm rests on its reference, under the load that its law has learned.
 
 Strains of the reference determine where link ends are, or what chambers drive. Between the ends, weight bends
-links unevenly; and coordinates that no chamber drives rest where forces balance.
+links non-uniformly; and coordinates that no chamber drives rest where forces balance.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Shape:
 
 
 class UnevenShape(Shape):
-    """The shape of links that weight bends unevenly between their ends.
+    """The shape of links that weight bends non-uniformly between their ends.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ class UnevenShape(Shape):
         return self._state.deviation
 
 
-class UndrivenShape(Shape):
+class UnderactuatedShape(Shape):
     """The shape of an arm with coordinates that no chamber drives.
 
     Parameters
     ----------
-    undriven : Undriven
+    underactuated : UnderactuatedReference
     force : callable
         Force (n_q,) of the law at rest, at coordinates (n_q,).
     actuation : callable
@@ -87,28 +87,34 @@ class UndrivenShape(Shape):
 
     def __init__(
         self,
-        undriven: UnderactuatedReference,
+        underactuated: UnderactuatedReference,
         force: Callable[[Array], Array],
         actuation: Callable[[Array], Array],
     ) -> None:
-        super().__init__(undriven.arm, np.eye(undriven.arm.n_q))
-        self._undriven, self._force, self._actuation = undriven, force, actuation
-        self._state, self._steps = undriven.initial_state(), _FIRST_STEPS
+        super().__init__(underactuated.arm, np.eye(underactuated.arm.n_q))
+        self._underactuated, self._force, self._actuation = underactuated, force, actuation
+        self._state, self._steps = underactuated.initial_state(), _FIRST_STEPS
 
     def offset(self, q: Array) -> Array:
         """Return what keeps the tip of the reference, as far as chambers bring it there."""
         still = found = Point(q, np.zeros_like(q), np.zeros_like(q))
         try:
             for _ in range(self._steps):
-                self._state, found, _ = self._undriven.step(self._state, still, self._force, self._actuation)
+                self._state, found, _ = self._underactuated.step(
+                    self._state, still, self._force, self._actuation
+                )
             self._steps = _STEPS
         except _NO_BALANCE:
-            self._state, self._steps, found = self._undriven.initial_state(), _FIRST_STEPS, still
+            self._state, self._steps, found = self._underactuated.initial_state(), _FIRST_STEPS, still
         return np.asarray(found.q - q)
 
 
 def resting_shape(
-    arm: SoftArm, law: Law[Any], law_state: object, undriven: UnderactuatedReference, uneven: Uneven | None
+    arm: SoftArm,
+    law: Law[Any],
+    law_state: object,
+    underactuated: UnderactuatedReference,
+    uneven: Uneven | None,
 ) -> Shape:
     """Return the shape of an arm, with the load that its law has learned.
 
@@ -118,17 +124,19 @@ def resting_shape(
     law : Law
     law_state : object
         Holds what is learned.
-    undriven : Undriven
+    underactuated : UnderactuatedReference
         Coordinates of the arm that no chamber drives.
     uneven : Uneven or None
-        Its uneven bend, where it has one.
+        Its non-uniform strain, where it has one.
     """
-    if undriven.exist and law.learns:
+    if underactuated.exist and law.learns:
 
         def force(q: Array) -> Array:
             return law.reference_force(law_state, q, np.zeros_like(q), np.zeros_like(q))
 
-        return UndrivenShape(undriven, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q)))
+        return UnderactuatedShape(
+            underactuated, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q))
+        )
     if uneven is None:
         return Shape(arm, np.eye(arm.n_q))
     own = arm.robot.tip_mass

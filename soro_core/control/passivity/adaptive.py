@@ -51,7 +51,7 @@ class FeedbackGains:
 
 @dataclass(frozen=True)
 class Terms:
-    """The wished force and its terms.
+    """The desired force and its terms.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Terms:
         Force of creep and hysteresis.
     proportional, derivative : ndarray (n_q,)
         -K_p e and -K_d s.
-    wished : ndarray (n_q,)
+    desired : ndarray (n_q,)
         Sum of the five forces above.
     regressor : ndarray (n_q, m)
         Y.
@@ -78,7 +78,7 @@ class Terms:
     internal: Array
     proportional: Array
     derivative: Array
-    wished: Array
+    desired: Array
     regressor: Array
 
 
@@ -92,7 +92,7 @@ def law(
     reference: Point,
     at_reference: bool = False,
 ) -> Terms:
-    """Return the wished generalised force and its terms, docs/model.md (36) and (37).
+    """Return the desired generalised force and its terms, docs/model.md (36) and (37).
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def law(
         model, regressor = parameters.model_force(q, qd, rate, acceleration)
     learnt = regressor @ (estimate - parameters.nominal)
     proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
-    wished = model + learnt + internal_force + proportional + derivative
-    return Terms(error, s, model, learnt, internal_force, proportional, derivative, wished, regressor)
+    desired = model + learnt + internal_force + proportional + derivative
+    return Terms(error, s, model, learnt, internal_force, proportional, derivative, desired, regressor)
 
 
 def adapt(
@@ -159,7 +159,7 @@ def adapt(
     leakage : float
         Rate at which the estimates return to pi_0 [1/s].
     shortfall : ndarray (n_q,) or None
-        Wished minus achievable force. Estimates whose change would enlarge it are held: saturation, not the
+        Desired minus achievable force. Estimates whose change would enlarge it are held: saturation, not the
         parameters, causes this error, and would wind them up.
 
     Returns
@@ -170,7 +170,7 @@ def adapt(
     effective = np.sign(s) * np.maximum(np.abs(s) - dead_zone, 0.0)
     rate = -parameters.polytope.gain * (regressor.T @ effective) - leakage * (estimate - parameters.nominal)
     if shortfall is not None:
-        # Estimate i changes the wished force along column i of Y.
+        # Estimate i changes the desired force along column i of Y.
         longer = np.sign(regressor.T @ shortfall) * np.sign(rate) > 0.0
         rate = np.where(longer, 0.0, rate)
     moved = estimate + dt * rate

@@ -1,1 +1,1 @@
-"""From a wished generalised force to set points of the pressures."""
+"""From a desired generalised force to set points of the pressures."""

@@ -1,4 +1,4 @@
-"""Pressures for a wished generalised force: bounded, weighted least squares.
+"""Pressures for a desired generalised force: bounded, weighted least squares.
 
 minimise |A (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum,   docs/model.md (39)
 
@@ -61,7 +61,7 @@ def allocate(
     actuation : ndarray (n_q, n_u)
         H, generalised force per Pa.
     force : ndarray (n_q,)
-        Wished generalised force, in the units of each coordinate.
+        Desired generalised force, in the units of each coordinate.
     minimum_pa, maximum_pa : ndarray (n_u,)
         Bounds [Pa], finite, minimum < maximum.
     weight : ndarray (m, n_q)

@@ -1,4 +1,4 @@
-"""What acts of set points, and the set points of which a given part acts.
+"""Convert set points of regulators to effective chamber pressures, and back.
 
 With the dead band d and the swelling s of a chamber, of its set point p acts
 

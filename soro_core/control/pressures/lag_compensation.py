@@ -31,7 +31,7 @@ def compensate(
     Parameters
     ----------
     wish_pa, model_pa : ndarray (n_u,)
-        Wished pressures, and pressures predicted by the lag model [Pa gauge].
+        Desired pressures, and pressures predicted by the lag model [Pa gauge].
     tau_s, filter_s : float
         Time constants of the regulators, 0 for none, and of the compensated response [s].
     minimum_pa, maximum_pa : ndarray (n_u,)

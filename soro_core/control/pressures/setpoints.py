@@ -1,4 +1,4 @@
-"""From a wished generalised force to set points: allocation, the regulators' lag, bounds."""
+"""From a desired generalised force to set points: allocation, the regulators' lag, bounds."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Setpoints:
     Attributes
     ----------
     wish : Allocation
-        Pressures for the wished force.
+        Pressures for the desired force.
     command_pa : ndarray (n_u,)
         Set points [Pa gauge].
     model_pa : ndarray (n_u,)
@@ -39,7 +39,7 @@ class Setpoints:
     at_bound : ndarray of bool (n_u,)
         Chambers whose wish or set point lies at a bound of the range.
     ok : bool
-        Whether there are pressures for the wished force, and the set points are finite.
+        Whether there are pressures for the desired force, and the set points are finite.
     """
 
     wish: Allocation
@@ -53,7 +53,7 @@ class SetpointMaker:
     """Makes set points of one robot.
 
     A chamber with a dead band is kept at the band or above, where its force has no step. Forces are allocated
-    to what acts of the pressures, in which they are linear. On the way to the limiter `make` alone checks and
+    to effective pressures, in which they are linear. On the way to the limiter `make` alone checks and
     bounds set points.
 
     Parameters
@@ -87,15 +87,15 @@ class SetpointMaker:
         self._edge = edge = 1e-9 * (self.maximum_pa - self.minimum_pa)  # round-off
         self._low, self._high = self.minimum_pa + edge, self.maximum_pa - edge
 
-    def allocate(self, actuation: Array, wished: Array, start_pa: Array, wide: bool = False) -> Allocation:
+    def allocate(self, actuation: Array, desired: Array, start_pa: Array, wide: bool = False) -> Allocation:
         """Return the pressures for a force.
 
         Parameters
         ----------
         actuation : ndarray (n_q, n_u)
             H as the law believes it.
-        wished : ndarray (n_q,)
-            Wished generalised force.
+        desired : ndarray (n_q,)
+            Desired generalised force.
         start_pa : ndarray (n_u,)
             Start of the search [Pa gauge].
         wide : bool
@@ -104,7 +104,7 @@ class SetpointMaker:
         margin = _WIDE * (self._most - self._least) if wide else 0.0
         found = allocate(
             actuation,
-            wished,
+            desired,
             self._least - margin,
             self._most + margin,
             self.force_weight[:, None] * balanced_weight(actuation, self.fields),
@@ -119,19 +119,19 @@ class SetpointMaker:
         beyond = np.maximum(pressure_pa - self.maximum_pa, self.minimum_pa - pressure_pa)
         return np.asarray(beyond - self._edge)
 
-    def missing_pa(self, actuation: Array, wished: Array, wish: Allocation) -> Array:
+    def missing_pa(self, actuation: Array, desired: Array, wish: Allocation) -> Array:
         """Return the pressure (n_u,) [Pa] beyond its bound that a force needs of each chamber.
 
         Parameters
         ----------
         actuation : ndarray (n_q, n_u)
             H as the law believes it.
-        wished : ndarray (n_q,)
-            Wished generalised force.
+        desired : ndarray (n_q,)
+            Desired generalised force.
         wish : Allocation
             Its pressures within the bounds, some of them at one.
         """
-        free = self.allocate(actuation, wished, wish.pressure_pa, wide=True).pressure_pa
+        free = self.allocate(actuation, desired, wish.pressure_pa, wide=True).pressure_pa
         return np.asarray(free - np.minimum(np.maximum(free, self.minimum_pa), self.maximum_pa))
 
     def make(
@@ -142,7 +142,7 @@ class SetpointMaker:
         Parameters
         ----------
         wish : Allocation
-            Wished pressures.
+            Desired pressures.
         model_pa, setpoint_pa : ndarray (n_u,)
             Predicted pressures and set points of the last tick [Pa gauge].
         bias_pa : ndarray (n_u,) or float

@@ -1,4 +1,4 @@
-"""The reference in force: the configured one at first, later the last one given, reached by a passage."""
+"""The active reference: the configured one first, then each new one, reached by a transition."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coordinates that no chamber moves: the reference with their shape, and the motions that chambers make.
+"""Underactuated arms: a reference whose unactuated coordinates are in equilibrium, and the actuated subspace.
 
 An arm may have more coordinates than its chambers drive. The others rest where the model and the learned load
 put them, whatever the reference says. With N' H = 0, the law follows the q that solves

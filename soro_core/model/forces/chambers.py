@@ -34,7 +34,7 @@ _FAR = 500.0
 
 @inner
 def acting(t: Tables, u: int, pressure: float) -> float:
-    """What acts of a pressure of chamber u: beyond its dead band, on an area that it swells [Pa]."""
+    """Effective pressure of chamber u: beyond its dead band, on an area that it swells [Pa]."""
     band: float = t.dead_band[u]
     swell: float = t.swell[u]
     beyond = max(pressure - band, 0.0) + min(pressure + band, 0.0)
@@ -118,7 +118,7 @@ def volumes(t: Tables, q: Array, volume: Array) -> None:
 
 @inner
 def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> None:
-    """force += H(q) times what acts of p."""
+    """force += H(q) times the effective pressures of p."""
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
             # In a long arm most chambers run along few links, and a call costs more than this test.

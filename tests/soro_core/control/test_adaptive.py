@@ -57,7 +57,7 @@ def test_with_true_parameters_the_law_is_the_model(seed, arm):
     expected = dynamics(arm, q, qd, v, a)
     assert terms.model == pytest.approx(expected, rel=1e-9, abs=1e-12)
     feedback = internal - k.k_p @ e - k.k_d @ (qd - v)
-    assert terms.wished == pytest.approx(expected + feedback, rel=1e-9, abs=1e-12)
+    assert terms.desired == pytest.approx(expected + feedback, rel=1e-9, abs=1e-12)
     assert terms.learnt == pytest.approx(np.zeros(arm.n_q), abs=1e-15)
 
 
@@ -106,7 +106,7 @@ def closed_loop(arm, parameters, k, reference, start, estimate, true_gain, secon
         terms = law(parameters, k, pi, np.zeros(n), q, qd, point)
         actuation = arm.actuation_matrix(q)
         believed = actuation * parameters.gains(pi)
-        pressure = np.linalg.solve(believed, terms.wished)
+        pressure = np.linalg.solve(believed, terms.desired)
         regressor = terms.regressor + parameters.gain_regressor(actuation, pressure)
         made = true_gain * pressure
         return qd, arm.forward_dynamics(q, qd, made), -metric * (regressor.T @ terms.s), terms

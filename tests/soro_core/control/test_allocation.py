@@ -105,10 +105,10 @@ def solve(force, start=None, preferred=45e3):
 
 
 def test_a_reachable_force_is_made_exactly():
-    wished = np.array([10e3, 40e3, 70e3])
-    h, found = solve(bellows() @ wished)
-    assert found.pressure_pa == pytest.approx(wished, rel=1e-5)
-    assert found.force == pytest.approx(h @ wished, rel=1e-5)
+    desired = np.array([10e3, 40e3, 70e3])
+    h, found = solve(bellows() @ desired)
+    assert found.pressure_pa == pytest.approx(desired, rel=1e-5)
+    assert found.force == pytest.approx(h @ desired, rel=1e-5)
     assert not found.saturated.any()
 
 
@@ -142,11 +142,11 @@ def test_the_round_off_of_an_angle_takes_nothing_from_a_bending_that_chambers_ma
     weight = weight_of_fields(actuation, fields)
     assert not weight[[2, 5]].any()
     # The moment of 50 kPa, and one about the other axis that cannot be made.
-    wished = actuation @ np.array([0.0, 50e3, 20e3, 30e3, 0.0, 10e3])
-    wished[[2, 5]] = wished[1]
+    desired = actuation @ np.array([0.0, 50e3, 20e3, 30e3, 0.0, 10e3])
+    desired[[2, 5]] = desired[1]
     low, high = np.zeros(6), np.full(6, 110e3)
-    found = allocate(actuation, wished, low, high, weight, 1e-8, np.full(6, 55e3), low)
-    assert found.force[[0, 1, 3, 4]] == pytest.approx(wished[[0, 1, 3, 4]], rel=1e-4)
+    found = allocate(actuation, desired, low, high, weight, 1e-8, np.full(6, 55e3), low)
+    assert found.force[[0, 1, 3, 4]] == pytest.approx(desired[[0, 1, 3, 4]], rel=1e-4)
 
 
 def test_a_weak_chamber_is_used_for_what_it_alone_makes():
@@ -166,8 +166,8 @@ def test_it_is_quick_from_the_last_answer():
     start, iterations = np.full(3, 45e3), []
     began = time.perf_counter()
     for _ in range(300):
-        wished = np.clip(start + rng.normal(0.0, 4e3, 3), -10e3, 100e3)
-        _, found = solve(bellows() @ wished, start=start)
+        desired = np.clip(start + rng.normal(0.0, 4e3, 3), -10e3, 100e3)
+        _, found = solve(bellows() @ desired, start=start)
         start = found.pressure_pa
         iterations.append(found.iterations)
     print(f"allocation of 3 chambers: {(time.perf_counter() - began) / 300 * 1e6:.0f} us")

@@ -101,7 +101,7 @@ def test_the_same_law_with_adaptation_off():
     q, qd = np.array([0.01, 0.5, -0.5]), np.array([0.1, 2.0, 3.0])
     _, one = on.step(on.initial_state(), q, qd, 0.0, DT, np.zeros(3))
     _, two = off.step(off.initial_state(), q, qd, 0.0, DT, np.zeros(3))
-    assert one.wished_force.tolist() == two.wished_force.tolist()
+    assert one.desired_force.tolist() == two.desired_force.tolist()
     assert one.setpoint_pa.tolist() == two.setpoint_pa.tolist()
     state, _ = run(off, 3.0, q=q)
     assert state.law.estimate.tolist() == off.law.parameters.nominal.tolist()
@@ -163,7 +163,7 @@ def test_a_trajectory_may_reach_its_limits():
     assert reference.sample(0.0).q.tolist() == control.limit.tolist()
 
 
-def test_the_chosen_elongation_takes_the_wished_pressure():
+def test_the_chosen_elongation_takes_the_desired_pressure():
     arm = SoftArm(robot_from_dict(ROBOT))
     fields = strain_fields(arm.robot)
     low, high = np.zeros(3), np.full(3, 90e3)

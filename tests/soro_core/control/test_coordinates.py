@@ -92,7 +92,7 @@ def test_the_law_does_not_depend_on_the_basis(seed, compensation):
     np.testing.assert_allclose(first, second, rtol=1e-5)
     np.testing.assert_allclose(turn @ command.reference.q, other.reference.q, atol=1e-9)
     # Forces are turned the other way round: the power is the same.
-    np.testing.assert_allclose(command.wished_force, turn.T @ other.wished_force, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(command.desired_force, turn.T @ other.desired_force, rtol=1e-6, atol=1e-9)
 
 
 def test_modes_that_span_the_polynomials_give_the_same_law():

@@ -40,11 +40,11 @@ def test_the_pressures_for_a_force_lie_beyond_the_bands_and_make_it(changed):
     made = Controller(arm.robot, with_range(0.0, 80e3)).setpoints
     q = np.array([0.06, 2.0, -1.0])
     actuation = arm.actuation_matrix(q)
-    wished = actuation @ arm.acting_pressure(np.array([21e3, 33e3, 12e3]))
-    found = made.allocate(actuation, wished, made.preferred_pa)
+    desired = actuation @ arm.acting_pressure(np.array([21e3, 33e3, 12e3]))
+    found = made.allocate(actuation, desired, made.preferred_pa)
     assert arm.pressure_force(q, found.pressure_pa) == pytest.approx(found.force, rel=1e-9)
     # The pull towards preferred pressures leaves the rest.
-    assert found.force == pytest.approx(wished, rel=2e-2)
+    assert found.force == pytest.approx(desired, rel=2e-2)
     assert np.all(found.pressure_pa >= bands)
     assert np.array_equal(made.minimum_pa, bands)
 

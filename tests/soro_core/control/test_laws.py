@@ -55,7 +55,7 @@ def test_the_example_of_the_page_runs(entry, monkeypatch):
     command = tick(control)
     assert command.status.ok
     assert command.estimates == {"run_s": DT}
-    np.testing.assert_array_equal(command.wished_force, command.terms["model"] + command.terms["spring"])
+    np.testing.assert_array_equal(command.desired_force, command.terms["model"] + command.terms["spring"])
     q_d = control.configured.sample(control.pressures.preview_s).q  # far from here: the arm is straight
     assert np.isfinite(q_d).all()
     with refused("law_options.stiffness", 2.0):

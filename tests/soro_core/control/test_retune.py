@@ -51,19 +51,19 @@ class Loop:
 
 
 def largest_step(commands, before):
-    forces = np.array([before.wished_force, *(c.wished_force for c in commands)])
+    forces = np.array([before.desired_force, *(c.desired_force for c in commands)])
     return np.abs(np.diff(forces, axis=0)).max(axis=0)
 
 
 def test_other_gains_act_soon_and_without_a_step():
     loop, target = Loop(gains=GAINS), Loop(gains={**GAINS, "k_p": [200.0, 2e-2, 2e-2]})
     before, wanted = loop.run(DT)[-1], target.run(DT)[-1]
-    whole = np.abs(wanted.wished_force - before.wished_force)
-    assert whole.min() > 1e-3 * np.abs(before.wished_force).max()
+    whole = np.abs(wanted.desired_force - before.desired_force)
+    assert whole.min() > 1e-3 * np.abs(before.desired_force).max()
     loop.retune(gains={**GAINS, "k_p": [200.0, 2e-2, 2e-2]})
     commands = loop.run(3.0)
     assert np.all(largest_step(commands, before) < 0.03 * whole)
-    assert commands[-1].wished_force == pytest.approx(target.run(3.0)[-1].wished_force, rel=1e-3)
+    assert commands[-1].desired_force == pytest.approx(target.run(3.0)[-1].desired_force, rel=1e-3)
     assert loop.state.transfer.difference is None
 
 
@@ -71,7 +71,7 @@ def test_without_a_change_nothing_is_added():
     loop, other = Loop(), Loop()
     loop.retune()
     one, two = loop.run(1.0)[-1], other.run(1.0)[-1]
-    assert one.wished_force.tolist() == two.wished_force.tolist()
+    assert one.desired_force.tolist() == two.desired_force.tolist()
 
 
 def test_adaptation_that_is_switched_off_keeps_what_is_learned():
@@ -84,7 +84,7 @@ def test_adaptation_that_is_switched_off_keeps_what_is_learned():
     assert frozen != loop.controller.law.parameters.nominal.tolist()
     commands = loop.run(1.0)
     assert loop.state.law.estimate.tolist() == frozen
-    assert np.all(largest_step(commands, before) <= 1e-6 + 0.05 * np.abs(before.wished_force))
+    assert np.all(largest_step(commands, before) <= 1e-6 + 0.05 * np.abs(before.desired_force))
     loop.retune(**adaptive, adapt=True)
     loop.run(1.0)
     assert loop.state.law.estimate.tolist() != frozen

@@ -51,61 +51,61 @@ def tip_of(arm, q):
     return arm.pose(q, arm.length)[:3, 3]
 
 
-def settled(arm, undriven, q, qd=None, ticks=60):
-    state = undriven.initial_state()
+def settled(arm, underactuated, q, qd=None, ticks=60):
+    state = underactuated.initial_state()
     point = Point(q, np.zeros(arm.n_q) if qd is None else qd, np.zeros(arm.n_q))
     for _ in range(ticks):
-        state, found, motions = undriven.step(state, point, force_of(arm), arm.actuation_matrix)
+        state, found, motions = underactuated.step(state, point, force_of(arm), arm.actuation_matrix)
     return found, motions
 
 
 def test_the_reference_takes_the_shape_in_which_the_loaded_arm_rests(bent):
     """The pressures are known, and the tip of their rest is given with uniform strains."""
-    arm, undriven = bent
+    arm, underactuated = bent
     rest = equilibrium(arm, np.array([75e3, 40e3, 30e3]), added_tip_mass=LOAD_KG)
     given = uniform_with_tip(arm, tip_of(arm, rest))
     assert np.linalg.norm(tip_of(arm, given) - tip_of(arm, rest)) < 1e-9
     assert np.abs(given - rest)[[2, 3, 4, 5]].max() > 1.0  # the given strains are not those of the rest
-    found, _ = settled(arm, undriven, given)
+    found, _ = settled(arm, underactuated, given)
     # Within what is given up for coordinates near the reference.
-    np.testing.assert_allclose(undriven.inverse @ found.q, undriven.inverse @ rest, atol=6e-3)
+    np.testing.assert_allclose(underactuated.inverse @ found.q, underactuated.inverse @ rest, atol=6e-3)
     assert np.linalg.norm(tip_of(arm, found.q) - tip_of(arm, rest)) < 4e-5
 
 
 def test_its_rates_are_those_of_the_shape_along_the_given_reference(bent):
-    arm, undriven = bent
+    arm, underactuated = bent
     q, qd, h = np.array([0.08, 0, 6.0, 0, -3.0, 0]), np.array([0.02, 0, 5.0, 0, 9.0, 0]), 1e-4
-    found, _ = settled(arm, undriven, q, qd)
-    ahead, behind = (settled(arm, undriven, q + x * qd, qd)[0].q for x in (h, -h))
-    rate = undriven.inverse @ (ahead - behind) / (2.0 * h)
-    np.testing.assert_allclose(undriven.inverse @ found.qd, rate, atol=0.02 * np.abs(rate).max())
+    found, _ = settled(arm, underactuated, q, qd)
+    ahead, behind = (settled(arm, underactuated, q + x * qd, qd)[0].q for x in (h, -h))
+    rate = underactuated.inverse @ (ahead - behind) / (2.0 * h)
+    np.testing.assert_allclose(underactuated.inverse @ found.qd, rate, atol=0.02 * np.abs(rate).max())
 
 
 def test_a_column_of_the_slope_a_tick_follows_what_is_learned_meanwhile(bent):
     """The slope of the first tick is that of the arm without load."""
-    arm, undriven = bent
+    arm, underactuated = bent
     q = np.array([0.08, 0, 6.0, 0, -3.0, 0])
     point = Point(q, np.zeros(6), np.zeros(6))
-    state = undriven.initial_state()
-    state, *_ = undriven.step(
+    state = underactuated.initial_state()
+    state, *_ = underactuated.step(
         state, point, lambda x: arm.gravity_force(x) + arm.elastic_force(x), arm.actuation_matrix
     )
     unloaded = state.stiffness
     for _ in range(60):
-        state, found, _ = undriven.step(state, point, force_of(arm), arm.actuation_matrix)
+        state, found, _ = underactuated.step(state, point, force_of(arm), arm.actuation_matrix)
     assert np.abs(state.stiffness - unloaded).max() > 0.02 * np.abs(unloaded).max()
-    np.testing.assert_allclose(found.q, settled(arm, undriven, q)[0].q, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.q, settled(arm, underactuated, q)[0].q, rtol=1e-6, atol=1e-9)
 
 
 def test_feedback_sees_the_estimated_tip_and_no_motion_that_chambers_lack(bent):
-    arm, undriven = bent
-    found, motions = settled(arm, undriven, np.array([0.08, 0, 6.0, 0, -3.0, 0]))
+    arm, underactuated = bent
+    found, motions = settled(arm, underactuated, np.array([0.08, 0, 6.0, 0, -3.0, 0]))
     estimated = found.q + np.array([0.004, -0.003, 0.4, 1.5, -0.3, 0.8])
     q, qd = motions.within(estimated, np.array([0.1, 0.02, 3.0, -2.0, 1.0, 1.0]))
     assert np.linalg.norm(tip_of(arm, q) - tip_of(arm, estimated)) < 0.03 * np.linalg.norm(
         tip_of(arm, found.q) - tip_of(arm, estimated)
     )
-    for motion in (undriven.inverse @ (q - found.q), undriven.inverse @ qd):
+    for motion in (underactuated.inverse @ (q - found.q), underactuated.inverse @ qd):
         part = np.linalg.lstsq(motions.along, motion, rcond=None)[0]
         np.testing.assert_allclose(motions.along @ part, motion, atol=1e-12)
     assert np.abs(q - estimated).max() > 0.5
@@ -122,7 +122,7 @@ def test_an_arm_that_its_chambers_drive_follows_the_given_reference(order):
     for k in range(400):
         state, command = controller.step(state, q, zero, 0.005 * k, 0.005, np.zeros(3))
         assert command.status.ok
-    assert controller.undriven.exist == (order == 1)
+    assert controller.underactuated.exist == (order == 1)
     assert bool(np.any(state.shape.offset)) == (order == 1)
     # What is published is the given reference: uniform strains.
     assert np.abs(command.reference.q[controller.fields.uniform == 0.0]).max(initial=0.0) < 1e-9

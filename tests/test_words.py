@@ -1,0 +1,42 @@
+"""Names and words of the code: a public class name has one meaning, and things have the field's terms."""
+
+import ast
+from collections import defaultdict
+from pathlib import Path
+
+from tests.docs.test_pages import RETIRED
+
+ROOT = Path(__file__).resolve().parents[1]
+# Public classes that share their name with another one; this list may only become shorter.
+SHARED = """
+Air Bend BoardPort Candidate Case Certainty Chamber Choice Client Controller Difference Entry Faults
+Field Grid Held Hold Identified Law Layout Loop MotionConfig Options Page Panel Part Path Picture Place
+Plan Plane Plant Point Ports Pressures Recording Reference RegulatorState Rest Result Sample Series
+Session Setting Settings Shape Slot Solution State Status Stream Supervisor Sweep Table Tick Trace Uneven
+UnevenShape Way Work
+"""
+
+
+def trees():
+    for path in sorted(ROOT.glob("soro_*/**/*.py")):
+        yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def test_a_public_class_name_stands_once():
+    places = defaultdict(list)
+    for path, tree in trees():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(str(path))
+    assert {name for name, found in places.items() if len(found) > 1} == set(SHARED.split())
+
+
+def test_docstrings_and_messages_use_the_terms_of_the_field():
+    texts = [
+        (path, node.value)
+        for path, tree in trees()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    assert len(texts) > 5000
+    assert [(str(path), RETIRED.findall(text)) for path, text in texts if RETIRED.search(text)] == []

@@ -57,7 +57,7 @@ def test_each_message_is_recorded_and_played_byte_for_byte(domain, tmp_path):
     with active(Player, f"bag:={folder}", "rate:=0.0", "paused:=true") as node:
         played = {topic: captured(node, topic) for topic in RECORDED}
         assert request(node, "~/resume").success
-        node._thread.join(LIMIT_S)
+        await_playback()
         assert node.failure is None
         assert played == {name: [data for topic, data in given if topic == name] for name in RECORDED}
         node.teardown()
@@ -80,6 +80,13 @@ def test_a_recorder_lives_through_each_simulated_time(domain, tmp_path):
     with BagReader(folder) as reader:
         assert reader.problems == ()
         assert set(times) <= {one.log_time_ns for one in reader.messages()}
+
+
+def await_playback() -> None:
+    """Wait for the end of the player's thread."""
+    for thread in threading.enumerate():
+        if thread.name == "player":
+            thread.join(LIMIT_S)
 
 
 @pytest.mark.parametrize("rate", [5e-324, 1e-200, 1e-9])
@@ -121,7 +128,7 @@ def test_a_player_gives_a_clock_as_long_as_there_are_seconds_for_it(domain, tmp_
     with active(Player, *settings) as node:
         ticks = captured(node, "/clock")
         assert request(node, "~/resume").success
-        node._thread.join(LIMIT_S)
+        await_playback()
         assert node.failure is None
         assert [messages.to_ns(one.clock) for one in ticks] == [at_ns + k * 10**6 for k in range(3)]
         node.teardown()
@@ -140,7 +147,7 @@ def test_a_player_refuses_each_extreme_parameter_and_plays_on(domain, tmp_path):
                 assert not result.successful, (name, value)
         assert all(one.successful for one in node.set_parameters([Parameter("rate", value=1000.0)]))
         assert request(node, "~/resume").success
-        node._thread.join(LIMIT_S)
+        await_playback()
         assert node.failure is None
         assert len(sent) == 2
         node.teardown()
